@@ -1,0 +1,93 @@
+"""Baselines run on benchmark folders: pictures in, a prediction file out."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.benchmark import Benchmark, find_benchmark
+from airzoo_bench.datasets.images import read_grey
+from airzoo_bench.datasets.tiles import read_tile
+from airzoo_bench.errors import UsageError
+from airzoo_bench.files import atomic_write, write_npz
+from airzoo_bench.progress import Progress, silent
+from airzoo_bench.protocol import find_protocol
+from airzoo_bench.retrieval.baseline import Reader, VladSettings, describe
+from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
+
+__all__ = ["retrieval_baseline"]
+
+_GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as in the grey of photos
+
+
+def retrieval_baseline(
+    protocol: str,
+    out: Path,
+    *,
+    data: Path,
+    settings: VladSettings,
+    long_side_px: int = 1024,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> None:
+    """Describe every query and tile of a benchmark and write a prediction file.
+
+    Parameters
+    ----------
+    protocol : str
+        Name or path.
+    out : Path
+        The ``.npz`` to write.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    settings : VladSettings
+    long_side_px : int
+        Photos are made this small.
+    jobs : int
+        Processes; the file does not depend on it.
+    progress : Progress
+
+    Raises
+    ------
+    UserError
+        The protocol, the benchmark folder or a picture is not as it must be.
+    """
+    if out.suffix != ".npz":
+        raise UsageError("predictions are written as .npz", where=out, mend=f"name it {out}.npz")
+    chosen = find_protocol(protocol, data)
+    benchmark = find_benchmark(chosen.benchmark, data)
+    benchmark.check_fits(chosen)
+    parts: dict[str, list[NDArray[np.generic]]] = {}
+    for scene in chosen.scenes:
+        truth = read_truth(benchmark.scene_folder(scene.id), scene.id)
+        tiles, photos = _readers(benchmark, truth, long_side_px)
+        gallery, queries = describe(tiles, photos, settings, workers=jobs, progress=progress)
+        for key, rows in {
+            "query_ids": truth.queries["id"].to_numpy(str),
+            "query_descriptors": queries,
+            "gallery_ids": truth.tiles["id"].to_numpy(str),
+            "gallery_descriptors": gallery,
+        }.items():
+            parts.setdefault(key, []).append(rows)
+    arrays = {key: np.concatenate(rows) for key, rows in parts.items()}
+    with atomic_write(out) as stream:
+        write_npz(stream, protocol=np.array(chosen.name), **arrays)
+
+
+def _readers(
+    benchmark: Benchmark, truth: RetrievalTruth, long_side_px: int
+) -> tuple[list[Reader], list[Reader]]:
+    scene = benchmark.scene(truth.scene)
+    dom, images = benchmark.resolve(scene.dom), benchmark.resolve(scene.images)
+    tiles: list[Reader] = [partial(_grey_tile, dom, tile) for _, tile in truth.tiles.iterrows()]
+    photos: list[Reader] = [
+        partial(read_grey, images / name, long_side_px) for name in truth.queries["image"]
+    ]
+    return tiles, photos
+
+
+def _grey_tile(dom: Path, tile: object) -> NDArray[np.uint8]:
+    return np.round(read_tile(dom, tile) @ _GREY).astype(np.uint8)

@@ -1,0 +1,261 @@
+"""The canonical benchmark folder: what ``prepare`` writes and every track reads.
+
+::
+
+    benchmark.toml              name, version, settings of the truth, scenes, checksums
+    protocols/<name>.toml       the protocol that the truth was made for
+    scenes/<scene>/...          tables and truth, one folder a scene
+
+Images and rasters may stand in the folder or where the user keeps them; the truth is always inside
+and every file of it is held to its checksum.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field
+
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.files import sha256_of
+from airzoo_bench.protocol import SAFE_NAME, Gallery, GroundTruth, Protocol, parse_toml
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "Benchmark",
+    "BenchmarkFile",
+    "SceneFile",
+    "benchmark_folders",
+    "data_root",
+    "find_benchmark",
+    "read_table",
+    "write_benchmark_file",
+]
+
+DATA_VARIABLE = "AIRZOO_BENCH_DATA"
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SceneFile(_Model):
+    """A scene as benchmark.toml describes it.
+
+    Paths are relative to the benchmark folder, or absolute where the data were left in place.
+    """
+
+    id: Annotated[str, Field(pattern=SAFE_NAME)]
+    title: str
+    crs: str
+    plane_height_m: Annotated[float, Field(allow_inf_nan=False)]
+    without_ground_point: int
+    images: str
+    dom: str
+    dsm: str | None = None
+
+
+class BenchmarkFile(_Model):
+    """The content of benchmark.toml."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    name: Annotated[str, Field(pattern=SAFE_NAME)]
+    version: Annotated[int, Field(ge=1)]
+    title: str
+    gallery: Gallery
+    ground_truth: GroundTruth
+    scenes: tuple[SceneFile, ...]
+    checksums: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """An opened benchmark folder."""
+
+    folder: Path
+    file: BenchmarkFile
+
+    @classmethod
+    def open(cls, folder: Path) -> Benchmark:
+        """Open a benchmark folder and hold its files to their checksums.
+
+        Raises
+        ------
+        BenchmarkError
+            There is no benchmark.toml, it is not valid, or a file is missing or was changed.
+        """
+        path = folder / "benchmark.toml"
+        if not path.is_file():
+            raise BenchmarkError(
+                "no benchmark folder here",
+                where=folder,
+                expected="a folder with benchmark.toml, as `airzoo-bench prepare` writes it",
+                mend=f"name it with --data, or set {DATA_VARIABLE} to the folder that holds it",
+            )
+        file = parse_toml(path, BenchmarkFile, BenchmarkError, "benchmark file")
+        _verify(folder, file.checksums)
+        return cls(folder, file)
+
+    @property
+    def name(self) -> str:
+        """The benchmark's name, as protocols give it."""
+        return self.file.name
+
+    def scene(self, scene_id: str) -> SceneFile:
+        """Return the entry of one scene."""
+        return next(scene for scene in self.file.scenes if scene.id == scene_id)
+
+    def scene_folder(self, scene_id: str) -> Path:
+        """Return the folder of one scene's tables and truth."""
+        return self.folder / "scenes" / scene_id
+
+    def resolve(self, path: str) -> Path:
+        """Return the place of a file that benchmark.toml names."""
+        return self.folder / path
+
+    def check_fits(self, protocol: Protocol) -> None:
+        """Refuse a protocol that the truth in this folder was not made for.
+
+        Raises
+        ------
+        BenchmarkError
+            Scenes are missing, or the truth was made with other settings; all are named.
+        """
+        missing = {s.id for s in protocol.scenes} - {s.id for s in self.file.scenes}
+        if missing:
+            raise BenchmarkError(
+                f"lacks the scenes {', '.join(sorted(missing))} of protocol {protocol.name}",
+                where=self.folder,
+                mend="prepare them, or choose the protocol that the folder was made for",
+            )
+        differences = [
+            *_differences("gallery", self.file.gallery, protocol.gallery),
+            *_differences("ground_truth", self.file.ground_truth, protocol.ground_truth),
+        ]
+        if differences:
+            raise BenchmarkError(
+                f"its truth was made with other settings than protocol {protocol.name}:\n    "
+                + "\n    ".join(differences),
+                where=self.folder,
+                mend="use the protocol in its protocols/ folder, or prepare it again with this one",
+            )
+
+
+def data_root() -> Path:
+    """Return the folder in which benchmark folders lie: AIRZOO_BENCH_DATA, else a cache folder."""
+    named = os.environ.get(DATA_VARIABLE)
+    if named:
+        return Path(named).expanduser()
+    from platformdirs import user_cache_path
+
+    return user_cache_path("airzoo-bench") / "data"
+
+
+def benchmark_folders(root: Path) -> dict[str, Path]:
+    """Return the benchmark folders below a data root, by folder name."""
+    return {path.parent.name: path.parent for path in sorted(root.glob("*/benchmark.toml"))}
+
+
+def find_benchmark(name: str, data: Path) -> Benchmark:
+    """Open a benchmark by name.
+
+    Parameters
+    ----------
+    name : str
+        As the protocol gives it.
+    data : Path
+        Its folder, or the folder that holds it.
+
+    Raises
+    ------
+    BenchmarkError
+        It is not there, or the folder holds another benchmark.
+    """
+    folder = data if (data / "benchmark.toml").is_file() else data / name
+    if not folder.is_dir():
+        there = ", ".join(benchmark_folders(data)) or "none"
+        raise BenchmarkError(
+            f"benchmark {name} is not there",
+            where=data,
+            expected=f"a folder {name}/ (benchmark folders found: {there})",
+            mend=f"name it with --data, or set {DATA_VARIABLE}, or make it with "
+            "`airzoo-bench prepare`",
+        )
+    benchmark = Benchmark.open(folder)
+    if benchmark.name != name:
+        raise BenchmarkError(
+            f"holds benchmark {benchmark.name}, not {name}",
+            where=folder,
+            mend="name the right folder with --data, or the right protocol with --protocol",
+        )
+    return benchmark
+
+
+def read_table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
+    """Read a CSV or parquet table of a scene; text columns stay text.
+
+    Raises
+    ------
+    BenchmarkError
+        The file is missing or lacks a column.
+    """
+    import pandas as pd
+
+    if not path.is_file():
+        raise BenchmarkError(
+            "the benchmark folder has no truth here",
+            where=path,
+            mend="prepare the benchmark again; `check` needs no truth, `eval` does",
+        )
+    if path.suffix == ".parquet":
+        table = pd.read_parquet(path)
+    else:
+        ids = {"id": str, "image": str, "reason": str}
+        table = pd.read_csv(path, dtype=ids, keep_default_na=False, na_values=["nan", ""])
+    lacking = [name for name in columns if name not in table.columns]
+    if lacking:
+        raise BenchmarkError(f"lacks the columns {', '.join(lacking)}", where=path)
+    return table
+
+
+def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
+    """Write benchmark.toml with the checksums of all that stands under scenes/."""
+    sums = {
+        path.relative_to(folder).as_posix(): sha256_of(path)
+        for path in sorted((folder / "scenes").rglob("*"))
+        if path.is_file() and path.parent.parent.name == "scenes"
+    }
+    values = file.model_dump(mode="json", by_alias=True, exclude_none=True) | {"checksums": sums}
+    (folder / "benchmark.toml").write_text(tomli_w.dumps(values), encoding="utf-8")
+
+
+def _verify(folder: Path, checksums: dict[str, str]) -> None:
+    for name, expected in checksums.items():
+        path = folder / name
+        if not path.is_file():
+            raise BenchmarkError(
+                "a file of the benchmark is missing", where=path, mend="prepare it again"
+            )
+        if sha256_of(path) != expected:
+            raise BenchmarkError(
+                "a file of the benchmark was changed since it was prepared",
+                where=path,
+                expected=f"SHA-256 {expected[:12]}…",
+                mend="prepare the benchmark again, so that its scores can be compared",
+            )
+
+
+def _differences(section: str, have: BaseModel, want: BaseModel) -> list[str]:
+    ours, theirs = have.model_dump(), want.model_dump()
+    return [
+        f"{section}.{key}: {ours[key]} in the folder, {theirs[key]} in the protocol"
+        for key in ours
+        if ours[key] != theirs[key]
+    ]

@@ -1,0 +1,48 @@
+"""``airzoo-bench baseline``: predictions of plain methods that need no weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from airzoo_bench.cli.common import DataOption, JobsOption, progress, resolve_data, say
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Run a plain method that needs no weights.", no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Run a plain method that needs no weights."""
+
+
+@app.command(epilog="Example: airzoo-bench baseline retrieval brighton-retrieval --out sift.npz")
+def retrieval(
+    protocol: Annotated[str, typer.Argument(help="Name or .toml file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .npz to write.")] = Path(
+        "sift-vlad.npz"
+    ),
+    data: DataOption = None,
+    words: Annotated[int, typer.Option(min=2, max=4096, help="Visual words.")] = 32,
+    long_side: Annotated[int, typer.Option(min=64, help="Photos are made this small, px.")] = 1024,
+    seed: Annotated[int, typer.Option(min=0, help="Of sampling and k-means.")] = 0,
+    jobs: JobsOption = 2,
+) -> None:
+    """Describe photos and tiles by SIFT and VLAD, and write a prediction file."""
+    from airzoo_bench.baselines import retrieval_baseline
+    from airzoo_bench.retrieval.baseline import VladSettings
+
+    retrieval_baseline(
+        protocol,
+        out,
+        data=resolve_data(data),
+        settings=VladSettings(words=words, seed=seed),
+        long_side_px=long_side,
+        jobs=jobs,
+        progress=progress,
+    )
+    say(f"wrote {out}")
+    say(f"next: airzoo-bench eval retrieval {out}")

@@ -1,0 +1,41 @@
+"""``airzoo-bench check``: what is wrong with a prediction file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from airzoo_bench.cli.common import (
+    DataOption,
+    MemoryOption,
+    ProtocolOption,
+    memory_bytes,
+    resolve_data,
+    say,
+)
+
+__all__ = ["check"]
+
+
+def check(
+    predictions: Annotated[Path, typer.Argument(help="An .npz or .parquet prediction file.")],
+    protocol: ProtocolOption = None,
+    data: DataOption = None,
+    max_memory: MemoryOption = "2G",
+) -> None:
+    """Say what is wrong with a prediction file; needs no truth. Exit code 1 if anything is."""
+    from airzoo_bench.runner import check_retrieval
+
+    found = check_retrieval(
+        predictions,
+        data=resolve_data(data),
+        protocol=protocol,
+        memory_bytes=memory_bytes(max_memory),
+    )
+    for fault in found:
+        say(str(fault))
+    if found:
+        raise typer.Exit(1)
+    typer.echo(f"{predictions}: nothing wrong was found")

@@ -1,0 +1,119 @@
+"""What several commands share: options, printing, progress."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+
+from airzoo_bench.benchmark import data_root
+from airzoo_bench.errors import UsageError
+from airzoo_bench.tables.model import Table
+
+__all__ = [
+    "DataOption",
+    "Format",
+    "FormatOption",
+    "JobsOption",
+    "MemoryOption",
+    "ProtocolOption",
+    "memory_bytes",
+    "printable",
+    "progress",
+    "resolve_data",
+    "say",
+    "show",
+]
+
+T = TypeVar("T")
+
+_UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
+
+
+class Format(StrEnum):
+    """What a table is printed as."""
+
+    TERMINAL = "terminal"
+    LATEX = "latex"
+    CSV = "csv"
+    MARKDOWN = "markdown"
+    HTML = "html"
+    JSON = "json"
+
+
+FormatOption = Annotated[Format, typer.Option("--format", "-f", help="How to print the table.")]
+DataOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--data",
+        help="The benchmark folder, or the folder that holds it [default: $AIRZOO_BENCH_DATA, "
+        "else a cache folder].",
+        show_default=False,
+    ),
+]
+ProtocolOption = Annotated[
+    str | None,
+    typer.Option("--protocol", help="Name or .toml file [default: what the file itself names]."),
+]
+MemoryOption = Annotated[
+    str, typer.Option("--max-memory", help="The most that one array may take, such as 512M or 4G.")
+]
+JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Threads to work with.")]
+
+
+def resolve_data(data: Path | None) -> Path:
+    """Return the folder named, else the configured data root."""
+    if data is not None and not data.is_dir():
+        raise UsageError("no such folder", where=f"--data {data}")
+    return data_root() if data is None else data
+
+
+def memory_bytes(text: str) -> int:
+    """Turn ``512M`` into bytes.
+
+    Raises
+    ------
+    UsageError
+        It is not a size.
+    """
+    found = re.fullmatch(r"(\d+)([KMGT]?)B?", text.strip().upper())
+    if not found or int(found[1]) == 0:
+        raise UsageError(f"--max-memory {text!r} is not a size", expected="such as 512M or 4G")
+    return int(found[1]) * _UNITS[found[2]]
+
+
+def printable(text: str) -> str:
+    """Replace what could steer the terminal: ids in a message come from strangers."""
+    return "".join(c if c.isprintable() or c == "\n" else f"\\x{ord(c):02x}" for c in text)
+
+
+def say(message: str) -> None:
+    """Tell the person something on stderr, so that a pipe stays clean."""
+    typer.echo(printable(message), err=True)
+
+
+def show(table: Table, form: Format) -> None:
+    """Print a table on stdout."""
+    from airzoo_bench.tables.render import render
+
+    text = render(table, form.value)
+    typer.echo(printable(text) if form is Format.TERMINAL else text, nl=False)
+
+
+def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
+    """Yield the items and draw a bar with the time left on stderr, if that is a terminal."""
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as TimeLeft
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeLeft())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        yield from bar.track(items, total=total, description=label)

@@ -1,0 +1,81 @@
+"""Entry point: exit codes and the tree of commands.
+
+0 done; 1 a check found something wrong; 2 the input is wrong; 70 a bug of the suite; 130 stopped.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from typing import Annotated
+
+import typer
+
+import airzoo_bench
+from airzoo_bench.cli import baseline, check, evaluate, prepare, protocols, table, template
+from airzoo_bench.cli.common import printable
+from airzoo_bench.errors import UserError
+
+__all__ = ["app", "main"]
+
+_INPUT_IS_WRONG = 2
+_BUG = 70
+_STOPPED = 130
+
+app = typer.Typer(
+    name="airzoo-bench",
+    help="Scores predictions for aerial 3D vision: image retrieval, cross-view matching, "
+    "multi-view reconstruction.",
+    epilog="Start with: airzoo-bench eval retrieval preds.npz",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.add_typer(evaluate.app, name="eval")
+app.add_typer(prepare.app, name="prepare")
+app.add_typer(baseline.app, name="baseline")
+app.command("check")(check.check)
+app.command("template")(template.template)
+app.command("table")(table.table)
+app.command("protocols")(protocols.protocols)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"airzoo-bench {airzoo_bench.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="The version.")
+    ] = False,
+) -> None:
+    del version
+
+
+def main() -> None:
+    """Run the command line and turn what goes wrong into a message and an exit code."""
+    try:
+        app(standalone_mode=True)
+    except UserError as error:
+        _complain(f"airzoo-bench: {error}")
+        sys.exit(_INPUT_IS_WRONG)
+    except KeyboardInterrupt:
+        _complain("airzoo-bench: stopped; nothing was left half-written")
+        sys.exit(_STOPPED)
+    except BrokenPipeError:
+        # The reader of the pipe has gone; Python must not complain once more while it exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception:  # noqa: BLE001 - the one place where a bug is reported as a bug
+        traceback.print_exc()
+        _complain("airzoo-bench: this is a bug of the suite, not of your input: please report it")
+        sys.exit(_BUG)
+
+
+def _complain(message: str) -> None:
+    print(printable(message), file=sys.stderr)  # noqa: T201

@@ -1,0 +1,111 @@
+"""``airzoo-bench prepare``: native data become a benchmark folder."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from airzoo_bench.cli.common import progress, say
+
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.photos import Prepared
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Make a benchmark folder out of data.", no_args_is_help=True)
+
+
+class Rule(StrEnum):
+    """When a tile is positive."""
+
+    PLANE = "plane"
+    DSM = "dsm"
+    IOU = "iou"
+
+
+class Tiles(StrEnum):
+    """Where tiles are."""
+
+    WINDOWS = "windows"
+    FILES = "files"
+
+
+@app.callback()
+def _group() -> None:
+    """Make a benchmark folder out of data."""
+
+
+@app.command(
+    epilog="Example: airzoo-bench prepare photos --name park --images photos --poses poses.json "
+    "--dom dom.tif --dsm dsm.tif --tile-size 256 --tile-size 128"
+)
+def photos(
+    name: Annotated[str, typer.Option(help="Of the benchmark and its scene.")],
+    images: Annotated[Path, typer.Option(help="Folder of the photos.")],
+    poses: Annotated[Path, typer.Option(help="Pose file (JSON), or folder of a COLMAP model.")],
+    dom: Annotated[Path, typer.Option(help="Map that tiles are cut from, GeoTIFF in any CRS.")],
+    dsm: Annotated[Path, typer.Option(help="Surface model, GeoTIFF in the CRS of the poses.")],
+    crs: Annotated[
+        str | None, typer.Option(help="CRS of the poses [default: what their file says].")
+    ] = None,
+    protocol: Annotated[
+        str, typer.Option(help="Protocol to start from, a name or .toml file.")
+    ] = "photos-retrieval",
+    tile_size: Annotated[
+        list[int] | None,
+        typer.Option(help="Side of a tile in map pixels; repeat it [default: the protocol's]."),
+    ] = None,
+    rule: Annotated[
+        Rule | None, typer.Option(help="When a tile is positive [default: the protocol's].")
+    ] = None,
+    iou_above: Annotated[float | None, typer.Option(help="With --rule iou.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The folder to make [default: NAME in the data root].")
+    ] = None,
+    tiles: Annotated[
+        Tiles, typer.Option(help="Leave tiles as windows of the map, or write them as files too.")
+    ] = Tiles.WINDOWS,
+    copy: Annotated[
+        bool, typer.Option("--copy", help="Copy photos, DOM and DSM into the folder.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the folder.")] = False,
+) -> None:
+    """Make a benchmark folder out of photos, their poses, a map and a surface model."""
+    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.datasets.photos import PhotoSources, prepare_photos
+    from airzoo_bench.protocol import find_protocol, protocol_for
+
+    chosen = protocol_for(
+        find_protocol(protocol, data_root()),
+        name,
+        tile_sizes_px=tuple(tile_size) if tile_size else None,
+        rule=rule.value if rule else None,
+        iou_above=iou_above,
+    )
+    prepared = prepare_photos(
+        PhotoSources(images, poses, dom, dsm, crs),
+        chosen,
+        out or data_root() / name,
+        tiles_on_disk=tiles is Tiles.FILES,
+        copy=copy,
+        replace=force,
+        progress=progress,
+    )
+    _report(prepared, out)
+
+
+def _report(prepared: Prepared, out: Path | None) -> None:
+    truth = prepared.scene.truth
+    counts = truth.positives.counts
+    typer.echo(f"{prepared.folder}")
+    typer.echo(f"  queries   {len(truth.queries)}")
+    typer.echo(f"  tiles     {len(truth.tiles)}")
+    typer.echo(f"  positives {counts.min()} to {counts.max()} a query, mean {counts.mean():.1f}")
+    typer.echo(f"  left out  {len(truth.excluded)} photos (excluded.csv says why)")
+    if prepared.without_pose:
+        say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
+    where = f" --data {prepared.folder}" if out else ""
+    say(f"next: airzoo-bench baseline retrieval {prepared.protocol}{where} --out sift.npz")

@@ -1,0 +1,1 @@
+"""From native data layouts to the canonical benchmark folder (``airzoo-bench prepare``)."""

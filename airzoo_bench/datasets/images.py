@@ -1,0 +1,73 @@
+"""Pictures of a benchmark: photos and tiles, read small enough to work with."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import BenchmarkError
+
+__all__ = ["SUFFIXES", "photo_size", "read_grey"]
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+"""Endings of files that are photos, in lower case."""
+
+_UPRIGHT = 1
+_ORIENTATION_TAG = 0x0112
+
+
+def photo_size(path: Path) -> tuple[int, int]:
+    """Read width and height in pixels, as stored, from a photo's header.
+
+    Raises
+    ------
+    BenchmarkError
+        It is not a readable photo, or its EXIF orientation says that it is shown turned: a camera
+        matrix could then belong to either way of looking at it.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            # A survey photo is large, and of it only the header is read.
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(path) as image:
+                orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
+                size = image.size
+    except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
+        raise BenchmarkError(f"not a readable photo: {error}", where=path) from error
+    if orientation != _UPRIGHT:
+        raise BenchmarkError(
+            f"is to be shown turned (EXIF orientation {orientation})",
+            where=path,
+            expected="orientation 1: a camera matrix belongs to the pixels as they are stored",
+            mend="turn the pixels (jpegtran) or clear the tag (exiftool -Orientation=1 -n)",
+        )
+    return size
+
+
+def read_grey(path: Path, long_side: int) -> NDArray[np.uint8]:
+    """Read a photo as grey (height, width), made smaller so that its long side fits.
+
+    Raises
+    ------
+    BenchmarkError
+        It is not there or not readable.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as image:
+            scale = min(1.0, long_side / max(image.size))
+            size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
+            image.draft("L", size)  # lets libjpeg skip what is thrown away
+            return np.asarray(image.convert("L").resize(size, Image.Resampling.LANCZOS))
+    except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
+        raise BenchmarkError(
+            f"not a readable photo: {error}",
+            where=path,
+            mend="put the photos back where benchmark.toml says, or prepare with --copy",
+        ) from error

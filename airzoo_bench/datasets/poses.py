@@ -1,0 +1,237 @@
+"""Cameras and poses of photos, from a JSON file or a COLMAP model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+
+from airzoo_bench.errors import CameraError, first_of
+from airzoo_bench.files import read_text
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses, check_rotations
+from airzoo_bench.protocol import validation_message
+
+__all__ = ["PosedPhotos", "read_poses"]
+
+_JSON_LIMIT_BYTES = 1 << 28
+_OFF_CENTRE = 0.25
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Row = tuple[Number, Number, Number]
+Matrix = tuple[Row, Row, Row]
+Distortion = Annotated[tuple[Number, ...], Field(min_length=4, max_length=5)]
+_DISTORTION_KEYS = AliasChoices("distortion", "dist_k1k2p1p2")
+_CENTRE_KEYS = AliasChoices("center", "center_utm")
+
+
+class _Image(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+    rotation: Matrix = Field(validation_alias="R_w2c")
+    centre: Row = Field(validation_alias=_CENTRE_KEYS)
+    K: Matrix | None = None
+    distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+    crs: str | None = None
+    K: Matrix | None = None
+    distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
+    images: Annotated[dict[str, _Image], Field(min_length=1)]
+
+
+@dataclass(frozen=True)
+class PosedPhotos:
+    """N photos with cameras and poses.
+
+    Attributes
+    ----------
+    names : tuple of str
+        File names, relative to the folder of the photos.
+    cameras : Cameras
+    poses : Poses
+        In `crs`.
+    crs : str or None
+        Projected CRS in metres, where the file names it.
+    """
+
+    names: tuple[str, ...]
+    cameras: Cameras
+    poses: Poses
+    crs: str | None
+
+
+def read_poses(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
+    """Read cameras and poses.
+
+    Parameters
+    ----------
+    path : Path
+        A JSON file (docs/benchmark-folder.md describes it), or the folder of a COLMAP model in a
+        projected CRS.
+    sizes : dict of str to (width, height)
+        The photos that there are; poses of others are left aside.
+
+    Raises
+    ------
+    CameraError
+        The file is not as described, names none of the photos, a camera matrix is singular or of
+        another image size, or a rotation is not a rotation.
+    """
+    photos = _from_colmap(path, sizes) if path.is_dir() else _from_json(path, sizes)
+    _check_centred(photos, path)
+    return photos
+
+
+def _from_json(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
+    text = read_text(path, CameraError, "pose file", _JSON_LIMIT_BYTES)
+    try:
+        file = _File.model_validate_json(text)
+    except ValidationError as error:
+        raise CameraError(
+            validation_message(error, _File),
+            where=path,
+            expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}",
+            mend="see docs/benchmark-folder.md",
+        ) from error
+    names = _shared(path, list(file.images), sizes)
+    images = [file.images[name] for name in names]
+    cameras = _cameras(
+        names,
+        [
+            _given(image.K or file.K, "K", name, path)
+            for image, name in zip(images, names, strict=True)
+        ],
+        [image.distortion or file.distortion or (0.0,) * 5 for image in images],
+        sizes,
+    )
+    rotations = np.array([image.rotation for image in images])
+    centres = np.array([image.centre for image in images])
+    rotations = check_rotations(rotations, names, where=path)
+    poses = Poses.from_centres(rotations, centres, names)
+    return PosedPhotos(tuple(names), cameras, poses, file.crs)
+
+
+def _given(value: Matrix | None, key: str, name: str, path: Path) -> Matrix:
+    if value is None:
+        raise CameraError(
+            f"no camera matrix for {name}",
+            where=path,
+            expected=f"'{key}' for the image, or one for all at the top of the file",
+        )
+    return value
+
+
+def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
+    import pycolmap
+
+    try:
+        model = pycolmap.Reconstruction(str(path))
+    except (RuntimeError, ValueError, OSError) as error:
+        raise CameraError(
+            f"not a COLMAP model: {str(error).splitlines()[0]}",
+            where=path,
+            expected="a folder with cameras, images and points3D as .bin or .txt",
+        ) from error
+    images = {image.name: image for image in model.images.values() if image.has_pose}
+    names = _shared(path, list(images), sizes)
+    cameras = [model.cameras[images[name].camera_id] for name in names]
+    lenses = [_brown(camera, path) for camera in cameras]
+    _check_model_sizes(cameras, names, sizes, path)
+    from_world = [images[name].cam_from_world() for name in names]
+    return PosedPhotos(
+        tuple(names),
+        _cameras(names, [camera.calibration_matrix() for camera in cameras], lenses, sizes),
+        Poses.from_translations(
+            np.array([pose.rotation.matrix() for pose in from_world]),
+            np.array([pose.translation for pose in from_world]),
+            names,
+        ),
+        None,
+    )
+
+
+def _brown(camera: Any, path: Path) -> tuple[float, ...]:
+    params = [float(p) for p in camera.params]
+    match camera.model.name:
+        case "SIMPLE_PINHOLE" | "PINHOLE":
+            return (0.0,) * 5
+        case "SIMPLE_RADIAL":
+            return (params[3], 0.0, 0.0, 0.0, 0.0)
+        case "RADIAL":
+            return (params[3], params[4], 0.0, 0.0, 0.0)
+        case "OPENCV":
+            return (*params[4:8], 0.0)
+        case model:
+            raise CameraError(
+                f"camera model {model} is not supported",
+                where=path,
+                expected="PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV",
+                mend="undistort the photos (colmap image_undistorter) and use that model",
+            )
+
+
+def _check_model_sizes(
+    cameras: list[Any], names: list[str], sizes: dict[str, tuple[int, int]], path: Path
+) -> None:
+    differ = [
+        f"{name} is {sizes[name][0]}x{sizes[name][1]}, its camera {camera.width}x{camera.height}"
+        for name, camera in zip(names, cameras, strict=True)
+        if (camera.width, camera.height) != sizes[name]
+    ]
+    if differ:
+        raise CameraError(
+            f"cameras of another image size: {first_of(differ, len(names))}",
+            where=path,
+            mend="use the photos that the model was made from",
+        )
+
+
+def _cameras(
+    names: list[str],
+    matrices: list[Any],
+    distortion: list[tuple[float, ...]],
+    sizes: dict[str, tuple[int, int]],
+) -> Cameras:
+    padded = np.zeros((len(names), 5))
+    for row, values in zip(padded, distortion, strict=True):
+        row[: len(values)] = values
+    width, height = np.array([sizes[name] for name in names]).T
+    return Cameras.from_matrices(np.array(matrices, np.float64), width, height, padded, names=names)
+
+
+def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> list[str]:
+    names = sorted(set(posed) & set(sizes))
+    if not names:
+        raise CameraError(
+            f"none of its {len(posed)} images is among the {len(sizes)} photos",
+            where=path,
+            expected=f"names such as {next(iter(sorted(sizes)))}",
+            mend=f"it has names such as {posed[0]}; rename one or the other",
+        )
+    return names
+
+
+def _check_centred(photos: PosedPhotos, path: Path) -> None:
+    size = np.stack([photos.cameras.width, photos.cameras.height], axis=1)
+    off: NDArray[np.float64] = np.abs(photos.cameras.principal_point / size - 0.5)
+    bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1))
+    if bad.size:
+        row = bad[0]
+        cx, cy = photos.cameras.principal_point[row]
+        named = first_of([photos.names[i] for i in bad], len(photos.names))
+        raise CameraError(
+            f"camera matrices of another image size: {named}; "
+            f"the first is {size[row, 0]}x{size[row, 1]} px, with the principal point at "
+            f"({cx:.1f}, {cy:.1f})",
+            where=path,
+            expected="a principal point near the middle of the photo",
+            mend="scale K to the size of the photos",
+        )

@@ -1,0 +1,33 @@
+"""Tiles of a gallery as pictures: read from the map, or written one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.progress import Progress
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["read_tile", "write_tiles"]
+
+
+def read_tile(dom: Path, tile: pd.Series) -> NDArray[np.uint8]:
+    """Read one tile (height, width, 3) from its window of the map."""
+    window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
+    return read_rgb(dom, window)
+
+
+def write_tiles(folder: Path, tiles: pd.DataFrame, dom: Path, progress: Progress) -> None:
+    """Write every tile as ``<name>.png``, the name being its id without the scene."""
+    from PIL import Image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for _, tile in progress(tiles.iterrows(), "tiles", len(tiles)):
+        name = str(tile["id"]).split("/", 1)[1]
+        Image.fromarray(read_tile(dom, tile)).save(folder / f"{name}.png")

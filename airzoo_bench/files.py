@@ -1,0 +1,213 @@
+"""Writing files whole or not at all, and naming content by its hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import UsageError, UserError
+
+__all__ = [
+    "atomic_folder",
+    "atomic_write",
+    "canonical_json",
+    "fingerprint",
+    "read_text",
+    "sha256_of",
+    "write_npz",
+]
+
+_CHUNK_BYTES = 1 << 20
+_NO_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+@contextmanager
+def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
+    """Open a file that appears under its name only when it has been written to the end.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file shall stand; missing parent folders are made.
+    mode : str
+        ``"wb"`` or ``"w"`` (UTF-8, newlines as written).
+
+    Yields
+    ------
+    file object
+        Open for writing, beside the final place.
+
+    Raises
+    ------
+    UserError
+        The folder cannot be written to, or the disk is full.
+    """
+    text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, mode, **text) as stream:
+            yield stream
+        _give_usual_permissions(temporary)
+        Path(temporary).replace(path)
+    except OSError as error:
+        _forget(temporary)
+        raise _cannot_write(path, error) from error
+    except BaseException:
+        _forget(temporary)
+        raise
+
+
+@contextmanager
+def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
+    """Fill a folder that appears under its name only when it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        Where the folder shall stand.
+    replace : bool
+        Whether a folder that stands there already is replaced.
+
+    Yields
+    ------
+    Path
+        An empty folder beside the final place.
+
+    Raises
+    ------
+    UsageError
+        The folder exists and `replace` is false.
+    UserError
+        It cannot be written.
+    """
+    if path.exists() and not replace:
+        raise UsageError(
+            "the folder exists already", where=path, mend="name another, or add --force"
+        )
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        yield temporary
+        temporary.chmod(0o777 & ~_umask())
+        _swap(temporary, path)
+    except OSError as error:
+        _forget_folder(temporary)
+        raise _cannot_write(path, error) from error
+    except BaseException:
+        _forget_folder(temporary)
+        raise
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal, read in pieces."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while chunk := stream.read(_CHUNK_BYTES):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def canonical_json(value: object) -> str:
+    """Serialise to the one JSON text that equal values share: sorted keys, no blanks."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def fingerprint(value: object) -> str:
+    """Return the SHA-256 of a value's canonical JSON, in hexadecimal."""
+    return hashlib.sha256(canonical_json(value).encode()).hexdigest()
+
+
+def write_npz(target: Path | IO[bytes], *, compress: bool = False, **arrays: NDArray[Any]) -> None:
+    """Write arrays as ``.npz`` that is the same to the last byte for the same arrays.
+
+    ``numpy.savez`` stamps every member with the time of day.
+    """
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+    with zipfile.ZipFile(target, "w", method) as archive:
+        for name, array in arrays.items():
+            member = zipfile.ZipInfo(f"{name}.npy", _NO_TIME)
+            member.compress_type = method
+            with archive.open(member, "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
+
+
+def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 16 << 20) -> str:
+    """Read a small UTF-8 text that a person wrote.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : type of UserError
+        Which error to raise.
+    what : str
+        What the file is, for the message: "protocol file".
+    limit_bytes : int
+        A larger file is refused before it is read.
+
+    Raises
+    ------
+    UserError
+        Of class `kind`: the file is missing, too large, or not UTF-8.
+    """
+    if not path.is_file():
+        raise kind(f"no such {what}", where=path)
+    if path.stat().st_size > limit_bytes:
+        raise kind(f"too large for a {what}", where=path, expected=f"at most {limit_bytes:,} bytes")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise kind(f"not UTF-8 at byte {error.start}", where=path, expected=what) from error
+
+
+def _cannot_write(path: Path, error: OSError) -> UserError:
+    return UserError(
+        f"cannot be written: {error}",
+        where=path,
+        mend="choose a folder you may write to, on a disk with room",
+    )
+
+
+def _umask() -> int:
+    current = os.umask(0)
+    os.umask(current)
+    return current
+
+
+def _give_usual_permissions(path: str) -> None:
+    # mkstemp makes files private to their owner; a result is meant to be shared.
+    Path(path).chmod(0o666 & ~_umask())
+
+
+def _swap(new: Path, path: Path) -> None:
+    if not path.exists():
+        new.replace(path)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
+    path.replace(old / "old")
+    new.replace(path)
+    shutil.rmtree(old)
+
+
+def _forget(path: str | None) -> None:
+    if path is not None:
+        Path(path).unlink(missing_ok=True)
+
+
+def _forget_folder(path: Path | None) -> None:
+    if path is not None:
+        shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,76 @@
+"""Array types of the package, small products, and the refusal of faulty cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import CameraError, first_of
+
+__all__ = ["Bools", "Floats", "Ints", "apply_matrix", "refuse_cameras"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
+    """Multiply vectors by matrices of three columns, ``matrix @ vector``.
+
+    Written as three products and two sums, not as a BLAS call: a BLAS kernel may round
+    differently with the number of rows it is given, and the same vector must give the same
+    bytes in every block.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) array
+    vectors : (..., 3) array
+        Leading dimensions broadcast against those of `matrix`.
+
+    Returns
+    -------
+    (..., 3) array
+    """
+    x, y, z = (vectors[..., axis, None] for axis in range(3))
+    product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z
+    return product
+
+
+def refuse_cameras(
+    bad: Bools | np.bool_,
+    what: str,
+    *,
+    names: Sequence[object] | None = None,
+    details: Sequence[str] | None = None,
+    where: object = None,
+    expected: str | None = None,
+    mend: str | None = None,
+) -> None:
+    """Raise CameraError where any camera is bad: how many of how many, the first three by name.
+
+    Parameters
+    ----------
+    bad : (N,) bool array
+    what : str
+        What is wrong, to be followed by the count.
+    names : sequence of N, optional
+        Names of the cameras; their indices where left out.
+    details : sequence of N str, optional
+        Put in brackets behind each name.
+
+    Raises
+    ------
+    CameraError
+        When any of `bad` is true.
+    """
+    rows = np.flatnonzero(bad).tolist()
+    if not rows:
+        return
+    labels = [f"camera {row}" if names is None else str(names[row]) for row in rows]
+    if details is not None:
+        labels = [f"{label} ({details[row]})" for label, row in zip(labels, rows, strict=True)]
+    raise CameraError(
+        f"{what} in {first_of(labels, total=bad.size)}", where=where, expected=expected, mend=mend
+    )

@@ -1,0 +1,173 @@
+"""Frames: projected coordinates, WGS84 longitude and latitude, ECEF, and local east-north-up.
+
+Horizontal coordinates are always x, y or lon, lat, whatever the axis order of the CRS. Heights of
+geodetic coordinates are above the WGS84 ellipsoid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pyproj import CRS, Geod, Transformer
+from pyproj.exceptions import CRSError
+
+from airzoo_bench.errors import UserError
+from airzoo_bench.geometry.arrays import Floats, apply_matrix
+
+__all__ = [
+    "Enu",
+    "ecef_to_geodetic",
+    "from_lonlat",
+    "geodesic_distance_m",
+    "geodetic_to_ecef",
+    "horizontal_crs",
+    "to_lonlat",
+]
+
+_WGS84 = CRS.from_epsg(4326)
+
+
+def horizontal_crs(crs: Any) -> CRS:
+    """Return the horizontal part of a CRS, given as anything pyproj takes.
+
+    Parameters
+    ----------
+    crs : Any
+        An EPSG code, ``"EPSG:4547"``, WKT, a PROJ string, a CRS of pyproj or rasterio.
+
+    Raises
+    ------
+    UserError
+        A CRS that PROJ does not know, or that is neither projected nor geographic.
+    """
+    try:
+        known = CRS.from_user_input(crs)
+    except CRSError as fault:
+        raise UserError(f"unknown CRS {crs!r}", expected="such as EPSG:4547 or WKT") from fault
+    flat = known.to_2d()
+    if not (flat.is_projected or flat.is_geographic):
+        raise UserError(f"CRS {known.name!r} has no map plane", expected="projected or geographic")
+    return flat
+
+
+def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
+    """Take coordinates of a CRS to WGS84.
+
+    Parameters
+    ----------
+    crs : Any
+        See `horizontal_crs`.
+    xy : (..., 2) array
+        x (easting or longitude), y (northing or latitude).
+
+    Returns
+    -------
+    (..., 2) array
+        Longitude, latitude in degrees; NaN where `xy` is NaN or beyond the projection.
+
+    Raises
+    ------
+    UserError
+        See `horizontal_crs`.
+    """
+    return _transformed(_transformer(horizontal_crs(crs), _WGS84), xy)
+
+
+def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
+    """Take WGS84 longitude and latitude (..., 2) to a CRS; the inverse of `to_lonlat`."""
+    return _transformed(_transformer(_WGS84, horizontal_crs(crs)), lonlat)
+
+
+def geodetic_to_ecef(lonlatheight: ArrayLike) -> Floats:
+    """Take lon, lat (degrees), height (m) on WGS84, (..., 3), to ECEF metres (EPSG:4978)."""
+    return _transformed(_transformer(CRS.from_epsg(4979), CRS.from_epsg(4978)), lonlatheight)
+
+
+def ecef_to_geodetic(xyz: ArrayLike) -> Floats:
+    """Take ECEF metres (..., 3) to lon, lat (degrees), height (m) on WGS84 (EPSG:4979)."""
+    return _transformed(_transformer(CRS.from_epsg(4978), CRS.from_epsg(4979)), xyz)
+
+
+def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike) -> Floats:
+    """Length of the geodesic on the WGS84 ellipsoid.
+
+    Parameters
+    ----------
+    lonlat_a, lonlat_b : (..., 2) array
+        Longitude, latitude in degrees; leading dimensions broadcast.
+
+    Returns
+    -------
+    (...) array
+        Metres; NaN where a coordinate is NaN.
+    """
+    a, b = np.broadcast_arrays(
+        np.asarray(lonlat_a, dtype=np.float64), np.asarray(lonlat_b, dtype=np.float64)
+    )
+    flat: list[Any] = [
+        np.ascontiguousarray(end[..., axis]).ravel() for end in (a, b) for axis in (0, 1)
+    ]
+    _, _, metres = _geod().inv(*flat)
+    return np.asarray(metres, dtype=np.float64).reshape(a.shape[:-1])
+
+
+@dataclass(frozen=True)
+class Enu:
+    """East-north-up frame, tangent at a point of WGS84.
+
+    Parameters
+    ----------
+    lon, lat : float
+        Degrees.
+    height : float
+        Metres above the ellipsoid.
+    """
+
+    lon: float
+    lat: float
+    height: float
+
+    @cached_property
+    def rotation(self) -> Floats:
+        """Rotation (3, 3) from ENU to ECEF: its columns are east, north and up."""
+        lon, lat = np.radians(self.lon), np.radians(self.lat)
+        east = (-np.sin(lon), np.cos(lon), 0.0)
+        north = (-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat))
+        up = (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
+        return np.array((east, north, up)).T
+
+    @cached_property
+    def origin(self) -> Floats:
+        """Origin (3,) in ECEF."""
+        return geodetic_to_ecef((self.lon, self.lat, self.height))
+
+    def to_ecef(self, points: ArrayLike) -> Floats:
+        """Take ENU points (..., 3) to ECEF."""
+        return apply_matrix(self.rotation, np.asarray(points, dtype=np.float64)) + self.origin
+
+    def from_ecef(self, points: ArrayLike) -> Floats:
+        """Take ECEF points (..., 3) to ENU."""
+        return apply_matrix(self.rotation.T, np.asarray(points, dtype=np.float64) - self.origin)
+
+
+@lru_cache(maxsize=64)
+def _transformer(source: CRS, target: CRS) -> Transformer:
+    return Transformer.from_crs(source, target, always_xy=True)
+
+
+@lru_cache(maxsize=1)
+def _geod() -> Geod:
+    return Geod(ellps="WGS84")
+
+
+def _transformed(transformer: Transformer, points: ArrayLike) -> Floats:
+    given = np.asarray(points, dtype=np.float64)
+    columns: list[Any] = [given[..., axis].ravel() for axis in range(given.shape[-1])]
+    moved = np.stack(transformer.transform(*columns), axis=-1).reshape(given.shape)
+    # PROJ answers with infinity where it cannot, and looks at one coordinate at a time.
+    usable = np.isfinite(given).all(axis=-1) & np.isfinite(moved).all(axis=-1)
+    return np.where(usable[..., None], moved, np.nan)

@@ -1,0 +1,205 @@
+"""Heights on a grid (DSM, DTM) and the surface between them.
+
+The surface is bilinear between pixel centres. Where one of the four neighbours has no height it is
+the height of the nearest neighbour that has one and is nearer than a pixel; else there is none.
+From the outermost pixel centres to the raster's border it is level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rasterio import Affine
+from rasterio.windows import Window
+
+from airzoo_bench.errors import RasterError
+from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
+
+__all__ = ["CORNERS", "HeightField", "Heights", "read_heights"]
+
+Heights = NDArray[np.float32] | NDArray[np.float64]
+
+# Column and row of the four neighbours, relative to the first.
+CORNERS: Ints = np.array(((0, 0), (1, 0), (0, 1), (1, 1)))
+
+_BLOCK = 1 << 20
+_GIB = 1 << 30
+# Kinds of file whose heights float32 holds without loss.
+_NARROW = ("float32", "int8", "int16", "uint8", "uint16")
+
+
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Heights of a grid.
+
+    Parameters
+    ----------
+    heights : (H, W) float32 or float64 array
+        NaN where there is no height; never infinite.
+    transform : affine.Affine or sequence of 6 float
+        Pixel (column, row; corner at 0, 0) to coordinates of `crs`.
+    crs : Any
+        Anything pyproj takes.
+    """
+
+    heights: Heights
+    transform: Any
+    crs: Any
+
+    def __post_init__(self) -> None:
+        if self.heights.ndim != 2 or not self.heights.size:
+            raise RasterError(f"heights have shape {self.heights.shape}", expected="shape (H, W)")
+
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        bounds: tuple[float, float, float, float] | None = None,
+        limit_bytes: int = 2 * _GIB,
+    ) -> HeightField:
+        """Read the heights of a raster's first band, or of a part of it.
+
+        Parameters
+        ----------
+        path : str or Path
+        bounds : (left, bottom, right, top), optional
+            In the raster's CRS. The part read covers it with a pixel to spare, so that inside
+            `bounds` the surface is that of the whole raster; outside the part there is none.
+        limit_bytes : int
+            Largest size of the heights in memory.
+
+        Raises
+        ------
+        RasterError
+            The part is larger than `limit_bytes` or misses the raster; see also `open_info`.
+        """
+        info = open_info(path)
+        window = _window(info, bounds)
+        dtype = np.float32 if info.dtype in _NARROW else np.float64
+        _check_size(info, window, np.dtype(dtype).itemsize, limit_bytes)
+        with opened(path) as dataset:
+            heights = read_heights(dataset, window, dtype)
+            scale, offset = dataset.scales[0], dataset.offsets[0]
+        if (scale, offset) != (1.0, 0.0):
+            heights = heights.astype(np.float64) * scale + offset
+        a, b, _, d, e, _ = info.transform[:6]
+        c, f = pixel_to_world(info.transform, (window.col_off, window.row_off)).tolist()
+        return cls(heights=heights, transform=Affine(a, b, c, d, e, f), crs=info.crs)
+
+    @cached_property
+    def height_range(self) -> tuple[float, float]:
+        """Lowest and highest height; NaN where there is none at all."""
+        low = np.fmin.reduce(self.heights, axis=None)
+        high = np.fmax.reduce(self.heights, axis=None)
+        return float(low), float(high)
+
+    def sample(self, xy: ArrayLike) -> Floats:
+        """Height of the surface at world coordinates.
+
+        Parameters
+        ----------
+        xy : (..., 2) array
+            In the field's CRS.
+
+        Returns
+        -------
+        (...) array
+            NaN where the surface has no height: outside the raster (its border is inside), where
+            no neighbour nearer than a pixel has a height, or where `xy` is NaN.
+        """
+        return self.sample_pixels(world_to_pixel(self.transform, xy))
+
+    def sample_pixels(self, colrow: ArrayLike) -> Floats:
+        """Height of the surface at pixel coordinates (..., 2); see `sample`."""
+        points = np.asarray(colrow, dtype=np.float64)
+        flat = points.reshape(-1, 2)
+        sampled = np.full(len(flat), np.nan)
+        for start in range(0, len(flat), _BLOCK):
+            part = flat[start : start + _BLOCK]
+            inside = ((part >= 0.0) & (part <= self.heights.shape[::-1])).all(axis=-1)
+            rows = start + np.flatnonzero(inside)
+            sampled[rows] = self._surface(flat[rows] - 0.5)
+        return sampled.reshape(points.shape[:-1])
+
+    def corner_heights(self, cell: Ints) -> Floats:
+        """Heights (P, 4) at the corners of cells of the grid of pixel centres.
+
+        Cell (i, j) (P, 2) has its corners at the pixels (i, j) + CORNERS; beyond the border the
+        outermost pixel is repeated.
+        """
+        last = np.array(self.heights.shape[::-1]) - 1
+        column, row = np.moveaxis(np.clip(cell[:, None] + CORNERS, 0, last), -1, 0)
+        return np.asarray(self.heights[row, column], dtype=np.float64)
+
+    def _surface(self, grid: Floats) -> Floats:
+        """Height at points (P, 2) of the grid of pixel centres (first centre = 0, 0)."""
+        last = np.array(self.heights.shape[::-1]) - 1.0
+        clamped = np.clip(grid, 0.0, last)
+        cell = np.floor(clamped).astype(np.int64)
+        local = clamped - cell
+        heights = self.corner_heights(cell)
+        weights = np.abs(1.0 - CORNERS - local[:, None]).prod(axis=-1)
+        # A neighbour of no weight is no neighbour: on the line between two pixels only they count.
+        complete = ~(np.isnan(heights) & (weights > 0.0)).any(axis=-1)
+        bilinear = (weights * np.where(weights > 0.0, heights, 0.0)).sum(axis=-1)
+        return np.where(complete, bilinear, _nearest(heights, local))
+
+
+def read_heights(dataset: Any, window: Window, dtype: Any) -> Heights:
+    """Read band 1 with NaN where the file (nodata, mask) or the number (not finite) has no height.
+
+    The values are as stored, without the file's scale and offset.
+    """
+    band = dataset.read(1, window=window, masked=True)
+    heights: Heights = band.data.astype(dtype)
+    heights[np.ma.getmaskarray(band) | ~np.isfinite(heights)] = np.nan
+    return heights
+
+
+def _nearest(heights: Floats, local: Floats) -> Floats:
+    """Height of the nearest corner that has one, nearer than a pixel; the first of equals."""
+    away = ((local[:, None] - CORNERS) ** 2).sum(axis=-1)
+    away = np.where(np.isnan(heights) | (away >= 1.0), np.inf, away)
+    pick = np.argmin(away, axis=-1)[:, None]
+    found = np.isfinite(np.take_along_axis(away, pick, axis=-1))
+    nearest: Floats = np.where(found, np.take_along_axis(heights, pick, axis=-1), np.nan)[:, 0]
+    return nearest
+
+
+def _window(info: RasterInfo, bounds: tuple[float, float, float, float] | None) -> Window:
+    if bounds is None:
+        return Window(0, 0, info.width, info.height)
+    left, bottom, right, top = bounds
+    box = np.array(((left, bottom), (left, top), (right, bottom), (right, top)))
+    pixels = world_to_pixel(info.transform, box)
+    size = (info.width, info.height)
+    low = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size)
+    high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
+    if not (high > low).all():
+        corners = pixel_to_world(info.transform, np.array((0.0, 0.0)) + np.array(size) * CORNERS)
+        extent = (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
+        raise RasterError(
+            f"bounds {bounds} miss the raster",
+            where=info.path,
+            expected=f"left, bottom, right, top that meet {extent}",
+            mend="check that the bounds are in the raster's CRS",
+        )
+    return Window(*low.astype(int).tolist(), *(high - low).astype(int).tolist())
+
+
+def _check_size(info: RasterInfo, window: Window, itemsize: int, limit_bytes: int) -> None:
+    size = window.width * window.height * itemsize
+    if size > limit_bytes:
+        raise RasterError(
+            f"heights of {window.width} x {window.height} px need {size / _GIB:.2f} GiB",
+            where=info.path,
+            expected=f"at most {limit_bytes / _GIB:.2f} GiB",
+            mend="read a part by bounds, raise the limit, or resample the raster",
+        )

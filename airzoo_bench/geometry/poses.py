@@ -1,0 +1,272 @@
+"""Camera poses: world-to-camera, OpenCV axes, x_cam = R X + t, centre C = -R^T t."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from airzoo_bench.errors import CameraError
+from airzoo_bench.geometry.arrays import Floats, apply_matrix, refuse_cameras
+
+__all__ = [
+    "Poses",
+    "camera_to_world",
+    "check_rotations",
+    "matrix_to_quaternion",
+    "quaternion_to_matrix",
+    "rays_to_world",
+    "rotation_angle_deg",
+    "world_to_camera",
+]
+
+_ROTATION_TOLERANCE = 1e-4
+_QUATERNION_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Poses:
+    """Poses of N cameras, as rotation and centre.
+
+    The centre is stored and t derived, not the other way round: with centres in projected
+    coordinates (millions of metres) R X + t is a small difference of large numbers, R (X - C) is
+    not, and a centre given is a centre kept, to the last bit. Build with `from_centres`,
+    `from_translations` or `from_quaternions`, which check; the fields are by keyword only, so that
+    t is never taken for C.
+
+    Parameters
+    ----------
+    rotation : (N, 3, 3) array
+        World-to-camera rotations.
+    centres : (N, 3) array
+        Camera centres in world coordinates.
+    """
+
+    rotation: Floats
+    centres: Floats
+
+    @classmethod
+    def from_centres(
+        cls, R: ArrayLike, C: ArrayLike, names: Sequence[object] | None = None
+    ) -> Poses:
+        """Build poses from rotations (N, 3, 3) and camera centres (N, 3), kept exactly.
+
+        Raises
+        ------
+        CameraError
+            See `check_rotations`; centres of another shape or not finite.
+        """
+        rotation = check_rotations(R, names)
+        return cls(rotation=rotation, centres=_vectors("centres", C, len(rotation), names))
+
+    @classmethod
+    def from_translations(
+        cls, R: ArrayLike, t: ArrayLike, names: Sequence[object] | None = None
+    ) -> Poses:
+        """Build poses from rotations (N, 3, 3) and translations (N, 3) of x_cam = R X + t.
+
+        Raises
+        ------
+        CameraError
+            See `check_rotations`; translations of another shape or not finite.
+        """
+        rotation = check_rotations(R, names)
+        translation = _vectors("translations", t, len(rotation), names)
+        return cls(rotation=rotation, centres=-apply_matrix(_transposed(rotation), translation))
+
+    @classmethod
+    def from_quaternions(
+        cls, wxyz: ArrayLike, t: ArrayLike, names: Sequence[object] | None = None
+    ) -> Poses:
+        """Build poses from world-to-camera quaternions (N, 4) w x y z and translations (N, 3).
+
+        Raises
+        ------
+        CameraError
+            See `quaternion_to_matrix`; translations of another shape or not finite.
+        """
+        return cls.from_translations(quaternion_to_matrix(wxyz, names), t, names)
+
+    def __len__(self) -> int:
+        return len(self.rotation)
+
+    @property
+    def translation(self) -> Floats:
+        """Translations t = -R C, (N, 3)."""
+        return -apply_matrix(self.rotation, self.centres)
+
+    def take(self, index: Any) -> Poses:
+        """Return the poses at an integer, index array, mask or slice, as Poses."""
+        rows = np.atleast_1d(np.arange(len(self))[index])
+        return Poses(rotation=self.rotation[rows], centres=self.centres[rows])
+
+
+def check_rotations(
+    R: ArrayLike, names: Sequence[object] | None = None, where: object = None
+) -> Floats:
+    """Refuse matrices that do not rotate, and return the nearest exact rotations.
+
+    Parameters
+    ----------
+    R : (N, 3, 3) array
+    names : sequence of N, optional
+        Names of the cameras for messages.
+    where : object, optional
+        The file the rotations are from.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        U V^T of the singular value decomposition, the nearest orthonormal matrix (Frobenius), so
+        that digits rounded away in a file do not scale or shear the geometry.
+
+    Raises
+    ------
+    CameraError
+        Another shape, entries not finite, |R^T R - I| above 1e-4 in any entry, or a reflection
+        (det < 0). The first three cameras are named with how far they are off.
+    """
+    matrices = np.asarray(R, dtype=np.float64)
+    if matrices.ndim != 3 or matrices.shape[1:] != (3, 3):
+        raise CameraError(
+            f"rotations have shape {matrices.shape}", where=where, expected="shape (N, 3, 3)"
+        )
+    not_finite = ~np.isfinite(matrices).all(axis=(1, 2))
+    refuse_cameras(not_finite, "rotation has NaN or infinite entries", names=names, where=where)
+    off = np.abs(_transposed(matrices) @ matrices - np.eye(3)).max(axis=(1, 2))
+    refuse_cameras(
+        off > _ROTATION_TOLERANCE,
+        "rotation is not orthonormal",
+        names=names,
+        details=[f"|R^T R - I| = {value:.2g}" for value in off],
+        where=where,
+        expected=f"|R^T R - I| <= {_ROTATION_TOLERANCE:g} in every entry",
+    )
+    determinant = np.linalg.det(matrices)
+    refuse_cameras(
+        determinant < 0.0,
+        "rotation is a reflection",
+        names=names,
+        details=[f"det = {value:.3g}" for value in determinant],
+        where=where,
+        expected="det = +1",
+        mend="check the axes: exactly one of them points the wrong way",
+    )
+    u, _, vt = np.linalg.svd(matrices)
+    nearest: Floats = u @ vt
+    return nearest
+
+
+def rays_to_world(poses: Poses, rays: Floats) -> Floats:
+    """Turn directions of the camera frame (N, M, 3) into world directions R^T d, (N, M, 3)."""
+    return apply_matrix(_transposed(poses.rotation)[:, None], rays)
+
+
+def world_to_camera(poses: Poses, points: Floats) -> Floats:
+    """Take world points (N, M, 3) into the camera frame, R (X - C), (N, M, 3)."""
+    return apply_matrix(poses.rotation[:, None], points - poses.centres[:, None])
+
+
+def camera_to_world(poses: Poses, points_cam: Floats) -> Floats:
+    """Take points of the camera frame (N, M, 3) into the world, R^T x + C, (N, M, 3)."""
+    return rays_to_world(poses, points_cam) + poses.centres[:, None]
+
+
+def rotation_angle_deg(Ra: ArrayLike, Rb: ArrayLike) -> Floats:
+    """Geodesic angle between rotations, in degrees.
+
+    atan2 of sine (the skew part of Ra Rb^T) and cosine (its trace): unlike arccos of the trace, it
+    keeps all digits near 0 and near 180 degrees.
+
+    Parameters
+    ----------
+    Ra, Rb : (..., 3, 3) array
+        Rotations; leading dimensions broadcast.
+
+    Returns
+    -------
+    (...) array
+        In [0, 180]; NaN where a rotation is NaN.
+    """
+    relative = np.asarray(Ra, dtype=np.float64) @ _transposed(np.asarray(Rb, dtype=np.float64))
+    skew = relative - _transposed(relative)
+    x, y, z = skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]
+    sine = np.sqrt(x * x + y * y + z * z)
+    cosine = np.trace(relative, axis1=-2, axis2=-1) - 1.0
+    return np.asarray(np.degrees(np.arctan2(sine, cosine)), dtype=np.float64)
+
+
+def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None) -> Floats:
+    """Turn quaternions into rotation matrices.
+
+    Parameters
+    ----------
+    wxyz : (N, 4) array
+        w x y z, of unit norm to 1e-3 (what rounding in a file may do); normalised here.
+    names : sequence of N, optional
+        Names of the cameras for messages.
+
+    Returns
+    -------
+    (N, 3, 3) array
+
+    Raises
+    ------
+    CameraError
+        Another shape, or norms that are not 1 (or not finite).
+    """
+    quaternions = np.asarray(wxyz, dtype=np.float64)
+    if quaternions.ndim != 2 or quaternions.shape[1] != 4:
+        raise CameraError(f"quaternions have shape {quaternions.shape}", expected="shape (N, 4)")
+    norm = np.sqrt((quaternions * quaternions).sum(axis=1))
+    refuse_cameras(
+        ~(np.abs(norm - 1.0) <= _QUATERNION_TOLERANCE),
+        "quaternion is not of unit norm",
+        names=names,
+        details=[f"norm = {value:.6g}" for value in norm],
+        expected=f"w x y z with norm 1 to {_QUATERNION_TOLERANCE:g}",
+    )
+    w, x, y, z = (quaternions / norm[:, None]).T
+    entries = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(entries), -1, 0)
+
+
+def matrix_to_quaternion(R: ArrayLike) -> Floats:
+    """Turn rotation matrices (N, 3, 3) into unit quaternions (N, 4) w x y z with w >= 0.
+
+    Of the four rows of 4 q q^T (Shepperd 1978) the one with the largest diagonal is taken, which
+    never divides by a small number.
+    """
+    m = np.moveaxis(np.asarray(R, dtype=np.float64), 0, -1)
+    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    ww = 1.0 + m[0, 0] + m[1, 1] + m[2, 2]
+    xx = 1.0 + m[0, 0] - m[1, 1] - m[2, 2]
+    yy = 1.0 - m[0, 0] + m[1, 1] - m[2, 2]
+    zz = 1.0 - m[0, 0] - m[1, 1] + m[2, 2]
+    outer = np.array(((ww, wx, wy, wz), (wx, xx, xy, xz), (wy, xy, yy, yz), (wz, xz, yz, zz)))
+    largest = np.argmax(np.array((ww, xx, yy, zz)), axis=0)
+    row = outer[largest, :, np.arange(len(largest))]
+    row = np.where(row[:, :1] < 0.0, -row, row)
+    unit: Floats = row / np.sqrt((row * row).sum(axis=1, keepdims=True))
+    return unit
+
+
+def _transposed(matrices: Floats) -> Floats:
+    return np.swapaxes(matrices, -1, -2)
+
+
+def _vectors(what: str, value: ArrayLike, count: int, names: Sequence[object] | None) -> Floats:
+    vectors = np.array(value, dtype=np.float64)
+    if vectors.shape != (count, 3):
+        raise CameraError(f"{what} have shape {vectors.shape}", expected=f"shape ({count}, 3)")
+    bad = ~np.isfinite(vectors).all(axis=1)
+    refuse_cameras(bad, f"{what} have NaN or infinite entries", names=names)
+    return vectors

@@ -1,0 +1,278 @@
+"""Georeferenced rasters: what a GeoTIFF says of itself, its grid, its colours.
+
+Pixel coordinates are those of `grids`: the centre of the first pixel is (0.5, 0.5). What
+rasterio or GDAL makes of a bad file becomes one RasterError.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+from numpy.typing import NDArray
+from pyproj import CRS
+from rasterio.enums import ColorInterp
+from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
+from rasterio.windows import Window
+
+from airzoo_bench.errors import RasterError, UserError
+from airzoo_bench.geometry.frames import geodesic_distance_m, horizontal_crs, to_lonlat
+from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
+
+__all__ = [
+    "RasterInfo",
+    "check_same_crs",
+    "describe_crs",
+    "gsd_m",
+    "open_info",
+    "opened",
+    "pixel_to_world",
+    "read_rgb",
+    "world_to_pixel",
+]
+
+
+@dataclass(frozen=True)
+class RasterInfo:
+    """What a georeferenced raster says of itself.
+
+    Parameters
+    ----------
+    path : Path
+    width, height : int
+        Pixels.
+    transform : affine.Affine
+        Pixel (column, row; corner at 0, 0) to coordinates of `crs`.
+    crs : pyproj.CRS
+    nodata : float or None
+        As the file says; may be NaN.
+    bands : int
+    dtype : str
+        Of the first band, such as ``"float32"``.
+    """
+
+    path: Path
+    width: int
+    height: int
+    transform: Any
+    crs: CRS
+    nodata: float | None
+    bands: int
+    dtype: str
+
+
+def open_info(path: str | Path) -> RasterInfo:
+    """Read what a georeferenced raster says of itself.
+
+    Raises
+    ------
+    RasterError
+        The file is missing or not a raster, or has no CRS, no geotransform, or one that cannot be
+        inverted. Rotated and sheared geotransforms are taken.
+    """
+    with opened(path) as dataset:
+        return RasterInfo(
+            path=Path(path),
+            width=dataset.width,
+            height=dataset.height,
+            transform=_georeference(dataset, path),
+            crs=_crs(dataset, path),
+            nodata=dataset.nodata,
+            bands=dataset.count,
+            dtype=dataset.dtypes[0],
+        )
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[Any]:
+    """Open a raster for reading; faults of rasterio inside the block become RasterError.
+
+    Yields
+    ------
+    rasterio.DatasetReader
+        Not checked for a georeference: see `open_info`.
+
+    Raises
+    ------
+    RasterError
+        The file is missing, not a raster, or cannot be read (truncated).
+    """
+    if not Path(path).is_file():
+        raise RasterError("no such file", where=path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            dataset = rasterio.open(path)
+        with dataset:
+            yield dataset
+    except (RasterioError, CRSError) as fault:
+        raise RasterError(
+            f"cannot be read as a raster: {fault}",
+            where=path,
+            expected="a complete file that GDAL reads, such as GeoTIFF",
+        ) from fault
+
+
+def gsd_m(info: RasterInfo) -> tuple[float, float]:
+    """Ground sampling distance at the raster's centre, in metres.
+
+    The geodesic on WGS84 across one column and one row: true ground metres, also where the CRS is
+    in degrees or stretches the ground as web Mercator does.
+
+    Returns
+    -------
+    tuple of float
+        Between columns, between rows.
+
+    Raises
+    ------
+    RasterError
+        The centre lies outside the domain of the CRS.
+    """
+    centre = np.array((info.width / 2.0, info.height / 2.0))
+    steps = np.array(((-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)))
+    ends = to_lonlat(info.crs, pixel_to_world(info.transform, centre + steps))
+    x, y = (float(value) for value in geodesic_distance_m(ends[::2], ends[1::2]))
+    if not (x > 0.0 and y > 0.0):
+        raise RasterError(
+            f"its centre is no place on the earth in {describe_crs(info.crs)}",
+            where=info.path,
+            mend="check the geotransform and the CRS of the file",
+        )
+    return x, y
+
+
+def check_same_crs(a: Any, b: Any, what: str) -> None:
+    """Refuse two CRS whose map planes differ.
+
+    They are the same when PROJ finds them equivalent but for the order of axes, or gives them one
+    EPSG code: two spellings of one CRS agree, and a vertical part is left aside.
+
+    Parameters
+    ----------
+    a, b : Any
+        See `frames.horizontal_crs`.
+    what : str
+        What the two belong to, such as ``"DOM and DSM"``.
+
+    Raises
+    ------
+    RasterError
+        They differ; both are named.
+    UserError
+        See `frames.horizontal_crs`.
+    """
+    first, second = horizontal_crs(a), horizontal_crs(b)
+    if first.equals(second, ignore_axis_order=True):
+        return
+    code = first.to_epsg()
+    if code is not None and code == second.to_epsg():
+        return
+    raise RasterError(
+        f"{what} differ in CRS: {describe_crs(first)} and {describe_crs(second)}",
+        expected="one CRS",
+        mend="reproject one of them, e.g. with gdalwarp",
+    )
+
+
+def describe_crs(crs: CRS) -> str:
+    """Name a CRS for messages: its EPSG code where it has one, and its name."""
+    code = crs.to_epsg()
+    return crs.name if code is None else f"EPSG:{code} ({crs.name})"
+
+
+def read_rgb(
+    path: str | Path, window: tuple[int, int, int, int] | None = None
+) -> NDArray[np.uint8]:
+    """Read colours: grey is repeated, alpha dropped.
+
+    Parameters
+    ----------
+    path : str or Path
+    window : (column, row, width, height), optional
+        In whole pixels; all of the raster where left out.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+        The bands that the file calls red, green and blue; otherwise the first three.
+
+    Raises
+    ------
+    RasterError
+        Not 8 bit; a palette; more than four bands of which none are called red, green and blue; a
+        window that is empty or reaches outside; see also `opened`.
+    """
+    with opened(path) as dataset:
+        column, row, width, height = window or (0, 0, dataset.width, dataset.height)
+        inside = column >= 0 and row >= 0 and width > 0 and height > 0
+        if not inside or column + width > dataset.width or row + height > dataset.height:
+            raise RasterError(
+                f"window {window} (column, row, width, height) is not inside the raster",
+                where=path,
+                expected=f"a part of {dataset.width} x {dataset.height} px",
+            )
+        bands = _rgb_bands(dataset, path)
+        pixels = dataset.read(bands, window=Window(column, row, width, height))
+    return np.ascontiguousarray(np.moveaxis(pixels, 0, -1))
+
+
+def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:
+    kinds = list(dataset.colorinterp)
+    rgb = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+    if all(kind in kinds for kind in rgb):
+        bands = [kinds.index(kind) + 1 for kind in rgb]
+    elif len(kinds) <= 2 and ColorInterp.palette not in kinds:
+        bands = [1, 1, 1]
+    elif len(kinds) in (3, 4):
+        bands = [1, 2, 3]
+    else:
+        raise RasterError(
+            f"no colours: {len(kinds)} bands ({', '.join(kind.name for kind in kinds)})",
+            where=path,
+            expected="grey or RGB, with or without alpha",
+            mend="gdal_translate -b for the bands, -expand rgb for a palette",
+        )
+    dtypes = {dataset.dtypes[band - 1] for band in bands}
+    if dtypes != {"uint8"}:
+        raise RasterError(
+            f"colours are {', '.join(sorted(dtypes))}",
+            where=path,
+            expected="8 bit (uint8)",
+            mend="gdal_translate -ot Byte -scale",
+        )
+    return bands
+
+
+def _georeference(dataset: Any, path: str | Path) -> Any:
+    transform = dataset.transform
+    if transform.is_identity or dataset.crs is None:
+        missing = "no geotransform" if transform.is_identity else "no CRS"
+        raise RasterError(
+            f"no georeference: {missing}",
+            where=path,
+            expected="a raster with a CRS and a geotransform",
+            mend="gdal_translate -a_srs and -a_ullr, or export it as GeoTIFF again",
+        )
+    if not (np.isfinite(transform[:6]).all() and transform.determinant != 0.0):
+        raise RasterError(
+            f"its geotransform {tuple(transform[:6])} cannot be inverted",
+            where=path,
+            expected="pixels with an area",
+        )
+    return transform
+
+
+def _crs(dataset: Any, path: str | Path) -> CRS:
+    wkt = dataset.crs.to_wkt()
+    try:
+        horizontal_crs(wkt)
+    except UserError as fault:
+        raise RasterError(fault.what, where=path, expected=fault.expected) from fault
+    return CRS.from_wkt(wkt)

@@ -1,0 +1,1 @@
+"""Readers of prediction files; every file is treated as hostile input."""

@@ -1,0 +1,245 @@
+"""Reading ``.npz`` files that strangers wrote: no pickle, no surprise in size, no traceback.
+
+Every member's header is checked before a byte of its data is touched: the dtype must be numbers or
+text, the size it claims must be the size that the archive holds, and the whole must fit the
+memory limit. Members saved without compression (``numpy.savez``) can be mapped instead of read, so
+descriptors may be larger than memory.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import PredictionError
+
+__all__ = ["ArrayEntry", "NpzFile"]
+
+_MAX_MEMBERS = 64
+_LOCAL_HEADER_BYTES = 30
+_KINDS = "biufUS"
+_MAX_CODE_POINT = 0x10FFFF
+_SURROGATES = (0xD800, 0xDFFF)
+_LOOKS_LIKE = {
+    b"\x93NUMPY": "a single .npy array",
+    b"\x89HDF\r\n": "an HDF5 file",
+    b"PAR1": "a parquet file",
+    b"\x80": "a Python pickle",
+    b"PK": "a zip archive that was cut off",
+}
+
+
+@dataclass(frozen=True)
+class ArrayEntry:
+    """What the header of one member says."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    fortran_order: bool
+    compressed: bool
+    member: zipfile.ZipInfo
+    header_bytes: int
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the data in bytes, in exact integers (headers may claim absurd shapes)."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+class NpzFile:
+    """The arrays of an ``.npz`` file, checked, and read one at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    limit_bytes : int
+        The most that one array may take in memory.
+
+    Raises
+    ------
+    PredictionError
+        It is not an npz, is cut off or damaged, holds Python objects, or an array claims more
+        than the limit.
+    """
+
+    def __init__(self, path: Path, limit_bytes: int) -> None:
+        self.path = path
+        self.limit_bytes = limit_bytes
+        self.entries = {entry.name: entry for entry in _entries(path)}
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Read one array into memory.
+
+        Raises
+        ------
+        PredictionError
+            It is larger than the limit, its checksum does not hold, or it is text that is not text.
+        """
+        entry = self.entries[name]
+        if entry.nbytes > self.limit_bytes:
+            raise self._too_large(entry)
+        try:
+            with zipfile.ZipFile(self.path) as archive, archive.open(entry.member) as stream:
+                stream.read(entry.header_bytes)
+                array = _fill(stream, entry)
+        except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError) as error:
+            raise _damaged(self.path, name, str(error)) from error
+        return _checked_text(array, self.path, name)
+
+    def map(self, name: str) -> NDArray[Any]:
+        """Map one array from disk where it is stored plainly, else read it."""
+        entry = self.entries[name]
+        plain = not (entry.compressed or entry.fortran_order or entry.nbytes == 0)
+        if not (plain and entry.dtype.kind == "f" and entry.dtype.isnative):
+            return self.read(name)
+        offset = _data_offset(self.path, entry)
+        return np.memmap(self.path, entry.dtype, "r", offset, entry.shape)
+
+    def _too_large(self, entry: ArrayEntry) -> PredictionError:
+        return PredictionError(
+            f"field '{entry.name}' claims {entry.nbytes:,} bytes (shape {entry.shape}, "
+            f"{entry.dtype}), more than the limit of {self.limit_bytes:,}",
+            where=self.path,
+            mend="save descriptors with numpy.savez (uncompressed: then they are read in pieces), "
+            "or raise --max-memory",
+        )
+
+
+def _entries(path: Path) -> list[ArrayEntry]:
+    if not path.is_file():
+        raise PredictionError("no such prediction file", where=path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if len(members) > _MAX_MEMBERS:
+                raise _not_npz(path, f"it holds {len(members):,} members")
+            return [_entry(path, archive, member) for member in members]
+    except (zipfile.BadZipFile, struct.error, NotImplementedError) as error:
+        raise _not_npz(path, _impression(path)) from error
+
+
+def _entry(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> ArrayEntry:
+    name = member.filename.removesuffix(".npy")
+    if not member.filename.endswith(".npy") or member.flag_bits & 0x1:
+        raise _not_npz(path, f"member {member.filename!r} is not a plain array")
+    try:
+        with archive.open(member) as stream:
+            shape, fortran_order, dtype = _read_header(stream)
+            header_bytes = stream.tell()
+    except (ValueError, EOFError, OSError, SyntaxError, zipfile.BadZipFile) as error:
+        raise _damaged(path, name, str(error)) from error
+    compressed = member.compress_type != zipfile.ZIP_STORED
+    entry = ArrayEntry(name, shape, dtype, fortran_order, compressed, member, header_bytes)
+    _check_header(path, entry)
+    return entry
+
+
+def _read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    version = npy.read_magic(stream)
+    if version == (1, 0):
+        return npy.read_array_header_1_0(stream)
+    return npy.read_array_header_2_0(stream)
+
+
+def _check_header(path: Path, entry: ArrayEntry) -> None:
+    if entry.dtype.hasobject:
+        raise PredictionError(
+            f"field '{entry.name}' holds pickled Python objects, which are never loaded",
+            where=path,
+            expected="arrays of numbers or of fixed-width text",
+            mend=f"save it as text: np.array({entry.name}, dtype=str)",
+        )
+    if entry.dtype.kind not in _KINDS:
+        raise PredictionError(
+            f"field '{entry.name}' has dtype {entry.dtype}",
+            where=path,
+            expected="numbers or text",
+        )
+    if any(length < 0 for length in entry.shape):
+        raise _damaged(path, entry.name, f"its header claims the shape {entry.shape}")
+    held = entry.member.file_size - entry.header_bytes
+    if entry.nbytes != held:
+        reason = f"its header claims {entry.nbytes:,} bytes, the archive holds {held:,}"
+        raise _damaged(path, entry.name, reason)
+
+
+def _fill(stream: IO[bytes], entry: ArrayEntry) -> NDArray[Any]:
+    # Reading into an array of the checked size bounds the memory: a member that unpacks to more
+    # than its header says is never unpacked beyond it.
+    flat = np.empty(math.prod(entry.shape), entry.dtype)
+    view = memoryview(flat.view(np.uint8).data if flat.nbytes else b"")
+    done = 0
+    while done < len(view):
+        count = stream.readinto(view[done : done + (1 << 22)])  # type: ignore[attr-defined]
+        if not count:
+            raise EOFError("the data ends early")
+        done += count
+    if stream.read(1):
+        raise EOFError("there is more data than the header says")
+    return flat.reshape(entry.shape, order="F" if entry.fortran_order else "C")
+
+
+def _checked_text(array: NDArray[Any], path: Path, name: str) -> NDArray[Any]:
+    if array.dtype.kind == "S":
+        try:
+            return np.char.decode(array, "utf-8")
+        except UnicodeDecodeError as error:
+            raise PredictionError(f"field '{name}' is not UTF-8", where=path) from error
+    if array.dtype.kind == "U" and array.size and array.dtype.itemsize:
+        native = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("="), copy=False)
+        codes = native.reshape(-1).view(np.uint32)
+        surrogate = (codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1])
+        if codes.max() > _MAX_CODE_POINT or surrogate.any():
+            raise PredictionError(f"field '{name}' holds characters outside Unicode", where=path)
+        return native
+    return array
+
+
+def _data_offset(path: Path, entry: ArrayEntry) -> int:
+    with path.open("rb") as stream:
+        stream.seek(entry.member.header_offset)
+        local = stream.read(_LOCAL_HEADER_BYTES)
+    if len(local) < _LOCAL_HEADER_BYTES or local[:4] != b"PK\x03\x04":
+        raise _damaged(path, entry.name, "its local header is missing")
+    name_bytes, extra_bytes = struct.unpack("<HH", local[26:30])
+    start = entry.member.header_offset + _LOCAL_HEADER_BYTES + name_bytes + extra_bytes
+    offset = int(start + entry.header_bytes)
+    if offset + entry.nbytes > path.stat().st_size:
+        raise _damaged(path, entry.name, "the file ends before its data does")
+    return offset
+
+
+def _impression(path: Path) -> str:
+    with path.open("rb") as stream:
+        head = stream.read(8)
+    for magic, text in _LOOKS_LIKE.items():
+        if head.startswith(magic):
+            return f"it looks like {text}"
+    return "it is empty" if not head else f"it begins with the bytes {head.hex(' ')}"
+
+
+def _not_npz(path: Path, impression: str) -> PredictionError:
+    return PredictionError(
+        f"not an npz file: {impression}",
+        where=path,
+        expected="a file written by numpy.savez or numpy.savez_compressed",
+        mend="`airzoo-bench template` writes an example",
+    )
+
+
+def _damaged(path: Path, name: str, reason: str) -> PredictionError:
+    return PredictionError(
+        f"field '{name}' is damaged or cut off: {reason}",
+        where=path,
+        mend="write or copy the file again",
+    )

@@ -1,0 +1,177 @@
+"""Results: what was scored, with what, and what came out; JSON both ways.
+
+Shares are 0 to 1. An infinite error is the text ``Infinity``, since JSON has no number for it. A
+checksum over the content tells a result that was edited by hand.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+import airzoo_bench
+from airzoo_bench.errors import ResultError
+from airzoo_bench.files import atomic_write, fingerprint, read_text
+from airzoo_bench.protocol import validation_message
+from airzoo_bench.scores import Score, Summary
+
+__all__ = [
+    "PredictionsUsed",
+    "ProtocolUsed",
+    "Result",
+    "ScoreColumn",
+    "TruthUsed",
+    "read_result",
+    "versions",
+    "write_result",
+]
+
+_PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap")
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, ser_json_inf_nan="strings", allow_inf_nan=True
+    )
+
+
+class ProtocolUsed(_Model):
+    """The protocol that a result was made with."""
+
+    name: str
+    version: int
+    fingerprint: str
+    settings: dict[str, Any]
+
+
+class TruthUsed(_Model):
+    """The truth that predictions were held against."""
+
+    benchmark: str
+    version: int
+    fingerprint: str
+    scene_titles: dict[str, str]
+
+
+class PredictionsUsed(_Model):
+    """The predictions; the name is the file's, without its folder."""
+
+    file: str
+    sha256: str
+    kind: str
+    method: str
+
+
+class ScoreColumn(_Model):
+    """How a score is shown and read."""
+
+    key: str
+    title: str
+    unit: Literal["share", "m", "deg"]
+    higher_is_better: bool
+    average: Literal["mean", "median"]
+    headline: bool
+
+
+class Result(_Model):
+    """All that is known of one evaluation.
+
+    Attributes
+    ----------
+    counts : dict of str to dict of str to int
+        Of each scene: queries, missing ones, and what else the track counts.
+    notes : tuple of str
+        What a reader of the numbers must know, in sentences.
+    scenes, overall, pooled
+        Scores by key; `overall` is the unweighted mean over scenes.
+    checksum : str
+        Over everything else.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    track: str
+    protocol: ProtocolUsed
+    truth: TruthUsed
+    predictions: PredictionsUsed
+    versions: dict[str, str]
+    columns: tuple[ScoreColumn, ...]
+    counts: dict[str, dict[str, int]]
+    extra_queries: int
+    notes: tuple[str, ...]
+    scenes: dict[str, dict[str, float]]
+    overall: dict[str, float]
+    pooled: dict[str, float]
+    checksum: str = ""
+
+    def sealed(self) -> Result:
+        """Return the same result with its checksum."""
+        return self.model_copy(update={"checksum": self._content_hash()})
+
+    def is_intact(self) -> bool:
+        """Whether the checksum fits the content."""
+        return self.checksum == self._content_hash()
+
+    def _content_hash(self) -> str:
+        return fingerprint(json.loads(self.model_dump_json(by_alias=True, exclude={"checksum"})))
+
+
+def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
+    """Turn a track's scores into a result's columns."""
+    return tuple(
+        ScoreColumn(
+            key=score.column,
+            title=score.title,
+            unit=score.unit,
+            higher_is_better=score.higher_is_better,
+            average=score.average,
+            headline=score.headline,
+        )
+        for score in scores
+    )
+
+
+def with_summary(summary: Summary) -> dict[str, Any]:
+    """Return the fields of a result that a summary fills."""
+    return {"scenes": summary.scenes, "overall": summary.overall, "pooled": summary.pooled}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package and of those that numbers depend on."""
+    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"airzoo-bench": airzoo_bench.__version__} | found
+
+
+def write_result(path: Path, result: Result) -> None:
+    """Write a result as JSON, whole or not at all."""
+    with atomic_write(path, "w") as stream:
+        stream.write(result.model_dump_json(by_alias=True, indent=1) + "\n")
+
+
+def read_result(path: Path) -> Result:
+    """Read a result and hold it to its checksum.
+
+    Raises
+    ------
+    ResultError
+        It is missing, not JSON, not a result, or was changed since it was written.
+    """
+    text = read_text(path, ResultError, "result file")
+    try:
+        result = Result.model_validate_json(text)
+    except ValidationError as error:
+        raise ResultError(
+            f"not a result of this version:\n{validation_message(error, Result)}",
+            where=path,
+            expected="a result.json that `airzoo-bench eval ... --out DIR` wrote",
+        ) from error
+    if not result.is_intact():
+        raise ResultError(
+            "its content was changed after it was written: the checksum does not fit",
+            where=path,
+            mend="score the predictions again",
+        )
+    return result

@@ -1,0 +1,1 @@
+"""Aerial image retrieval: a UAV photo finds its satellite tile."""

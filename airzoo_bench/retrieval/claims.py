@@ -1,0 +1,179 @@
+"""Holding a claim against the truth: which row answers which query, which id is which tile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.protocol import RetrievalScores
+from airzoo_bench.retrieval.predictions import (
+    Descriptors,
+    RankedIds,
+    RetrievalPredictions,
+    scene_of,
+)
+from airzoo_bench.retrieval.ranking import Ranking, rank_by_descriptors, rank_by_ids
+from airzoo_bench.retrieval.truth import RetrievalTruth
+
+__all__ = ["assign_queries", "rank_scene"]
+
+
+def assign_queries(
+    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
+) -> tuple[list[NDArray[np.intp]], int]:
+    """Find the row of the predictions that answers each query.
+
+    Returns
+    -------
+    rows : list of (Q,) int
+        For each scene the row of each query, -1 where the predictions lack it.
+    extra : int
+        How many ids of the predictions are no query of any scene.
+    """
+    import pandas as pd
+
+    given = pd.Index(predictions.query_ids)
+    rows = [given.get_indexer(pd.Index(truth.queries["id"])) for truth in truths]
+    return rows, len(given) - sum(int((found >= 0).sum()) for found in rows)
+
+
+def rank_scene(
+    predictions: RetrievalPredictions,
+    truth: RetrievalTruth,
+    rows: NDArray[np.intp],
+    settings: RetrievalScores,
+    *,
+    memory_bytes: int,
+    workers: int,
+) -> Ranking:
+    """Rank the gallery of one scene for each of its queries, as the claim has it.
+
+    Parameters
+    ----------
+    predictions : RetrievalPredictions
+    truth : RetrievalTruth
+        With Q queries.
+    rows : (Q,) int
+        From `assign_queries`.
+    settings : RetrievalScores
+        The protocol's.
+    memory_bytes, workers : int
+        For ranking descriptors.
+
+    Returns
+    -------
+    Ranking
+        Q rows; those of missing queries hold no tile.
+
+    Raises
+    ------
+    PredictionError
+        A tile is not in the scene's gallery, the gallery is not complete, scores are not in
+        order, or descriptors are not finite.
+    """
+    answered = np.flatnonzero(rows >= 0)
+    names = predictions.query_ids[rows[answered]]
+    positives = truth.positives.take(answered)
+    match predictions.claim:
+        case RankedIds() as claim:
+            kept = claim.ids[rows[answered], : settings.ranks_kept]
+            tiles = _tile_indices(predictions, truth, kept, names)
+            scores = claim.scores
+            if scores is not None:
+                scores = scores[rows[answered], : settings.ranks_kept]
+            ranking = rank_by_ids(tiles, scores, positives, settings.depth, names=names)
+        case Descriptors() as claim:
+            ranking = rank_by_descriptors(
+                claim.queries[rows[answered]],
+                _scene_gallery(predictions, claim, truth, memory_bytes),
+                k=min(settings.ranks_kept, len(truth.tiles)),
+                metric=settings.descriptor_metric,
+                positives=positives,
+                depth=settings.depth,
+                memory_bytes=memory_bytes,
+                workers=workers,
+                names=names,
+            )
+    return _spread(ranking, answered, len(rows))
+
+
+def _spread(ranking: Ranking, answered: NDArray[np.intp], n_queries: int) -> Ranking:
+    tiles = np.full((n_queries, ranking.tiles.shape[1]), -1, np.int32)
+    tied = np.zeros(n_queries, np.bool_)
+    tiles[answered], tied[answered] = ranking.tiles, ranking.tie_dependent
+    return Ranking(tiles, tied)
+
+
+def _tile_indices(
+    predictions: RetrievalPredictions,
+    truth: RetrievalTruth,
+    ids: NDArray[np.str_],
+    names: NDArray[np.str_],
+) -> NDArray[np.int32]:
+    import pandas as pd
+
+    found = pd.Index(truth.tiles["id"]).get_indexer(pd.Index(ids.ravel())).reshape(ids.shape)
+    strange = (found < 0) & (ids != "")
+    rows = np.flatnonzero(strange.any(axis=1))
+    if rows.size:
+        tile = str(ids[rows[0]][strange[rows[0]]][0])
+        raise PredictionError(
+            f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
+            f"{first_of(names[rows], len(names))} queries; the first is {tile}",
+            where=f"{predictions.path}, field 'ranked_ids'",
+            expected=f"ids such as {truth.tiles['id'].iloc[0]}",
+            mend=_mend_strange_tile(tile, truth),
+        )
+    return found.astype(np.int32)
+
+
+def _mend_strange_tile(tile: str, truth: RetrievalTruth) -> str:
+    scene = str(scene_of(np.array([tile]))[0])
+    if scene != truth.scene:
+        return f"rank each query against its own scene only; this tile is of scene {scene!r}"
+    return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
+
+
+def _scene_gallery(
+    predictions: RetrievalPredictions,
+    claim: Descriptors,
+    truth: RetrievalTruth,
+    memory_bytes: int,
+) -> NDArray[np.floating[Any]]:
+    """Return the descriptors of the scene's tiles, in the tiles' order."""
+    import pandas as pd
+
+    rows = pd.Index(claim.gallery_ids).get_indexer(pd.Index(truth.tiles["id"]))
+    lacking = truth.tiles["id"].to_numpy()[rows < 0]
+    if lacking.size:
+        raise PredictionError(
+            f"lacks descriptors of tiles of scene {truth.scene}: "
+            f"{first_of(lacking, len(truth.tiles))}",
+            where=f"{predictions.path}, field 'gallery_ids'",
+            expected="every tile of the gallery: leaving some out would make the task easier",
+            mend="describe all tiles of tiles.parquet",
+        )
+    if (np.diff(rows) == 1).all():
+        return _slice(claim.gallery, int(rows[0]), len(rows))
+    needed = len(rows) * claim.gallery.shape[1] * claim.gallery.itemsize
+    if isinstance(claim.gallery, np.memmap) and needed > memory_bytes:
+        raise PredictionError(
+            f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
+            f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
+            where=f"{predictions.path}, field 'gallery_descriptors'",
+            mend="save the rows in the order of tiles.parquet, or raise --max-memory",
+        )
+    return claim.gallery[rows]
+
+
+def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:
+    if not isinstance(gallery, np.memmap):
+        return gallery[start : start + count]
+    # A slice of a map keeps its parent's offset; a new map says truly where its bytes begin.
+    skipped = start * gallery.shape[1] * gallery.itemsize
+    shape = (count, gallery.shape[1])
+    return np.memmap(gallery.filename, gallery.dtype, "r", gallery.offset + skipped, shape)

@@ -1,0 +1,262 @@
+"""Ranked galleries, with ties broken against the submitter.
+
+Tiles with equal scores are ordered non-positive first, then by their index in the gallery table
+(which is sorted by id), so that a scorer gains nothing by giving equal scores.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.retrieval.descriptor_search import Candidates, nearest
+from airzoo_bench.retrieval.pairs import Positives, offsets_of
+from airzoo_bench.retrieval.similarity import Metric, Names, Queries
+
+__all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids"]
+
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """The gallery of each query, best first.
+
+    Parameters
+    ----------
+    tiles : (Q, K) int32 array
+        Rows of the gallery table; -1 where there are no more.
+    tie_dependent : (Q,) bool array
+        Whether a run of equal scores that begins before the depth of the scores holds both a
+        positive and another tile.
+    """
+
+    tiles: NDArray[np.int32]
+    tie_dependent: Bools
+
+
+def rank_by_ids(
+    ranked: NDArray[np.integer[Any]],
+    scores: NDArray[np.floating[Any]] | None,
+    positives: Positives,
+    depth: int,
+    *,
+    names: Names | None = None,
+) -> Ranking:
+    """Take a ranking as given, and reorder runs of equal scores against the submitter.
+
+    Parameters
+    ----------
+    ranked : (Q, K) int array
+        Tile indices, best first, -1 from where there are no more.
+    scores : (Q, K) array or None
+        Similarities or distances: along each row they never rise, or in all rows never fall.
+        Those of -1 do not count. Without scores the order stands.
+    positives : Positives
+        Of the Q queries.
+    depth : int
+        How many ranks the scores look at.
+    names : sequence of Q, optional
+        Names of the queries for messages; their numbers where not given.
+
+    Returns
+    -------
+    Ranking
+
+    Raises
+    ------
+    PredictionError
+        Where a row repeats a tile, goes on after -1, or its scores are NaN or not in order.
+    ValueError
+        Where the arrays do not fit each other.
+    """
+    if ranked.ndim != 2 or len(ranked) != positives.n_queries:
+        raise ValueError(f"ranked is {ranked.shape} for {positives.n_queries} queries")
+    tiles = ranked.astype(np.int64)
+    _check_tiles(tiles, names)
+    if scores is None or tiles.size == 0:
+        return Ranking(tiles.astype(np.int32), np.zeros(len(tiles), bool))
+    if scores.shape != tiles.shape:
+        raise ValueError(f"scores are {scores.shape} and ranked is {tiles.shape}")
+    _check_scores(scores, tiles >= 0, names)
+    return _break_ties(tiles, scores, positives, depth)
+
+
+def rank_by_descriptors(
+    queries: NDArray[np.floating[Any]],
+    gallery: NDArray[np.floating[Any]],
+    *,
+    k: int,
+    metric: Metric,
+    positives: Positives,
+    depth: int,
+    memory_bytes: int = 1 << 30,
+    workers: int | None = None,
+    names: Names | None = None,
+) -> Ranking:
+    """Rank the gallery by descriptors, exactly as float64 has it.
+
+    Similarities are summed in float64 in an order that depends on D alone, so that equal
+    descriptors tie exactly and the result is the same bytes whatever `memory_bytes` and
+    `workers`. Most of them are never computed: a bound on the error of a float32 search (Higham
+    and Mary 2019) excludes them.
+
+    Parameters
+    ----------
+    queries : (Q, D) array
+        float16, float32 or float64.
+    gallery : (G, D) array
+        The same; of an ``np.memmap`` the file is read by blocks, past the map.
+    k : int
+        How many tiles to rank; a tie that crosses rank k is resolved over all of its tiles.
+    metric : {'l2', 'cosine', 'inner_product'}
+    positives : Positives
+        Of the Q queries.
+    depth : int
+        How many ranks the scores look at.
+    memory_bytes : int
+        Bound of the working memory beside the arrays given and the result.
+    workers : int, optional
+        Threads of the float64 evaluation; by default one a core. (Matrix products take the
+        threads of NumPy's BLAS.)
+    names : sequence of Q, optional
+        Names of the queries for messages; their numbers where not given.
+
+    Returns
+    -------
+    Ranking
+        Of width k, -1 beyond G.
+
+    Raises
+    ------
+    PredictionError
+        Where descriptors are not floating point or of different lengths; not finite, of a norm
+        beyond 1e18, or zero under cosine (named by row).
+    ValueError
+        Where the arrays do not fit each other, or k, depth, the metric or `workers` is no such.
+    """
+    _check_request(queries, gallery, k, metric, positives, depth, workers)
+    prepared = Queries.of(queries, metric, names)
+    candidates = nearest(
+        prepared,
+        gallery,
+        min(max(k, depth), max(len(gallery), 1)),
+        positives,
+        memory_bytes=memory_bytes,
+        workers=workers or os.cpu_count() or 1,
+    )
+    return _ordered(candidates, positives, len(gallery), k, depth)
+
+
+def _ordered(found: Candidates, positives: Positives, n_tiles: int, k: int, depth: int) -> Ranking:
+    """Order the candidates of each query by the tie rule and cut them at k."""
+    positive = positives.holds(found.query, found.tile, n_tiles)
+    order = np.lexsort((found.tile, positive, -found.score, found.cluster, found.query))
+    query, positive = found.query[order], positive[order]
+    cluster, score = found.cluster[order], found.score[order]
+    counts = np.bincount(query, minlength=positives.n_queries)
+    rank = np.arange(len(order)) - offsets_of(counts)[query]
+    tied = (np.diff(query) == 0) & (np.diff(cluster) == 0) & (score[1:] == score[:-1])
+    begins = rank - _steps_into_run(tied, len(order))
+    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depth)
+    tie_dependent = np.zeros(positives.n_queries, bool)
+    tie_dependent[query[1:][mixed]] = True
+    tiles = np.full((positives.n_queries, k), -1, np.int32)
+    first = rank < k
+    tiles[query[first], rank[first]] = found.tile[order[first]]
+    return Ranking(tiles, tie_dependent)
+
+
+def _steps_into_run(tied: Bools, n: int) -> NDArray[np.int64]:
+    """How many elements of its run come before each of n; `tied` to the one before, from 1 on."""
+    place = np.arange(n)
+    opens = np.ones(n, bool)
+    opens[1:] = ~tied
+    return place - np.maximum.accumulate(np.where(opens, place, 0))
+
+
+def _break_ties(
+    tiles: NDArray[np.int64], scores: NDArray[np.floating[Any]], positives: Positives, depth: int
+) -> Ranking:
+    """Order each run of equal scores non-positive first, then by tile."""
+    valid = tiles >= 0
+    tied = (scores[:, 1:] == scores[:, :-1]) & valid[:, 1:]
+    place = np.broadcast_to(np.arange(tiles.shape[1]), tiles.shape)
+    opens = np.ones(tiles.shape, bool)
+    opens[:, 1:] = ~tied
+    begins = np.maximum.accumulate(np.where(opens, place, 0), axis=1)
+    n_tiles = max(int(tiles.max()), int(positives.tiles.max(initial=0))) + 1
+    query = np.broadcast_to(np.arange(len(tiles))[:, None], tiles.shape)
+    positive = valid & positives.holds(query, tiles, n_tiles)
+    order = np.lexsort((tiles, positive, begins), axis=1)
+    tiles = np.take_along_axis(tiles, order, axis=1)
+    positive = np.take_along_axis(positive, order, axis=1)
+    mixed = tied & ~positive[:, :-1] & positive[:, 1:] & (begins[:, 1:] < depth)
+    return Ranking(tiles.astype(np.int32), mixed.any(axis=1))
+
+
+def _check_request(
+    queries: NDArray[Any],
+    gallery: NDArray[Any],
+    k: int,
+    metric: str,
+    positives: Positives,
+    depth: int,
+    workers: int | None,
+) -> None:
+    if metric not in ("l2", "cosine", "inner_product"):
+        raise ValueError(f"no such metric: {metric}")
+    if k < 1 or depth < 0 or (workers is not None and workers < 1):
+        raise ValueError(f"k {k}, depth {depth} and workers {workers} do not fit")
+    for which, array in (("query_descriptors", queries), ("gallery_descriptors", gallery)):
+        if array.ndim != 2 or array.dtype.kind != "f" or array.dtype.itemsize > 8:
+            raise PredictionError(
+                f"descriptors have type {array.dtype} and shape {array.shape}",
+                where=which,
+                expected="a row of float16, float32 or float64 for each name",
+            )
+    if queries.shape[1] != gallery.shape[1]:
+        raise PredictionError(
+            f"descriptors of queries have {queries.shape[1]} numbers, "
+            f"those of the gallery {gallery.shape[1]}",
+            where="query_descriptors, gallery_descriptors",
+            expected="the same length",
+        )
+    if len(queries) != positives.n_queries or positives.tiles.max(initial=-1) >= len(gallery):
+        raise ValueError("the positives are of other queries or another gallery")
+
+
+def _check_tiles(tiles: NDArray[np.int64], names: Names | None) -> None:
+    resumed = ((tiles[:, 1:] >= 0) & (tiles[:, :-1] < 0)).any(axis=1) | (tiles < -1).any(axis=1)
+    _refuse_rows(resumed, "rankings that go on after their end", "tiles, then -1", names)
+    ascending = np.sort(tiles, axis=1)
+    repeated = ((ascending[:, 1:] == ascending[:, :-1]) & (ascending[:, 1:] >= 0)).any(axis=1)
+    _refuse_rows(repeated, "rankings that name a tile twice", "each tile once", names)
+
+
+def _check_scores(scores: NDArray[np.floating[Any]], valid: Bools, names: Names | None) -> None:
+    _refuse_rows((np.isnan(scores) & valid).any(axis=1), "NaN scores", "numbers", names)
+    rises = ((scores[:, 1:] > scores[:, :-1]) & valid[:, 1:]).any(axis=1)
+    falls = ((scores[:, 1:] < scores[:, :-1]) & valid[:, 1:]).any(axis=1)
+    if rises.any() and falls.any():
+        # The direction of most rows is meant; the others are named.
+        wrong = rises if rises.sum() <= falls.sum() else falls
+        expected = "similarities that never rise, or distances that never fall, in all rows alike"
+        _refuse_rows(wrong, "scores out of order", expected, names)
+
+
+def _refuse_rows(wrong: Any, what: str, expected: str, names: Names | None) -> None:
+    rows = np.flatnonzero(wrong)
+    if len(rows):
+        named = [f"row {row}" if names is None else names[row] for row in rows.tolist()]
+        raise PredictionError(
+            f"{what}: {first_of(named, len(wrong))}",
+            where="ranked_ids, scores",
+            expected=expected,
+            mend="sort each query's tiles by its scores, best first, and write the file again",
+        )

@@ -1,0 +1,41 @@
+"""Which scores the retrieval track has, and their columns in the records."""
+
+from __future__ import annotations
+
+from airzoo_bench.protocol import RetrievalScores
+from airzoo_bench.scores import Score
+
+__all__ = ["AP_VARIANTS", "ap_name", "retrieval_scores"]
+
+AP_VARIANTS = ("precision", "min", "trec", "hits")
+
+
+def ap_name(k: int, variant: str) -> str:
+    """Name an AP variant: plain ``ap@5`` is mean precision at 5, every other carries its name."""
+    return f"ap@{k}" if variant == "precision" else f"ap@{k}/{variant}"
+
+
+def retrieval_scores(settings: RetrievalScores) -> list[Score]:
+    """Return the scores that a protocol asks for, the paper's first.
+
+    Returns
+    -------
+    list of Score
+        The columns are those of `airzoo_bench.retrieval.track.score_scene`.
+    """
+    headline = [_share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    ap = ap_name(settings.ap_at, settings.ap)
+    headline.append(_share(ap, ap.replace("ap", "AP"), headline=True))
+    others = [ap_name(settings.ap_at, variant) for variant in AP_VARIANTS]
+    beyond = [_share(name, name.replace("ap", "AP")) for name in others if name != ap]
+    beyond += [_share("map", "mAP"), _share("mrr", "MRR")]
+    beyond += [_share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at]
+    beyond.append(Score("distance_m", "Distance", "m", higher_is_better=False, average="median"))
+    beyond += [_share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m]
+    beyond += [_share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at]
+    beyond += [_share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at]
+    return headline + beyond
+
+
+def _share(column: str, title: str, *, headline: bool = False) -> Score:
+    return Score(column, title, "share", higher_is_better=True, average="mean", headline=headline)

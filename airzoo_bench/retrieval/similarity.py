@@ -1,0 +1,210 @@
+"""Similarity of descriptors: in float64 to rank by, in float32 with a bound to search with.
+
+Larger is more similar. The value is q.g for `inner_product`, the same of normalised vectors for
+`cosine`, and -|q - g|^2 / 2 for `l2`; the search leaves out what is the same for all tiles, and
+so takes q.g - |g|^2 / 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.retrieval.descriptor_rows import as_float32
+
+__all__ = ["Metric", "Names", "Queries", "check_norms", "norms_of", "similarity", "usable"]
+
+Metric = Literal["l2", "cosine", "inner_product"]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Names = Sequence[object] | NDArray[Any]
+
+_UNIT = 2.0**-24  # roundoff of float32
+_TINY = 2.0**-126  # smallest normal float32
+_LAMBDA = 10.0
+_PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
+_MIN_SQUARE = 1e-25  # below, squares summed in float32 have lost digits to underflow
+_FEW = 256  # queries at a time in float64
+_MAX_NORM = 1e18  # beyond, products overflow in float32
+
+
+def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
+    """Similarity of pairs, (n, D) and (n, D), summed in an order that depends on D alone.
+
+    Equal descriptors therefore tie exactly, wherever and in whatever company they are evaluated.
+    """
+    if metric == "l2":
+        apart = queries - gallery
+        return -_dot(apart, apart) / 2
+    if metric == "cosine":
+        queries = queries / np.sqrt(_dot(queries, queries))[:, None]
+        gallery = gallery / np.sqrt(_dot(gallery, gallery))[:, None]
+    return _dot(queries, gallery)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    total = np.zeros(len(a))
+    for start in range(0, a.shape[1], _PIECE):
+        total += np.vecdot(a[:, start : start + _PIECE], b[:, start : start + _PIECE])
+    return total
+
+
+@dataclass(frozen=True)
+class Queries:
+    """Query descriptors, ready for the search in float32.
+
+    Parameters
+    ----------
+    rows : (Q, D) array
+        As given.
+    metric : Metric
+        How they are compared.
+    single : (Q, D) float32 array
+        What the gallery is multiplied with; normalised for `cosine`.
+    norms : (Q,) array
+        Euclidean norms, 1 for `cosine`.
+    """
+
+    rows: NDArray[Any]
+    metric: Metric
+    single: NDArray[np.float32]
+    norms: Floats
+
+    @classmethod
+    def of(cls, rows: NDArray[Any], metric: Metric, names: Names | None = None) -> Queries:
+        """Check and prepare query descriptors.
+
+        Raises
+        ------
+        PredictionError
+            Where they cannot be ranked: see :func:`check_norms`.
+        """
+        norms = np.empty(len(rows))
+        for start in range(0, len(rows), _FEW):
+            few = rows[start : start + _FEW].astype(np.float64)
+            with np.errstate(over="ignore", invalid="ignore"):
+                norms[start : start + _FEW] = np.sqrt(_dot(few, few))
+        check_norms(
+            norms,
+            lambda some: np.isfinite(rows[some]).all(axis=1),
+            "query_descriptors",
+            metric,
+            names,
+        )
+        if metric != "cosine":
+            return cls(rows, metric, as_float32(rows), norms)
+        single = np.empty(rows.shape, np.float32)
+        for start in range(0, len(rows), _FEW):
+            part = slice(start, start + _FEW)
+            single[part] = rows[part].astype(np.float64) / norms[part, None]
+        return cls(rows, metric, single, np.ones(len(rows)))
+
+    def similarities(
+        self, part: slice | NDArray[np.int64], gallery: NDArray[np.float32], norms: Floats
+    ) -> NDArray[np.float32]:
+        """Search values (rows of the gallery, queries of the part), in float32."""
+        values: NDArray[np.float32] = gallery @ self.single[part].T
+        if self.metric == "l2":
+            values -= (norms**2 / 2).astype(np.float32)[:, None]
+        if self.metric == "cosine":
+            values *= (1 / norms).astype(np.float32)[:, None]
+        return values
+
+    def searched(self, query: NDArray[np.int64], exact: Floats) -> Floats:
+        """Search value that corresponds to a similarity."""
+        return exact + self.norms[query] ** 2 / 2 if self.metric == "l2" else exact
+
+    def bounds(self, least: float, most: float) -> Floats:
+        """Bound the error of every query's search values.
+
+        With probability over 1 - 1e-17 a pair, |fl(x.y) - x.y| <= gamma |x| |y| where
+        gamma = exp(lambda sqrt(n) u + n u^2 / (1 - u)) - 1 (Higham and Mary 2019, theorem 3.1,
+        lambda = 10); a few units more for what is rounded before and after, and for underflow.
+
+        Parameters
+        ----------
+        least, most : float
+            Smallest and greatest norm in the gallery.
+        """
+        n = self.single.shape[1]
+        grown = _LAMBDA * np.sqrt(n) * _UNIT + n * _UNIT**2 / (1 - _UNIT)
+        gamma = np.expm1(grown) + 8 * _UNIT
+        if self.metric == "cosine":
+            # Twice: once for q.g, and at most once for the norm of g.
+            return np.full(len(self.norms), 2 * gamma + n * _TINY * (1 + 1 / least))
+        bound: Floats = gamma * self.norms * most + n * _TINY * (1 + self.norms + most)
+        return bound + gamma * most**2 / 2 if self.metric == "l2" else bound
+
+
+def norms_of(rows: NDArray[Any], single: NDArray[np.float32]) -> Floats:
+    """Norms of descriptors; infinite or NaN where an element is, or where float32 overflows."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        squares = np.vecdot(single, single).astype(np.float64)
+    small = np.flatnonzero(squares < _MIN_SQUARE)
+    few = rows[small].astype(np.float64)
+    squares[small] = _dot(few, few)
+    norms: Floats = np.sqrt(squares)
+    return norms
+
+
+def usable(norms: Floats, metric: Metric) -> bool:
+    """Whether descriptors of these norms can be ranked."""
+    return bool((norms <= _MAX_NORM).all() and (metric != "cosine" or (norms > 0).all()))
+
+
+def check_norms(
+    norms: Floats,
+    finite: Callable[[Ints], NDArray[np.bool_]],
+    which: str,
+    metric: Metric,
+    names: Names | None = None,
+) -> None:
+    """Refuse descriptors that cannot be ranked.
+
+    Parameters
+    ----------
+    norms : (n,) array
+        Of :func:`norms_of`.
+    finite : callable
+        Tells of row numbers whether each row is finite.
+    which : str
+        The array's name in the file.
+    metric : {'l2', 'cosine', 'inner_product'}
+    names : sequence, optional
+        The rows' names; their numbers where not given.
+
+    Raises
+    ------
+    PredictionError
+        Where descriptors are NaN or infinite, have a norm beyond 1e18, or are zero under cosine.
+    """
+    wild = np.flatnonzero(~(norms <= _MAX_NORM))
+    if len(wild):
+        bad = wild[~finite(wild)]
+        if len(bad):
+            raise _refusal("NaN or infinite descriptors", bad, which, names, "finite numbers")
+        raise _refusal("descriptors too large to rank", wild, which, names, "norms up to 1e18")
+    zero = np.flatnonzero(norms == 0)
+    if metric == "cosine" and len(zero):
+        raise _refusal("descriptors of zero", zero, which, names, "a direction, to take its cosine")
+
+
+def _refusal(
+    what: str,
+    rows: Ints,
+    which: str,
+    names: Names | None,
+    expected: str,
+) -> PredictionError:
+    named = [f"row {row}" if names is None else names[row] for row in rows]
+    return PredictionError(
+        f"{what}: {first_of(named)}",
+        where=which,
+        expected=expected,
+        mend="export these descriptors again, and look for a division by zero or half precision",
+    )

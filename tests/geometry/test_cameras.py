@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given
+
+from airzoo_bench.errors import CameraError
+from airzoo_bench.geometry.cameras import (
+    Cameras,
+    anchor_pixels,
+    back_project,
+    distort,
+    project,
+    undistort,
+)
+from airzoo_bench.geometry.lens import in_range
+
+from .support import LENSES, quick, seeds
+
+K = np.array(((2000.0, 0.0, 1990.0), (0.0, 1980.0, 1120.0), (0.0, 0.0, 1.0)))
+
+
+def cameras_of(distortion: np.ndarray) -> Cameras:
+    return Cameras.from_matrices(np.tile(K, (len(distortion), 1, 1)), 4000, 2250, distortion)
+
+
+def test_projection_agrees_with_colmap() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform((-0.7, -0.4, 1.0), (0.7, 0.4, 1.0), (200, 3)) * rng.uniform(
+        1, 90, (200, 1)
+    )
+    for lens in LENSES:
+        k1, k2, p1, p2, k3 = lens
+        params = [2000.0, 1980.0, 1990.0, 1120.0, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+        colmap = pycolmap.Camera(model="FULL_OPENCV", width=4000, height=2250, params=params)
+        ours = project(cameras_of(np.array([lens])), points[None])[0]
+        np.testing.assert_allclose(ours, colmap.img_from_cam(points), rtol=0, atol=1e-9)
+
+
+def test_the_optical_axis_meets_the_principal_point_in_corner_convention() -> None:
+    # A camera of 4 x 2 px whose axis goes through the image's centre, the corner of four pixels.
+    camera = Cameras.from_matrices([[[10, 0, 2], [0, 10, 1], [0, 0, 1]]], 4, 2)
+    assert project(camera, np.array([[[0.0, 0.0, 5.0]]])).tolist() == [[[2.0, 1.0]]]
+    # The centre of the first pixel: ((0.5 - 2) / 10, (0.5 - 1) / 10, 1) = (-0.15, -0.05, 1).
+    ray = back_project(camera, np.array([[[0.5, 0.5]]]))[0, 0]
+    np.testing.assert_allclose(ray / ray[2], (-0.15, -0.05, 1.0), atol=1e-15)
+    # Half the size, half of everything: the corner stays the corner.
+    half = camera.scaled(2, 1)
+    assert half.principal_point.tolist() == [[1.0, 0.5]]
+    assert half.focal.tolist() == [[5.0, 5.0]]
+    assert (half.width.tolist(), half.height.tolist()) == ([2], [1])
+
+
+def test_distortion_worked_by_hand() -> None:
+    # x = 0.5, y = 0, s = 0.25: radial = 1 + 0.1/4 + 0.2/16 + 0.4/64 = 1.04375;
+    # x_d = 0.5 * 1.04375 + 0.02 * 3 * 0.25 = 0.536875; y_d = 0.01 * 0.25 = 0.0025.
+    lens = np.array([[0.1, 0.2, 0.01, 0.02, 0.4]])
+    distorted = distort(np.array([[[0.5, 0.0]]]), lens)
+    np.testing.assert_allclose(distorted, [[[0.536875, 0.0025]]], rtol=1e-15)
+
+
+@quick
+@given(seeds)
+def test_undistort_inverts_distort_to_1e_12(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lenses = np.array(LENSES) * rng.uniform(0.2, 1.5, (len(LENSES), 1))
+    xy = rng.uniform(-0.8, 0.8, (len(lenses), 64, 2))
+    known = in_range(xy, lenses)
+    back = undistort(distort(xy, lenses), lenses)
+    assert known.any()
+    np.testing.assert_allclose(back[known], xy[known], rtol=0, atol=1e-10)
+    # A pixel of a point beyond the fold belongs to a point before it, or to none.
+    found = np.isfinite(back).all(axis=-1)
+    again = distort(np.where(found[..., None], back, 0.0), lenses)
+    np.testing.assert_allclose(again[found], distort(xy, lenses)[found], rtol=0, atol=3e-12)
+
+
+def test_points_beyond_the_fold_of_the_lens_have_no_image_and_no_ray() -> None:
+    # r (1 - 0.3 r^2) turns where 0.9 r^2 = 1: r = 1.0541, r_d = 2/3 r = 0.70273.
+    lens = np.array([[-0.3, 0.0, 0.0, 0.0, 0.0]])
+    radius = np.sqrt(1.0 / 0.9)
+    xy = np.array([[[0.999 * radius, 0.0], [1.001 * radius, 0.0]]])
+    assert in_range(xy, lens).tolist() == [[True, False]]
+    edge = 2.0 / 3.0 * radius
+    solved = undistort(np.array([[[0.999 * edge, 0.0], [1.001 * edge, 0.0]]]), lens)
+    assert np.isfinite(solved[0, 0]).all()
+    assert np.isnan(solved[0, 1]).all()
+    camera = cameras_of(lens)
+    # At r = 1.7 the polynomial comes back to 0.226, well inside the image.
+    folded = project(camera, np.array([[[1.7, 0.0, 1.0]]]))
+    assert np.isnan(folded).all()
+    assert np.isnan(back_project(camera, np.array([[[1e5, 0.0]]]))).all()
+
+
+def test_points_behind_the_camera_and_nan_have_no_image() -> None:
+    points = np.array([[[0, 0, -1], [0, 0, 0], [np.nan, 0, 1], [1, 1, 1e-320], [0, 0, 1]]], float)
+    seen = np.isfinite(project(cameras_of(np.zeros((1, 5))), points)).all(axis=-1)
+    assert seen.tolist() == [[False, False, False, False, True]]
+
+
+def test_one_camera_serves_many_sets_and_many_cameras_one_set() -> None:
+    rng = np.random.default_rng(0)
+    lenses = np.array(LENSES)
+    pixels = rng.uniform(200, 2000, (5, 7, 2))
+    many = back_project(cameras_of(lenses), pixels)
+    shared = back_project(cameras_of(lenses), pixels[:1])
+    single = back_project(cameras_of(lenses[:1]), pixels)
+    for row in range(5):
+        alone = cameras_of(lenses).take(row)
+        assert np.array_equal(back_project(alone, pixels[row : row + 1])[0], many[row])
+        assert np.array_equal(back_project(alone, pixels[:1])[0], shared[row])
+    assert np.array_equal(single[0], many[0])
+    np.testing.assert_allclose(np.linalg.norm(many, axis=-1), 1.0, atol=1e-15)
+
+
+def test_rays_do_not_depend_on_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = np.random.default_rng(0).uniform(0, 2000, (5, 50, 2))
+    whole = back_project(cameras_of(np.array(LENSES)), pixels)
+    monkeypatch.setattr("airzoo_bench.geometry.lens._BLOCK", 7)
+    assert back_project(cameras_of(np.array(LENSES)), pixels).tobytes() == whole.tobytes()
+
+
+def test_anchor_pixels_in_order() -> None:
+    camera = Cameras.from_matrices(K[None], 160, 80)
+    assert anchor_pixels(camera).tolist() == [[[10, 5], [150, 5], [150, 75], [10, 75]]]
+    assert anchor_pixels(camera, inset=0.0).tolist() == [[[0, 0], [160, 0], [160, 80], [0, 80]]]
+    for inset in (-0.1, 0.5, np.nan):
+        with pytest.raises(CameraError, match="inset"):
+            anchor_pixels(camera, inset=inset)
+
+
+def test_take_and_matrices() -> None:
+    matrices = np.tile(K, (4, 1, 1))
+    matrices[:, 0, 2] = (1, 2, 3, 4)
+    cameras = Cameras.from_matrices(matrices, np.arange(1, 5), 7)
+    assert len(cameras) == 4
+    assert np.array_equal(cameras.matrices, matrices)
+    for index in (slice(1, 3), np.array([1, 2]), np.array([False, True, True, False])):
+        taken = cameras.take(index)
+        assert taken.width.tolist() == [2, 3]
+        assert taken.principal_point[:, 0].tolist() == [2, 3]
+    assert len(cameras.take(3)) == 1
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "message"),
+    [
+        ((0, 0), np.nan, "NaN or infinite"),
+        ((0, 0), 0.0, "no positive focal length"),
+        ((1, 1), -5.0, "no positive focal length"),
+        ((0, 1), 0.5, "skew"),
+        ((1, 0), 0.5, "row 2, column 1"),
+        ((2, 0), 0.5, "last row"),
+        ((2, 2), 2.0, "last row"),
+    ],
+)
+def test_matrices_that_are_none(entry: tuple[int, int], value: float, message: str) -> None:
+    matrices = np.tile(K, (6, 1, 1))
+    matrices[1:5, entry[0], entry[1]] = value
+    with pytest.raises(CameraError, match=message) as caught:
+        Cameras.from_matrices(matrices, 10, 10, names=list("abcdef"))
+    assert "4 of 6 (first 3: b, c, d)" in str(caught.value)
+
+
+def test_other_faults_of_cameras() -> None:
+    pair = np.tile(K, (2, 1, 1))
+    for matrices in (K, np.zeros((2, 3, 4)), 1.0):
+        with pytest.raises(CameraError, match="K has shape"):
+            Cameras.from_matrices(matrices, 10, 10)
+    for width in (0, -1, 10.5, np.nan):
+        with pytest.raises(CameraError, match=r"width is not a size in 1 of 2 \(camera 1\)"):
+            Cameras.from_matrices(pair, [10, width], 10)
+    with pytest.raises(CameraError, match="height has shape"):
+        Cameras.from_matrices(pair, 10, [10, 10, 10])
+    with pytest.raises(CameraError, match="distortion has shape"):
+        Cameras.from_matrices(pair, 10, 10, np.zeros((2, 3)))
+    with pytest.raises(CameraError, match="distortion has NaN"):
+        Cameras.from_matrices(pair, 10, 10, np.full((2, 4), np.nan))
+    good = Cameras.from_matrices(pair, 10, 10)
+    with pytest.raises(CameraError, match="focal has shape"):
+        Cameras(good.width, good.height, np.ones((2, 3)), good.principal_point, good.distortion)
+
+
+def test_four_coefficients_leave_k3_zero() -> None:
+    cameras = Cameras.from_matrices(K[None], 10, 10, [[0.1, 0.2, 0.3, 0.4]])
+    assert cameras.distortion.tolist() == [[0.1, 0.2, 0.3, 0.4, 0.0]]

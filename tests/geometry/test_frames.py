@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airzoo_bench.errors import UserError
+from airzoo_bench.geometry.cameras import Cameras, back_project, project
+from airzoo_bench.geometry.frames import (
+    Enu,
+    ecef_to_geodetic,
+    from_lonlat,
+    geodesic_distance_m,
+    geodetic_to_ecef,
+    horizontal_crs,
+    to_lonlat,
+)
+from airzoo_bench.geometry.poses import Poses, camera_to_world, world_to_camera
+
+from .support import LENSES, looking_down, quick, seeds
+
+# WGS84 by definition: semi-major axis, flattening.
+A = 6378137.0
+B = A * (1.0 - 1.0 / 298.257223563)
+CHANGSHA = np.array((112.93, 28.2))
+
+
+def test_ecef_on_the_axes() -> None:
+    geodetic = [(0, 0, 0), (90, 0, 10), (0, 90, 5), (180, 0, -3)]
+    expected = [(A, 0, 0), (0, A + 10, 0), (0, 0, B + 5), (-(A - 3), 0, 0)]
+    np.testing.assert_allclose(geodetic_to_ecef(geodetic), expected, rtol=0, atol=1e-8)
+
+
+def test_ecef_by_the_textbook() -> None:
+    lon, lat, height = np.radians(112.93), np.radians(28.2), 77.0
+    squared = 1.0 - (B / A) ** 2
+    normal = A / np.sqrt(1.0 - squared * np.sin(lat) ** 2)
+    flat = (normal + height) * np.cos(lat)
+    expected = (
+        flat * np.cos(lon),
+        flat * np.sin(lon),
+        ((B / A) ** 2 * normal + height) * np.sin(lat),
+    )
+    np.testing.assert_allclose(geodetic_to_ecef((112.93, 28.2, 77.0)), expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4547", "EPSG:32649", "EPSG:3857", "EPSG:4326", 4490])
+def test_lonlat_closes_and_is_lon_first(crs: object) -> None:
+    rng = np.random.default_rng(1)
+    lonlat = CHANGSHA + rng.uniform(-0.5, 0.5, (3, 50, 2))
+    xy = from_lonlat(crs, lonlat)
+    assert geodesic_distance_m(to_lonlat(crs, xy), lonlat).max() < 1e-6
+    # x grows eastward and y northward in each of them, whatever order the registry declares.
+    east, north = from_lonlat(crs, CHANGSHA + np.diag((0.01, 0.01))) - from_lonlat(crs, CHANGSHA)
+    assert abs(east[0]) > 10 * abs(east[1])
+    assert abs(north[1]) > 10 * abs(north[0])
+
+
+def test_central_meridian_of_gauss_kruger() -> None:
+    # EPSG:4547 is centred on 114 E with a false easting of 500 km, no zone number in front.
+    x, y = from_lonlat("EPSG:4547", (114.0, 0.0))
+    assert (x, y) == pytest.approx((500000.0, 0.0), abs=1e-6)
+
+
+def test_nan_and_the_impossible_become_nan() -> None:
+    given_ = [(5e5, 5e6), (np.nan, 5e6), (5e5, np.nan), (np.inf, 5e6), (1e30, 1e30)]
+    lonlat = to_lonlat(32615, given_)
+    assert np.isfinite(lonlat).all(axis=1).tolist() == [True, False, False, False, False]
+    assert np.isnan(lonlat[1:]).all()
+    assert np.isnan(from_lonlat(32615, (0.0, 95.0))).all()
+    assert np.isnan(geodetic_to_ecef((np.nan, 0.0, 0.0))).all()
+    assert np.isnan(geodesic_distance_m((0.0, 0.0), (np.nan, 0.0)))
+    assert to_lonlat(32615, np.zeros((0, 2))).shape == (0, 2)
+
+
+def test_crs_in_any_spelling() -> None:
+    for crs in (32615, "epsg:32615", rasterio.crs.CRS.from_epsg(32615), "EPSG:32615+5773"):
+        assert horizontal_crs(crs).to_epsg() == 32615
+    for crs in ("EPSG:999999", "no such thing", 4978):
+        with pytest.raises(UserError, match=r"999999|no such thing|WGS 84"):
+            to_lonlat(crs, (0.0, 0.0))
+
+
+def test_geodesic_distances() -> None:
+    # A degree of longitude on the equator is a pi / 180; a quarter meridian is 10,001,965.729 m.
+    measured = geodesic_distance_m([(0, 0), (0, 0)], [(1, 0), (0, 90)])
+    np.testing.assert_allclose(measured, (np.pi * A / 180.0, 10001965.7293), rtol=0, atol=1e-4)
+    assert geodesic_distance_m(np.zeros((4, 1, 2)), np.ones((3, 2))).shape == (4, 3)
+
+
+def test_enu_axes_by_hand() -> None:
+    # At (0, 0): east is +Y, north is +Z, up is +X of ECEF.
+    enu = Enu(0.0, 0.0, 0.0)
+    assert enu.rotation.tolist() == [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    np.testing.assert_allclose(enu.to_ecef((1.0, 2.0, 3.0)), (A + 3.0, 1.0, 2.0), rtol=0, atol=1e-8)
+
+
+def test_enu_points_the_way_the_globe_does() -> None:
+    enu = Enu(112.93, 28.2, 50.0)
+    steps = ecef_to_geodetic(enu.to_ecef(10.0 * np.eye(3))) - (112.93, 28.2, 50.0)
+    assert steps[0, 0] > 0
+    assert abs(steps[0, 1]) < 1e-9
+    assert steps[1, 1] > 0
+    assert abs(steps[1, 0]) < 1e-9
+    np.testing.assert_allclose(steps[2], (0.0, 0.0, 10.0), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(enu.rotation.T @ enu.rotation, np.eye(3), atol=1e-15)
+    assert np.linalg.det(enu.rotation) == pytest.approx(1.0)
+
+
+@quick
+@given(seeds, st.floats(-179, 179), st.floats(-88, 88), st.floats(-400, 8000))
+def test_the_chain_from_pixel_to_wgs84_closes(
+    seed: int, lon: float, lat: float, height: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    lenses = np.array(LENSES)
+    K = np.tile(((2000.0, 0, 2000), (0, 2000, 1100), (0, 0, 1)), (len(lenses), 1, 1))
+    cameras = Cameras.from_matrices(K, 4000, 2200, lenses)
+    R = np.repeat(looking_down(rng.uniform(0, 60), rng.uniform(0, 360)), len(lenses), axis=0)
+    poses = Poses.from_centres(R, rng.uniform(-300, 300, (len(lenses), 3)))
+    pixels = rng.uniform((200, 200), (3800, 2000), (len(lenses), 20, 2))
+    enu = Enu(lon, lat, height)
+
+    ranges = rng.uniform(10, 900, (len(lenses), 20, 1))
+    points = camera_to_world(poses, ranges * back_project(cameras, pixels))
+    ecef = enu.to_ecef(points)
+    wgs84 = ecef_to_geodetic(ecef)
+    ecef_back = geodetic_to_ecef(wgs84)
+    points_back = enu.from_ecef(ecef_back)
+    pixels_back = project(cameras, world_to_camera(poses, points_back))
+
+    np.testing.assert_allclose(ecef_back, ecef, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(points_back, points, rtol=0, atol=1e-6)
+    # A micrometre at 10 m is 2000 px * 1e-6 / 10 = 2e-4 px.
+    np.testing.assert_allclose(pixels_back, pixels, rtol=0, atol=2e-4)

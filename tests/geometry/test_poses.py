@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from airzoo_bench.errors import CameraError
+from airzoo_bench.geometry.poses import (
+    Poses,
+    camera_to_world,
+    check_rotations,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rays_to_world,
+    rotation_angle_deg,
+    world_to_camera,
+)
+
+from .support import quick, seeds
+
+UTM = np.array((576663.3303769418, 5188165.013024779, 197.1927941946574))
+
+
+def rotations(seed: int, count: int = 8) -> np.ndarray:
+    return Rotation.random(count, rng=np.random.default_rng(seed)).as_matrix()
+
+
+def test_world_to_camera_worked_by_hand() -> None:
+    # Nadir, north up, 100 m above (10, 20, 0): a point 3 m east, 4 m north of the foot lies
+    # 3 m right, 4 m up the image (y is down), 100 m ahead.
+    R = [[[1, 0, 0], [0, -1, 0], [0, 0, -1]]]
+    poses = Poses.from_centres(R, [[10, 20, 100]])
+    seen = world_to_camera(poses, np.array([[[13.0, 24.0, 0.0]]]))
+    assert seen.tolist() == [[[3.0, -4.0, 100.0]]]
+    # t = -R C = (-10, 20, 100).
+    assert poses.translation.tolist() == [[-10.0, 20.0, 100.0]]
+    assert rays_to_world(poses, np.array([[[0.0, 1.0, 0.0]]])).tolist() == [[[0, -1, 0]]]
+    assert camera_to_world(poses, seen).tolist() == [[[13.0, 24.0, 0.0]]]
+
+
+@quick
+@given(seeds)
+def test_frames_of_a_camera_close_at_utm_size(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    centres = UTM + rng.uniform(-500, 500, (8, 3))
+    poses = Poses.from_centres(rotations(seed), centres)
+    assert np.array_equal(poses.centres, centres)
+    points = UTM + rng.uniform(-500, 500, (8, 5, 3))
+    back = camera_to_world(poses, world_to_camera(poses, points))
+    np.testing.assert_allclose(back, points, rtol=0, atol=1e-8)
+    # x_cam = R X + t, as defined.
+    textbook = np.einsum("nij,nmj->nmi", poses.rotation, points) + poses.translation[:, None]
+    np.testing.assert_allclose(world_to_camera(poses, points), textbook, rtol=0, atol=1e-7)
+    # t ~ 5e6 m holds the centre to better than 1e-6 m.
+    again = Poses.from_translations(poses.rotation, poses.translation)
+    np.testing.assert_allclose(again.centres, centres, rtol=0, atol=1e-8)
+
+
+@quick
+@given(seeds)
+def test_quaternions_agree_with_scipy(seed: int) -> None:
+    R = rotations(seed, 16)
+    wxyz = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    np.testing.assert_allclose(quaternion_to_matrix(wxyz), R, atol=1e-14)
+    np.testing.assert_allclose(matrix_to_quaternion(R), wxyz, atol=1e-14)
+    poses = Poses.from_quaternions(wxyz, np.zeros((16, 3)))
+    np.testing.assert_allclose(poses.rotation, R, atol=1e-14)
+
+
+@given(axis=st.sampled_from([*np.eye(3).tolist(), [0.6, 0.8, 0.0], [-0.6, 0.0, 0.8]]))
+def test_half_turns_become_quaternions(axis: list[float]) -> None:
+    R = Rotation.from_rotvec(np.pi * np.array(axis)).as_matrix()[None]
+    q = matrix_to_quaternion(R)
+    np.testing.assert_allclose(quaternion_to_matrix(q), R, atol=1e-15)
+    np.testing.assert_allclose(np.abs(q[0, 1:]), np.abs(axis), atol=1e-15)
+    assert q[0, 0] >= 0.0
+
+
+@quick
+@given(seeds, st.one_of(st.floats(-11, 2.2), st.floats(-9, 0).map(lambda e: -100.0 + e)))
+def test_angle_is_exact_near_0_and_near_180(seed: int, exponent: float) -> None:
+    # From 1e-11 to 158 degrees, and from 1e-9 to 1 degree short of 180.
+    angle = 10.0**exponent if exponent > -50 else 180.0 - 10.0 ** (exponent + 100.0)
+    axis = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()[0]
+    Ra = rotations(seed, 1)
+    Rb = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix() @ Ra
+    np.testing.assert_allclose(rotation_angle_deg(Ra, Rb), [angle], rtol=0, atol=1e-13)
+    oracle = (Rotation.from_matrix(Ra) * Rotation.from_matrix(Rb).inv()).magnitude()
+    np.testing.assert_allclose(rotation_angle_deg(Ra, Rb), np.degrees(oracle), rtol=0, atol=1e-12)
+
+
+def test_angle_of_nothing_half_a_turn_and_nan() -> None:
+    turn = np.diag((1.0, -1.0, -1.0))
+    pairs = np.stack((np.eye(3), turn, np.full((3, 3), np.nan)))
+    np.testing.assert_equal(rotation_angle_deg(np.eye(3), pairs), [0.0, 180.0, np.nan])
+
+
+def test_rotations_are_made_exact() -> None:
+    exact = rotations(1)
+    rounded = check_rotations(np.round(exact, 6))
+    np.testing.assert_allclose(rounded, exact, atol=2e-6)
+    np.testing.assert_allclose(
+        rounded @ rounded.swapaxes(1, 2), np.tile(np.eye(3), (8, 1, 1)), atol=1e-15
+    )
+    np.testing.assert_allclose(check_rotations(exact), exact, atol=1e-15)
+
+
+def test_matrices_that_do_not_rotate() -> None:
+    R = rotations(2, 6)
+    scaled = R.copy()
+    scaled[1:5] *= 1.01
+    with pytest.raises(CameraError) as caught:
+        check_rotations(scaled, names=list("abcdef"), where="poses.json")
+    # |1.01^2 - 1| = 0.0201.
+    assert "poses.json: rotation is not orthonormal in 4 of 6" in str(caught.value)
+    assert "first 3: b (|R^T R - I| = 0.02), c" in str(caught.value)
+    with pytest.raises(CameraError, match=r"reflection in 6 of 6 \(first 3: camera 0 \(det = -1\)"):
+        check_rotations(R * (1.0, 1.0, -1.0))
+    R[0, 0, 0] = np.nan
+    with pytest.raises(CameraError, match="NaN"):
+        check_rotations(R)
+    with pytest.raises(CameraError, match="shape"):
+        check_rotations(np.eye(3))
+    # Just within and just beyond the tolerance of 1e-4.
+    check_rotations(np.eye(3)[None] * np.sqrt(1 + 0.99e-4))
+    with pytest.raises(CameraError):
+        check_rotations(np.eye(3)[None] * np.sqrt(1 + 1.01e-4))
+
+
+def test_other_faults_of_poses() -> None:
+    eye = np.eye(3)[None]
+    with pytest.raises(CameraError, match=r"unit norm in 1 of 2 \(camera 1 \(norm = 1.1\)\)"):
+        quaternion_to_matrix([[1, 0, 0, 0], [1.1, 0, 0, 0]])
+    with pytest.raises(CameraError, match="unit norm"):
+        Poses.from_quaternions([[np.nan, 0, 0, 0]], [[0, 0, 0]])
+    with pytest.raises(CameraError, match="quaternions have shape"):
+        quaternion_to_matrix([1, 0, 0, 0])
+    with pytest.raises(CameraError, match="centres have shape"):
+        Poses.from_centres(eye, [0, 0, 0])
+    with pytest.raises(CameraError, match="translations have NaN"):
+        Poses.from_translations(eye, [[0, 0, np.inf]])
+    with pytest.raises(TypeError):
+        Poses(eye, np.zeros((1, 3)))  # type: ignore[misc]
+
+
+def test_poses_are_taken_by_mask_and_slice() -> None:
+    poses = Poses.from_centres(rotations(3, 4), np.arange(12.0).reshape(4, 3))
+    assert len(poses) == 4
+    for index in (slice(1, 3), [1, 2], np.array([False, True, True, False])):
+        assert poses.take(index).centres.tolist() == [[3, 4, 5], [6, 7, 8]]
+        assert np.array_equal(poses.take(index).rotation, poses.rotation[1:3])
+    assert len(poses.take(-1)) == 1
+
+
+def test_a_vector_has_the_same_bytes_in_every_block() -> None:
+    rng = np.random.default_rng(0)
+    poses = Poses.from_centres(rotations(4, 1), [UTM])
+    points = UTM + rng.uniform(-500, 500, (1, 1001, 3))
+    whole = world_to_camera(poses, points)
+    parts = [world_to_camera(poses, points[:, start : start + 13]) for start in range(0, 1001, 13)]
+    assert np.concatenate(parts, axis=1).tobytes() == whole.tobytes()
