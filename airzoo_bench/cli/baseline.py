@@ -26,7 +26,7 @@ def retrieval(
         "sift-vlad.npz"
     ),
     data: DataOption = None,
-    words: Annotated[int, typer.Option(min=2, max=4096, help="Visual words.")] = 32,
+    words: Annotated[int, typer.Option(min=2, max=4096, help="Visual words.")] = 64,
     long_side: Annotated[int, typer.Option(min=64, help="Photos are made this small, px.")] = 1024,
     seed: Annotated[int, typer.Option(min=0, help="Of sampling and k-means.")] = 0,
     jobs: JobsOption = 2,

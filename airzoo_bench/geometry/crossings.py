@@ -13,6 +13,9 @@ from airzoo_bench.geometry.heightfield import CORNERS
 
 __all__ = ["first_in_cell"]
 
+# A root at the edge of a cell may be rounded out of it, and the next cell may have no height.
+_ROUNDING = 1e-12
+
 
 def first_in_cell(heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats) -> Floats:
     """Smallest u in [0, 1] at which the ray is on the surface or below.
@@ -54,9 +57,7 @@ def _first_on_bilinear(
         root = np.sqrt(c1 * c1 - 4.0 * c2 * c0)
         # The same root twice, each form without cancellation on its side.
         u = np.where(c1 <= 0.0, 2.0 * c0 / (root - c1), (c1 + root) / (-2.0 * c2))
-    u = np.where((u >= 0.0) & (u <= 1.0), u, np.nan)
-    # Rounding may put the root just beyond a cell that the ray leaves below the surface.
-    u = np.where(np.isnan(u) & (c0 + c1 + c2 <= 0.0), 1.0, u)
+    u = np.where((u >= 0.0) & (u <= 1.0 + _ROUNDING), np.minimum(u, 1.0), np.nan)
     return np.where(c0 <= 0.0, 0.0, u)
 
 

@@ -151,8 +151,9 @@ def gsd_m(info: RasterInfo) -> tuple[float, float]:
 def check_same_crs(a: Any, b: Any, what: str) -> None:
     """Refuse two CRS whose map planes differ.
 
-    They are the same when PROJ finds them equivalent but for the order of axes, or gives them one
-    EPSG code: two spellings of one CRS agree, and a vertical part is left aside.
+    They are the same when PROJ finds them equivalent, or gives them one EPSG code, or finds their
+    datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
+    their axes. A vertical part is left aside.
 
     Parameters
     ----------
@@ -169,16 +170,32 @@ def check_same_crs(a: Any, b: Any, what: str) -> None:
         See `frames.horizontal_crs`.
     """
     first, second = horizontal_crs(a), horizontal_crs(b)
-    if first.equals(second, ignore_axis_order=True):
-        return
-    code = first.to_epsg()
-    if code is not None and code == second.to_epsg():
+    if _same_plane(first, second):
         return
     raise RasterError(
         f"{what} differ in CRS: {describe_crs(first)} and {describe_crs(second)}",
         expected="one CRS",
         mend="reproject one of them, e.g. with gdalwarp",
     )
+
+
+def _same_plane(a: CRS, b: CRS) -> bool:
+    code = a.to_epsg()
+    if a.equals(b, ignore_axis_order=True) or (code is not None and code == b.to_epsg()):
+        return True
+    # WKT 1 has no place for EPSG:4547's northing-easting axes: PROJ then finds whole and part
+    # different, though the parts agree.
+    if a.geodetic_crs is None or b.geodetic_crs is None:
+        return False
+    return (
+        a.geodetic_crs.equals(b.geodetic_crs, ignore_axis_order=True)
+        and a.coordinate_operation == b.coordinate_operation
+        and _axes(a) == _axes(b)
+    )
+
+
+def _axes(crs: CRS) -> list[tuple[str, float]]:
+    return sorted((axis.direction, axis.unit_conversion_factor) for axis in crs.axis_info)
 
 
 def describe_crs(crs: CRS) -> str:

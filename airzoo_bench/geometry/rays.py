@@ -157,7 +157,7 @@ def _prepared(origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.u
     """Return unit directions, and a status: NO_RAY, NOT_DOWNWARD, or HIT for those to go on."""
     x, y, z = np.moveaxis(directions, -1, 0)
     norm = np.sqrt(x * x + y * y + z * z)
-    usable = np.isfinite(norm) & (norm > 0.0) & np.isfinite(origins).all(axis=-1)[:, None]
+    usable = np.isfinite(norm) & (norm > 0.0) & np.isfinite(origins).all(axis=-1, keepdims=True)
     unit = directions / np.where(usable, norm, np.nan)[..., None]
     downward = np.where(unit[..., 2] < 0.0, RayStatus.HIT, RayStatus.NOT_DOWNWARD)
     return unit, np.where(usable, downward, RayStatus.NO_RAY).astype(np.uint8)

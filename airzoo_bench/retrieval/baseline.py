@@ -11,9 +11,8 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from multiprocessing import get_context
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,7 @@ class VladSettings:
         Of the sampling and of k-means.
     """
 
-    words: int = 32
+    words: int = 64
     max_features: int = 2048
     training_features: int = 200_000
     seed: int = 0
@@ -90,21 +89,30 @@ def describe(
 
 
 def root_sift(image: NDArray[np.uint8], max_features: int) -> Floats:
-    """Extract RootSIFT descriptors (n, 128), each of unit length, from a grey image."""
-    _, found = _sift(max_features).extract(np.ascontiguousarray(image))
-    descriptors = np.asarray(found, np.float32).reshape(-1, _SIFT_DIMENSIONS)
-    total = np.maximum(descriptors.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
-    return np.sqrt(descriptors / total)
+    """Extract RootSIFT descriptors (n, 128), each of unit length, from a grey image.
 
-
-@lru_cache(maxsize=1)
-def _sift(max_features: int) -> Any:
+    Features nearer to the border than their own scale are left out: most of what they describe
+    is outside the image, and pycolmap 4.2 leaves the descriptors of some of them unwritten, so
+    that they would hold whatever the memory held before.
+    """
     import pycolmap
 
     pycolmap.logging.minloglevel = pycolmap.logging.Level.WARNING.value
-    options = pycolmap.FeatureExtractionOptions()
+    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
     options.sift.max_num_features = max_features
-    return pycolmap.Sift(options, pycolmap.Device.cpu)
+    extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
+    keypoints, found = extractor.extract(pycolmap.Bitmap.from_array(np.ascontiguousarray(image)))
+    places = np.array([(k.x, k.y, k.compute_scale()) for k in keypoints]).reshape(-1, 3)
+    inside = _inside(places, image.shape[1], image.shape[0])
+    descriptors = found.data.astype(np.float32).reshape(-1, _SIFT_DIMENSIONS)[inside]
+    lengths = np.linalg.norm(descriptors, axis=1, keepdims=True)
+    return descriptors / np.maximum(lengths, np.finfo(np.float32).tiny)
+
+
+def _inside(places: NDArray[np.float64], width: int, height: int) -> NDArray[np.bool_]:
+    x, y, scale = places.T
+    margin = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+    return margin > scale + 1
 
 
 def learn_words(features: Sequence[Floats], settings: VladSettings) -> Floats:

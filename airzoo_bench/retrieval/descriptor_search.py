@@ -324,7 +324,7 @@ class _Crowd:
         last = ~positive & (rank == self.k - 1)
         self.kth[column[last]] = self.score[order[last]]
         exact = self.gallery.queries.searched(self.queries, self.kth)
-        self.floor = np.maximum(self.floor, exact - self.bounds)
+        self.floor = np.maximum(self.floor, exact + self.bounds)
         kept = order[positive | (rank < self.k)]
         self.column, self.tile, self.score = self.column[kept], self.tile[kept], self.score[kept]
 

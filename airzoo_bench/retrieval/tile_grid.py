@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 
 _MAX_RUNS = 16
 _MAX_CANDIDATES = 128  # a point; beyond this a search tree is faster
-_FIT_TILES = 64  # a side; the rulers are fitted on at most 64 x 64 tiles
+_FIT_TILES = 12  # a side; the rulers are fitted on at most 12 x 12 tiles
 _SLACK = 1e-9  # in tile indices; far above the rounding of the rulers, far below a tile
 _LOOKUP = 8192
 _BOUND_TILES = 1 << 15  # tiles at a time; stays in the cache

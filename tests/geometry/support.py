@@ -43,7 +43,7 @@ def write_tif(path: Path, bands: np.ndarray, **profile: Any) -> Path:
 
 
 def looking_down(tilt_deg: float, azimuth_deg: float = 0.0) -> np.ndarray:
-    """World-to-camera rotation (1, 3, 3); tilt 0 is nadir, north up; from there it tilts to the north."""
+    """World-to-camera rotation (1, 3, 3); tilt 0 is nadir, north up, 90 due north."""
     nadir = np.diag((1.0, -1.0, -1.0))
     tilt = Rotation.from_euler("x", -tilt_deg, degrees=True).as_matrix()
     turn = Rotation.from_euler("z", azimuth_deg, degrees=True).as_matrix()

@@ -14,7 +14,7 @@ from airzoo_bench.geometry.cameras import (
     project,
     undistort,
 )
-from airzoo_bench.geometry.lens import in_range
+from airzoo_bench.geometry.lens import _jacobian, in_range
 
 from .support import LENSES, quick, seeds
 
@@ -62,6 +62,18 @@ def test_distortion_worked_by_hand() -> None:
 
 @quick
 @given(seeds)
+def test_the_jacobian_is_that_of_the_model(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    k, (x, y), tiny = rng.uniform(-0.5, 0.5, 5), rng.uniform(-1, 1, 2), 1e-30
+    # Complex steps: derivatives without differences, exact to rounding.
+    by_x = distort(np.array([[[x + 1j * tiny, y]]]), k[None])[0, 0].imag / tiny
+    by_y = distort(np.array([[[x, y + 1j * tiny]]]), k[None])[0, 0].imag / tiny
+    xx, xy, yy = _jacobian(np.array(x), np.array(y), k)
+    np.testing.assert_allclose((xx, xy, xy, yy), (*by_x, *by_y), rtol=0, atol=1e-14)
+
+
+@quick
+@given(seeds)
 def test_undistort_inverts_distort_to_1e_12(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lenses = np.array(LENSES) * rng.uniform(0.2, 1.5, (len(LENSES), 1))
@@ -91,6 +103,14 @@ def test_points_beyond_the_fold_of_the_lens_have_no_image_and_no_ray() -> None:
     folded = project(camera, np.array([[[1.7, 0.0, 1.0]]]))
     assert np.isnan(folded).all()
     assert np.isnan(back_project(camera, np.array([[[1e5, 0.0]]]))).all()
+
+
+def test_beyond_a_first_fold_nothing_is_in_range() -> None:
+    # r (1 - 0.3 s + 0.02 s^2), s = r^2: its slope 1 - 0.9 s + 0.1 s^2 is 0 at s = 1.298 and 7.702.
+    # At s = 16 it rises again (12.2) and radial is positive (1.32), but that is past two folds.
+    lens = np.array([[-0.3, 0.02, 0.0, 0.0, 0.0]])
+    xy = np.array([[[np.sqrt(1.297), 0.0], [np.sqrt(1.299), 0.0], [4.0, 0.0]]])
+    assert in_range(xy, lens).tolist() == [[True, False, False]]
 
 
 def test_points_behind_the_camera_and_nan_have_no_image() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import rasterio
 from hypothesis import given
+from PIL import Image
 from pyproj import CRS
 from rasterio import Affine
 from rasterio.enums import ColorInterp
@@ -75,10 +76,9 @@ def test_files_without_georeference(tmp_path: Path, profile: dict, message: str)
 
 
 def test_no_warning_reaches_the_user(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
-    with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
-        path = write_tif(tmp_path / "a.tif", GREY, transform=Affine.identity())
-    recwarn.clear()
-    with pytest.raises(RasterError):
+    path = tmp_path / "a.png"
+    Image.fromarray(GREY).save(path)
+    with pytest.raises(RasterError, match="no geotransform"):
         open_info(path)
     assert not recwarn.list
 
@@ -139,10 +139,33 @@ def test_same_crs_in_other_words() -> None:
     esri = utm.to_wkt("WKT1_ESRI")
     for other in (32615, esri, utm.to_wkt(), "+proj=utm +zone=15 +datum=WGS84", "EPSG:32615+5773"):
         check_same_crs(utm, other, "DOM and DSM")
+    # Without a datum's name only the code is left to go by.
+    check_same_crs(25832, "+proj=utm +zone=32 +ellps=GRS80 +units=m +type=crs", "DOM and DSM")
+    changsha = CRS.from_epsg(4547)
+    for version in ("WKT1_GDAL", "WKT1_ESRI", "WKT2_2019"):
+        check_same_crs(changsha, changsha.to_wkt(version), "DOM and DSM")
     with pytest.raises(RasterError, match=r"DOM and DSM differ in CRS: EPSG:32615.*EPSG:32616"):
         check_same_crs(utm, 32616, "DOM and DSM")
-    with pytest.raises(RasterError, match="EPSG:4326"):
-        check_same_crs(4326, 4490, "tiles and poses")
+    # Neighbouring zones, other datum, other unit, other false easting; metres and degrees.
+    proj = "+proj=tmerc +lon_0=114 +x_0={} +ellps=GRS80 +units={}"
+    for a, b in (
+        (4547, 4548),
+        (4547, 4526),
+        (4326, 4490),
+        (32649, 4547),
+        (proj.format(500000, "m"), proj.format(500000, "us-ft")),
+        (proj.format(500000, "m"), proj.format(500001, "m")),
+        (32615, 4326),
+    ):
+        with pytest.raises(RasterError, match="tiles and poses differ"):
+            check_same_crs(a, b, "tiles and poses")
+
+
+def test_crs_of_a_file_is_that_of_its_spelling(tmp_path: Path) -> None:
+    changsha = CRS.from_epsg(4547)
+    for crs in ("EPSG:4547", changsha.to_wkt("WKT1_GDAL"), changsha.to_wkt("WKT1_ESRI")):
+        info = open_info(write_tif(tmp_path / "a.tif", GREY, crs=crs))
+        check_same_crs(info.crs, 4547, "DSM and poses")
 
 
 def test_rgb_of_grey_alpha_and_named_bands(tmp_path: Path) -> None:

@@ -1,0 +1,428 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.retrieval import descriptor_search
+from airzoo_bench.retrieval.descriptor_rows import RowSource
+from airzoo_bench.retrieval.positives import Positives
+from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
+from airzoo_bench.retrieval.similarity import Queries
+
+METRICS = ["l2", "cosine", "inner_product"]
+
+
+def positives_of(*tiles):
+    offsets = np.concatenate([[0], np.cumsum([len(some) for some in tiles])])
+    flat = [tile for some in tiles for tile in some]
+    return Positives(offsets.astype(np.int64), np.array(flat, np.int32))
+
+
+def random_positives(rng, n_queries, n_tiles, most=4):
+    counts = rng.integers(0, min(most, n_tiles) + 1, n_queries)
+    return positives_of(*[np.sort(rng.choice(n_tiles, n, replace=False)) for n in counts])
+
+
+def similarities(queries, gallery, metric):
+    """Float64, the plain way."""
+    queries, gallery = queries.astype(float), gallery.astype(float)
+    if metric == "l2":
+        return -((queries[:, None] - gallery) ** 2).sum(axis=2)
+    if metric == "cosine":
+        queries = queries / np.linalg.norm(queries, axis=1, keepdims=True)
+        gallery = gallery / np.linalg.norm(gallery, axis=1, keepdims=True)
+    return (queries[:, None] * gallery).sum(axis=2)
+
+
+def naive(scores, positives, k, depth):
+    """Sort whole rows by the tie rule; look at whole runs of equal scores."""
+    n_queries, n_tiles = scores.shape
+    tiles, tied = np.full((n_queries, k), -1), np.zeros(n_queries, bool)
+    for query, row in enumerate(scores):
+        positive = np.isin(np.arange(n_tiles), positives.of(query))
+        order = np.lexsort((np.arange(n_tiles), positive, -row))
+        tiles[query, : min(k, n_tiles)] = order[:k]
+        for tile in order[:depth]:
+            run = positive[row == row[tile]]
+            tied[query] |= run.any() and not run.all()
+    return tiles, tied
+
+
+def assert_is(ranking, expected):
+    assert ranking.tiles.dtype == np.int32
+    assert ranking.tiles.tolist() == expected[0].tolist()
+    assert ranking.tie_dependent.tolist() == expected[1].tolist()
+
+
+# Ranked ids
+
+
+def test_order_stands_without_scores():
+    ranked = np.array([[3, 1, -1], [0, 2, 1]])
+    ranking = rank_by_ids(ranked, None, positives_of([3], []), 5)
+    assert_is(ranking, (ranked, np.array([False, False])))
+
+
+def test_ties_go_against_the_submitter():
+    ranked = np.array([[3, 1, 2, 0]])
+    scores = np.array([[1.0, 1, 1, 0.5]])
+    ranking = rank_by_ids(ranked, scores, positives_of([1, 3]), 1)
+    assert_is(ranking, (np.array([[2, 1, 3, 0]]), np.array([True])))
+    # The same scores as distances.
+    again = rank_by_ids(ranked, -scores, positives_of([1, 3]), 1)
+    assert again.tiles.tolist() == ranking.tiles.tolist()
+
+
+@pytest.mark.parametrize(("depth", "tied"), [(1, False), (2, True), (3, True)])
+def test_tie_counts_when_it_begins_before_the_depth(depth, tied):
+    ranked, scores = np.array([[5, 4, 3, 2]]), np.array([[9.0, 8, 8, 8]])
+    ranking = rank_by_ids(ranked, scores, positives_of([2]), depth)
+    assert ranking.tiles.tolist() == [[5, 3, 4, 2]]
+    assert ranking.tie_dependent.tolist() == [tied]
+
+
+def test_tie_of_one_kind_is_none():
+    ranked, scores = np.array([[5, 4], [5, 4]]), np.ones((2, 2))
+    ranking = rank_by_ids(ranked, scores, positives_of([], [4, 5]), 2)
+    assert ranking.tiles.tolist() == [[4, 5], [4, 5]]
+    assert not ranking.tie_dependent.any()
+
+
+def test_missing_tiles_take_no_part():
+    ranked, scores = np.array([[5, 4, -1, -1]]), np.array([[1.0, 1, 1, np.nan]])
+    ranking = rank_by_ids(ranked, scores, positives_of([5]), 4)
+    assert ranking.tiles.tolist() == [[4, 5, -1, -1]]
+
+
+def test_infinite_scores_tie():
+    ranking = rank_by_ids(
+        np.array([[5, 4, 1]]), np.array([[np.inf, np.inf, -np.inf]]), positives_of([5]), 3
+    )
+    assert ranking.tiles.tolist() == [[4, 5, 1]]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 12), st.booleans())
+def test_ranked_ids_agree_with_a_plain_sort(seed, n_tiles, depth, distances):
+    rng = np.random.default_rng(seed)
+    scores = rng.integers(0, 4, (3, n_tiles)).astype(float)
+    positives = random_positives(rng, 3, n_tiles)
+    ranked = np.argsort(-scores + rng.random(scores.shape) / 2, axis=1)
+    given_scores = np.take_along_axis(scores, ranked, axis=1) * (-1 if distances else 1)
+    ranking = rank_by_ids(ranked, given_scores, positives, depth)
+    assert_is(ranking, naive(scores, positives, n_tiles, depth))
+
+
+@pytest.mark.parametrize(
+    ("ranked", "scores", "fault"),
+    [
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, 1, 2]], "out of order: 1 of 2 .b"),
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [1, 2, 3]], "out of order: 1 of 2"),
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, np.nan, 2]], "NaN scores: 1 of 2 .b"),
+        ([[0, 1, 2], [0, -1, 2]], None, "after their end: 1 of 2 .b"),
+        ([[0, 1, 2], [0, 1, -2]], None, "after their end: 1 of 2 .b"),
+        ([[0, 1, 2], [2, 1, 2]], None, "twice: 1 of 2 .b"),
+    ],
+)
+def test_bad_rankings_are_refused_by_name(ranked, scores, fault):
+    scores = None if scores is None else np.array(scores, float)
+    with pytest.raises(PredictionError, match=fault):
+        rank_by_ids(np.array(ranked), scores, positives_of([], []), 5, names=["a", "b"])
+
+
+def test_rankings_that_do_not_fit_are_bugs():
+    with pytest.raises(ValueError, match="2 queries"):
+        rank_by_ids(np.zeros((1, 3), int), None, positives_of([], []), 5)
+    with pytest.raises(ValueError, match="scores"):
+        rank_by_ids(np.zeros((1, 1), int), np.zeros((1, 2)), positives_of([]), 5)
+
+
+# Descriptors
+
+
+@settings(max_examples=120, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n_tiles=st.sampled_from([1, 2, 7, 60, 300]),
+    length=st.integers(1, 4),
+    k=st.sampled_from([1, 3, 10, 70]),
+    depth=st.sampled_from([1, 5]),
+    metric=st.sampled_from(["l2", "inner_product"]),
+    memory_bytes=st.sampled_from([1 << 9, 1 << 12, 1 << 30]),
+    dtype=st.sampled_from([np.float16, np.float32, np.float64]),
+)
+def test_descriptors_with_many_ties(seed, n_tiles, length, k, depth, metric, memory_bytes, dtype):
+    rng = np.random.default_rng(seed)
+    queries = rng.integers(-2, 3, (4, length)).astype(dtype)
+    gallery = rng.integers(-2, 3, (n_tiles, length)).astype(dtype)
+    positives = random_positives(rng, 4, n_tiles)
+    ranking = rank_by_descriptors(
+        queries,
+        gallery,
+        k=k,
+        metric=metric,
+        positives=positives,
+        depth=depth,
+        memory_bytes=memory_bytes,
+    )
+    expected = naive(similarities(queries, gallery, metric), positives, k, depth)
+    assert_is(ranking, expected)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("length", [3, 64, 5_000])
+def test_descriptors_without_ties(metric, length):
+    rng = np.random.default_rng(2)
+    queries, gallery = rng.standard_normal((6, length)), rng.standard_normal((400, length))
+    positives = random_positives(rng, 6, 400)
+    ranking = rank_by_descriptors(
+        queries, gallery, k=30, metric=metric, positives=positives, depth=5
+    )
+    assert_is(ranking, naive(similarities(queries, gallery, metric), positives, 30, 5))
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("memory_bytes", [1 << 12, 1 << 30])
+def test_constant_scorer_scores_nothing(metric, memory_bytes):
+    gallery = np.full((1_000, 3), 0.3, np.float32)
+    positives = positives_of([0, 1], range(500, 520), [])
+    ranking = rank_by_descriptors(
+        np.random.default_rng(0).random((3, 3)),
+        gallery,
+        k=10,
+        metric=metric,
+        positives=positives,
+        depth=5,
+        memory_bytes=memory_bytes,
+    )
+    assert ranking.tiles.tolist() == [list(range(2, 12)), list(range(10)), list(range(10))]
+    assert ranking.tie_dependent.tolist() == [True, True, False]
+
+
+def test_positive_beyond_k_makes_the_tie_count():
+    gallery = np.ones((50, 2), np.float32)
+    positives, queries = positives_of([49]), np.ones((1, 2))
+    ranking = rank_by_descriptors(queries, gallery, k=3, metric="l2", positives=positives, depth=3)
+    assert_is(ranking, (np.array([[0, 1, 2]]), np.array([True])))
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("n_tiles", [80, 500])  # few enough to be kept; a crowd
+@pytest.mark.parametrize("memory_bytes", [1 << 13, 1 << 30])
+def test_order_below_the_resolution_of_float32(metric, n_tiles, memory_bytes):
+    rng = np.random.default_rng(4)
+    base = rng.standard_normal(40)
+    gallery = base + 1e-9 * rng.standard_normal((n_tiles, 40))
+    queries = rng.standard_normal((5, 40))
+    assert len(np.unique(gallery.astype(np.float32), axis=0)) < 0.9 * n_tiles
+    ranking = rank_by_descriptors(
+        queries,
+        gallery,
+        k=20,
+        metric=metric,
+        positives=positives_of(*[[]] * 5),
+        depth=5,
+        memory_bytes=memory_bytes,
+    )
+    scores = similarities(queries.astype(np.longdouble), gallery, metric)
+    assert ranking.tiles.tolist() == np.argsort(-scores, axis=1)[:, :20].tolist()
+
+
+def crowded_case(metric):
+    """Some queries have a crowd of equal tiles at the top, others not; positives among them."""
+    rng = np.random.default_rng(7)
+    gallery = rng.standard_normal((3_000, 24)).astype(np.float32)
+    queries = rng.standard_normal((9, 24)).astype(np.float32)
+    for query in range(4):
+        copies = rng.choice(3_000, 400, replace=False)
+        gallery[copies] = 3 * queries[query] / np.linalg.norm(queries[query])
+    positives = random_positives(rng, 9, 3_000, most=600)
+    return queries, gallery, {"metric": metric, "k": 25, "positives": positives, "depth": 5}
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_result_does_not_depend_on_blocks_threads_or_file(metric, tmp_path):
+    queries, gallery, options = crowded_case(metric)
+    np.save(tmp_path / "gallery.npy", gallery)
+    mapped = np.load(tmp_path / "gallery.npy", mmap_mode="r")
+    expected = rank_by_descriptors(queries, gallery, **options, workers=1)
+    for memory_bytes in (1 << 13, 1 << 16, 1 << 20):
+        for workers in (1, 3):
+            for source in (gallery, mapped, np.asfortranarray(gallery)):
+                found = rank_by_descriptors(
+                    queries, source, **options, memory_bytes=memory_bytes, workers=workers
+                )
+                assert found.tiles.tobytes() == expected.tiles.tobytes()
+                assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
+    assert expected.tie_dependent.any()
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_crowds_agree_with_a_plain_sort(metric):
+    queries, gallery, options = crowded_case(metric)
+    found = rank_by_descriptors(queries, gallery, **options, memory_bytes=1 << 16)
+    # Rounded, since the plain sums of equal tiles need not be equal.
+    scores = similarities(queries, gallery, metric).round(9)
+    assert_is(found, naive(scores, options["positives"], 25, 5))
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_result_does_not_depend_on_the_order_of_the_gallery(metric):
+    queries, gallery, options = crowded_case(metric)
+    gallery += np.random.default_rng(1).normal(0, 1e-4, gallery.shape).astype(np.float32)
+    expected = rank_by_descriptors(queries, gallery, **options)
+    order = np.random.default_rng(2).permutation(len(gallery))
+    options["positives"] = positives_of(*[[]] * 9)
+    found = rank_by_descriptors(queries, gallery[order], **options)
+    assert np.array_equal(order[found.tiles], expected.tiles)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_result_does_not_rest_on_the_bound(metric, monkeypatch):
+    # With a bound that is far too small the errors seen exceed it, and it is widened.
+    queries, gallery, options = crowded_case(metric)
+    gallery += np.random.default_rng(1).normal(0, 1e-7, gallery.shape).astype(np.float32)
+    expected = rank_by_descriptors(queries, gallery, **options)
+    bounds = Queries.bounds
+    monkeypatch.setattr(Queries, "bounds", lambda self, *norms: bounds(self, *norms) / 1e5)
+    found = rank_by_descriptors(queries, gallery, **options)
+    assert np.array_equal(found.tiles, expected.tiles)
+
+
+def test_few_pairs_are_evaluated_in_float64(monkeypatch):
+    pairs = []
+    plain = descriptor_search.similarity
+    monkeypatch.setattr(
+        descriptor_search,
+        "similarity",
+        lambda q, g, metric: pairs.append(len(q)) or plain(q, g, metric),
+    )
+    rng = np.random.default_rng(3)
+    queries, gallery = rng.standard_normal((20, 256)), rng.standard_normal((2_000, 256))
+    rank_by_descriptors(
+        queries, gallery, k=50, metric="l2", positives=positives_of(*[[]] * 20), depth=5
+    )
+    assert 20 <= sum(pairs) <= 20 * 60
+
+
+def test_huge_and_tiny_numbers_are_ranked():
+    rng = np.random.default_rng(5)
+    queries, gallery = rng.standard_normal((3, 8)), rng.standard_normal((300, 8))
+    for scale in (1e-30, 1e-12, 1e15):
+        scaled = (queries * scale, gallery * scale)
+        for metric in METRICS:
+            found = rank_by_descriptors(
+                *scaled, k=9, metric=metric, positives=positives_of([], [], []), depth=5
+            )
+            order = np.argsort(-similarities(*scaled, metric), axis=1)[:, :9]
+            assert found.tiles.tolist() == order.tolist()
+
+
+@pytest.mark.parametrize("view", [slice(None), slice(100, 300), slice(0, 300, 2)])
+@pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8"])
+def test_rows_of_a_map_are_its_rows(view, dtype, tmp_path):
+    rows = np.random.default_rng(0).standard_normal((400, 5)).astype(dtype)
+    np.save(tmp_path / "rows.npy", rows)
+    mapped = np.load(tmp_path / "rows.npy", mmap_mode="r")
+    source = RowSource.of(mapped[50:][view])
+    assert (source.path is not None) == (view.step is None)
+    found = [(start, block.copy()) for start, block in source.blocks(37)]
+    assert [start for start, _ in found] == list(range(0, len(source), 37))
+    assert np.array_equal(np.concatenate([block for _, block in found]), rows[50:][view])
+    assert np.array_equal(source.read(3, 9), rows[50:][view][3:9])
+
+
+def test_changes_of_a_private_map_are_seen(tmp_path):
+    np.save(tmp_path / "rows.npy", np.zeros((4, 2), np.float32))
+    mapped = np.load(tmp_path / "rows.npy", mmap_mode="c")
+    mapped[1] = 7
+    assert RowSource.of(mapped).read(1, 2).tolist() == [[7, 7]]
+
+
+def test_file_cut_short_is_refused(tmp_path):
+    np.save(tmp_path / "rows.npy", np.zeros((400, 5), np.float32))
+    source = RowSource.of(np.load(tmp_path / "rows.npy", mmap_mode="r"))
+    with (tmp_path / "rows.npy").open("r+b") as file:
+        file.truncate(4_000)
+    with pytest.raises(PredictionError, match="ends before"):
+        source.read(0, 400)
+
+
+def run(queries, gallery, metric="l2", **options):
+    positives = positives_of(*[[]] * len(queries))
+    return rank_by_descriptors(
+        queries, gallery, k=3, metric=metric, positives=positives, depth=3, **options
+    )
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("metric", METRICS)
+def test_descriptors_that_are_not_finite_are_refused_by_name(value, metric, tmp_path):
+    good, bad = np.ones((10, 4), np.float32), np.ones((10, 4), np.float32)
+    bad[[1, 4, 5, 9], 2] = value
+    names = [f"city/{i}" for i in range(10)]
+    with pytest.raises(PredictionError, match=r"4 \(first 3: city/1, city/4, city/5\)") as caught:
+        run(bad, good, metric, names=names)
+    assert caught.value.where == "query_descriptors"
+    np.save(tmp_path / "bad.npy", bad)
+    for gallery in (bad, np.load(tmp_path / "bad.npy", mmap_mode="r")):
+        for memory_bytes in (1 << 7, 1 << 30):
+            with pytest.raises(
+                PredictionError, match=r"4 \(first 3: row 1, row 4, row 5\)"
+            ) as caught:
+                run(good, gallery, metric, names=names, memory_bytes=memory_bytes)
+            assert caught.value.where == "gallery_descriptors"
+
+
+def test_zero_has_no_cosine():
+    good, bad = np.ones((3, 4)), np.ones((3, 4))
+    bad[1] = 0
+    for queries, gallery in ((good, bad), (bad, good)):
+        with pytest.raises(PredictionError, match=r"zero: 1 \(row 1\)"):
+            run(queries, gallery, "cosine")
+        run(queries, gallery, "l2")
+
+
+def test_descriptors_beyond_float32_are_refused():
+    with pytest.raises(PredictionError, match="too large"):
+        run(np.ones((1, 4)), np.array([[1.0, 1, 1, 1], [1e300, 1, 1, 1]]))
+    with pytest.raises(PredictionError, match="too large"):
+        run(np.array([[1e300, 1]]), np.ones((1, 2)))
+
+
+def test_no_tiles_and_no_queries():
+    assert run(np.ones((2, 4)), np.ones((0, 4))).tiles.tolist() == [[-1] * 3] * 2
+    assert run(np.ones((0, 4)), np.ones((5, 4))).tiles.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("queries", "gallery"),
+    [
+        (np.ones((1, 4)), np.ones((3, 5))),
+        (np.ones((1, 4), int), np.ones((3, 4))),
+        (np.ones((1, 4)), np.ones(4)),
+        (np.ones((1, 4)), np.ones((3, 4), np.complex64)),
+    ],
+)
+def test_descriptors_of_other_kinds_are_refused(queries, gallery):
+    with pytest.raises(PredictionError, match="descriptors"):
+        run(queries, gallery)
+
+
+def test_requests_that_do_not_fit_are_bugs():
+    with pytest.raises(ValueError, match="metric"):
+        run(np.ones((1, 4)), np.ones((3, 4)), "manhattan")
+    with pytest.raises(ValueError, match="workers"):
+        run(np.ones((1, 4)), np.ones((3, 4)), workers=0)
+    with pytest.raises(ValueError, match="positives"):
+        rank_by_descriptors(
+            np.ones((1, 4)),
+            np.ones((3, 4)),
+            k=1,
+            metric="l2",
+            positives=positives_of([3]),
+            depth=1,
+        )

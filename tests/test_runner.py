@@ -1,0 +1,188 @@
+"""The whole path from a prediction file to a result, in process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.result import read_result
+from airzoo_bench.runner import Evaluation, evaluate_retrieval, save, write_template
+from tests.support import MadeScene, write_predictions
+
+MEMORY = 1 << 30
+
+
+def score(path: Path, data: Path, **options: Any) -> Evaluation:
+    return evaluate_retrieval(path, data=data, memory_bytes=MEMORY, **options)
+
+
+def test_perfect_predictions_score_one(data: Path, tmp_path: Path, perfect: dict[str, Any]) -> None:
+    result = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect), data).result
+    for key in ("recall@1", "recall@5", "ap@5/min", "ap@5/trec", "ap@5/hits", "map", "mrr"):
+        assert result.overall[key] == 1.0, key
+    assert result.overall["ap@5"] == pytest.approx(2 / 5)
+    assert result.counts["east"]["queries"] == 6
+    assert result.notes == ()
+
+
+def test_overall_is_the_unweighted_mean_of_scenes(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    # All 6 queries of east are answered, none of the 4 of west: 1/2 over scenes, 6/10 pooled.
+    half = {key: rows[:6] for key, rows in perfect.items()}
+    result = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **half), data).result
+    assert result.scenes["east"]["recall@1"] == 1.0
+    assert result.scenes["west"]["recall@1"] == 0.0
+    assert result.overall["recall@1"] == 0.5
+    assert result.pooled["recall@1"] == 0.6
+    assert result.counts["west"]["missing"] == 4
+    assert any("4 queries are missing" in note for note in result.notes)
+
+
+def test_a_missing_query_is_infinitely_far(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    one = {key: rows[:1] for key, rows in perfect.items()}
+    evaluation = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **one), data)
+    records = evaluation.records.set_index("query")
+    assert records.loc["east/q00000", "distance_m"] == 0.0
+    assert np.isinf(records.loc["east/q00001", "distance_m"])
+    assert np.isinf(evaluation.result.overall["distance_m"])
+    save(evaluation, tmp_path / "out")
+    assert np.isinf(read_result(tmp_path / "out" / "result.json").overall["distance_m"])
+
+
+def test_extra_queries_are_counted_and_left_aside(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    more = {
+        "query_ids": [*perfect["query_ids"], "east/unknown"],
+        "ranked_ids": [*perfect["ranked_ids"], perfect["ranked_ids"][0]],
+    }
+    result = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **more), data).result
+    assert result.extra_queries == 1
+    assert result.overall["recall@1"] == 1.0
+
+
+def test_the_order_of_the_file_does_not_matter(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    there = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect), data)
+    turned = {key: rows[::-1] for key, rows in perfect.items()}
+    back = score(write_predictions(tmp_path / "q.npz", "made-retrieval", **turned), data)
+    pd.testing.assert_frame_equal(there.records, back.records)
+    assert there.result.overall == back.result.overall
+
+
+def test_a_constant_scorer_scores_nothing(data: Path, tmp_path: Path, scenes: Any) -> None:
+    # Without the tie rule, gallery order would give q00000 its tile 0 at rank 1.
+    arrays = {
+        "query_ids": [q for s in scenes for q in s.query_ids],
+        "query_descriptors": np.ones((10, 3), np.float32),
+        "gallery_ids": [t for s in scenes for t in s.tile_ids],
+        "gallery_descriptors": np.ones((20, 3), np.float32),
+    }
+    result = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays), data).result
+    assert result.overall["recall@5"] == 0.0
+    assert result.counts["east"]["tie_dependent"] == 6
+
+
+def test_descriptors_and_their_ranked_ids_agree(
+    data: Path, tmp_path: Path, scenes: list[MadeScene]
+) -> None:
+    random = np.random.default_rng(1)
+    queries = random.standard_normal((10, 16)).astype(np.float32)
+    gallery = random.standard_normal((20, 16)).astype(np.float32)
+    ranked, start, first = [], 0, 0
+    for scene in scenes:
+        n = len(scene.positives)
+        for query in queries[start : start + n].astype(np.float64):
+            there = gallery[first : first + scene.n_tiles].astype(np.float64)
+            order = np.argsort(((there - query) ** 2).sum(axis=1))[:8]
+            ranked.append([scene.tile(t) for t in order])
+        start, first = start + n, first + scene.n_tiles
+    ids = [q for s in scenes for q in s.query_ids]
+    by_ids = write_predictions(
+        tmp_path / "ids.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked
+    )
+    by_descriptors = write_predictions(
+        tmp_path / "descriptors.npz",
+        "made-retrieval",
+        query_ids=ids,
+        query_descriptors=queries,
+        gallery_ids=[t for s in scenes for t in s.tile_ids],
+        gallery_descriptors=gallery,
+    )
+    one, other = score(by_ids, data).result, score(by_descriptors, data, jobs=2).result
+    for key in ("recall@1", "recall@3", "recall@5", "ap@5", "distance_m", "sdm@5", "pdm@5"):
+        assert one.scenes["east"][key] == other.scenes["east"][key], key
+        assert one.scenes["west"][key] == other.scenes["west"][key], key
+
+
+def test_gallery_rows_may_stand_in_any_order(
+    data: Path, tmp_path: Path, scenes: list[MadeScene]
+) -> None:
+    random = np.random.default_rng(2)
+    tiles = np.array([t for s in scenes for t in s.tile_ids])
+    arrays = {
+        "query_ids": [q for s in scenes for q in s.query_ids],
+        "query_descriptors": random.standard_normal((10, 4)).astype(np.float32),
+    }
+    described = random.standard_normal((20, 4)).astype(np.float32)
+    order = random.permutation(20)
+    there = write_predictions(
+        tmp_path / "a.npz",
+        "made-retrieval",
+        gallery_ids=tiles,
+        gallery_descriptors=described,
+        **arrays,
+    )
+    mixed = write_predictions(
+        tmp_path / "b.npz",
+        "made-retrieval",
+        gallery_ids=tiles[order],
+        gallery_descriptors=described[order],
+        **arrays,
+    )
+    pd.testing.assert_frame_equal(score(there, data).records, score(mixed, data).records)
+
+
+def test_the_same_input_gives_the_same_bytes(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    for name in ("a", "b"):
+        save(score(path, data), tmp_path / name)
+    for name in ("result.json", "records.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_fingerprints_see_what_can_change_a_score(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], scenes: list[MadeScene]
+) -> None:
+    from tests.support import made_protocol, made_truth
+
+    chosen = made_protocol(scenes)
+    values = chosen.model_dump(by_alias=True)
+    reworded = type(chosen).model_validate(values | {"title": "other words", "summary": "other"})
+    stricter = type(chosen).model_validate(
+        values | {"scores": values["scores"] | {"recall_at": (1, 2)}}
+    )
+    assert reworded.fingerprint == chosen.fingerprint
+    assert stricter.fingerprint != chosen.fingerprint
+    moved = MadeScene("east", [[q, q + 2] for q in range(6)], 12)
+    assert made_truth(moved).fingerprint != made_truth(scenes[0]).fingerprint
+    assert made_truth(scenes[0]).fingerprint == made_truth(scenes[0]).fingerprint
+
+
+@pytest.mark.parametrize("descriptors", [False, True])
+def test_a_template_scores(data: Path, tmp_path: Path, *, descriptors: bool) -> None:
+    out = tmp_path / "t.npz"
+    write_template("made-retrieval", data=data, out=out, descriptors=descriptors, seed=3)
+    result = score(out, data).result
+    assert result.counts["west"]["missing"] == 0
+    assert 0 <= result.overall["recall@5"] <= 1
