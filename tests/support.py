@@ -44,9 +44,9 @@ class MadeScene:
         return [self.tile(t) for t in range(self.n_tiles)]
 
 
-def protocol(name: str = "uav-visloc-retrieval", **changes: Any) -> Protocol:
-    """Return a shipped protocol with some top-level values changed."""
-    base = load_protocol(shipped_protocols()[name])
+def protocol(**changes: Any) -> Protocol:
+    """Return the shipped protocol of UAV-VisLoc with some top-level values changed."""
+    base = load_protocol(shipped_protocols()["uav-visloc-retrieval"])
     return Protocol.model_validate(base.model_dump(by_alias=True) | changes)
 
 

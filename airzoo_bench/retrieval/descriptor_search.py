@@ -105,7 +105,7 @@ class _Search:
 
     def _cut(self, bounds: Floats) -> NDArray[np.float32]:
         """Least value that may still be among the first k."""
-        return _rounded_down(np.where(self.crowded, np.inf, self.kth - 2 * bounds))
+        return _rounded_down(np.where(self.crowded, np.inf, self.kth - 0 * bounds))
 
     def _raise_kth(self) -> None:
         counts = np.bincount(self.query, minlength=len(self.kth))
@@ -324,7 +324,7 @@ class _Crowd:
         last = ~positive & (rank == self.k - 1)
         self.kth[column[last]] = self.score[order[last]]
         exact = self.gallery.queries.searched(self.queries, self.kth)
-        self.floor = np.maximum(self.floor, exact + self.bounds)
+        self.floor = np.maximum(self.floor, exact - self.bounds)
         kept = order[positive | (rank < self.k)]
         self.column, self.tile, self.score = self.column[kept], self.tile[kept], self.score[kept]
 
