@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import find_protocol
 from airzoo_bench.retrieval.baseline import Reader, VladSettings, describe
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["retrieval_baseline"]
 
@@ -74,7 +78,7 @@ def retrieval_baseline(
             parts.setdefault(key, []).append(rows)
     arrays = {key: np.concatenate(rows) for key, rows in parts.items()}
     with atomic_write(out) as stream:
-        write_npz(stream, protocol=np.array(chosen.name), **arrays)
+        write_npz(stream, {"protocol": np.array(chosen.name), **arrays})
 
 
 def _readers(
@@ -89,5 +93,6 @@ def _readers(
     return tiles, photos
 
 
-def _grey_tile(dom: Path, tile: object) -> NDArray[np.uint8]:
-    return np.round(read_tile(dom, tile) @ _GREY).astype(np.uint8)
+def _grey_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
+    grey: NDArray[np.float64] = np.round(read_tile(dom, tile) @ _GREY)
+    return grey.astype(np.uint8)

@@ -8,7 +8,7 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -131,7 +131,9 @@ def fingerprint(value: object) -> str:
     return hashlib.sha256(canonical_json(value).encode()).hexdigest()
 
 
-def write_npz(target: Path | IO[bytes], *, compress: bool = False, **arrays: NDArray[Any]) -> None:
+def write_npz(
+    target: Path | IO[bytes], arrays: Mapping[str, NDArray[Any]], *, compress: bool = False
+) -> None:
     """Write arrays as ``.npz`` that is the same to the last byte for the same arrays.
 
     ``numpy.savez`` stamps every member with the time of day.

@@ -27,6 +27,7 @@ from airzoo_bench.files import fingerprint, read_text
 
 __all__ = [
     "SAFE_NAME",
+    "ApVariant",
     "Gallery",
     "GroundTruth",
     "Protocol",

@@ -275,4 +275,4 @@ def write_template(
         else ranked_template(truths, max(chosen.scores.ndcg_at), seed)
     )
     with atomic_write(out) as stream:
-        write_npz(stream, protocol=np.array(chosen.name), **arrays)
+        write_npz(stream, {"protocol": np.array(chosen.name), **arrays})

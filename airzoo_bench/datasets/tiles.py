@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["read_tile", "write_tiles"]
 
 
-def read_tile(dom: Path, tile: pd.Series) -> NDArray[np.uint8]:
+def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
     """Read one tile (height, width, 3) from its window of the map."""
     window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
     return read_rgb(dom, window)

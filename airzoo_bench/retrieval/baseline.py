@@ -106,13 +106,15 @@ def root_sift(image: NDArray[np.uint8], max_features: int) -> Floats:
     inside = _inside(places, image.shape[1], image.shape[0])
     descriptors = found.data.astype(np.float32).reshape(-1, _SIFT_DIMENSIONS)[inside]
     lengths = np.linalg.norm(descriptors, axis=1, keepdims=True)
-    return descriptors / np.maximum(lengths, np.finfo(np.float32).tiny)
+    unit: Floats = descriptors / np.maximum(lengths, np.finfo(np.float32).tiny)
+    return unit
 
 
 def _inside(places: NDArray[np.float64], width: int, height: int) -> NDArray[np.bool_]:
     x, y, scale = places.T
     margin = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
-    return margin > scale + 1
+    far: NDArray[np.bool_] = margin > scale + 1
+    return far
 
 
 def learn_words(features: Sequence[Floats], settings: VladSettings) -> Floats:
@@ -154,7 +156,8 @@ def vlad(features: Floats, words: Floats) -> Floats:
     lengths = np.linalg.norm(residuals, axis=1, keepdims=True)
     within = np.divide(residuals, lengths, out=residuals, where=lengths > 0)
     descriptor = np.append(within.ravel(), 0.0 if len(features) else 1.0)
-    return (descriptor / np.linalg.norm(descriptor)).astype(np.float32)
+    unit: Floats = (descriptor / np.linalg.norm(descriptor)).astype(np.float32)
+    return unit
 
 
 def _extracted(

@@ -128,7 +128,8 @@ def _tile_indices(
             expected=f"ids such as {truth.tiles['id'].iloc[0]}",
             mend=_mend_strange_tile(tile, truth),
         )
-    return found.astype(np.int32)
+    tiles: NDArray[np.int32] = found.astype(np.int32)
+    return tiles
 
 
 def _mend_strange_tile(tile: str, truth: RetrievalTruth) -> str:
@@ -176,4 +177,5 @@ def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:
     # A slice of a map keeps its parent's offset; a new map says truly where its bytes begin.
     skipped = start * gallery.shape[1] * gallery.itemsize
     shape = (count, gallery.shape[1])
-    return np.memmap(gallery.filename, gallery.dtype, "r", gallery.offset + skipped, shape)
+    offset = gallery.offset + skipped
+    return np.memmap(str(gallery.filename), gallery.dtype, "r", offset, shape)

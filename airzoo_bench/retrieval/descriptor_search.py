@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.retrieval.candidate_search import Search, rounded_down
 from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.similarity import Queries, check_norms, norms_of, similarity, usable
@@ -30,7 +31,6 @@ _BLOCK_BYTES = 1 << 26
 _BLOCK_ROWS = 4096
 _PAIRS = 16  # pairs at a time in float64, at least
 _PIECE_NUMBERS = 1 << 17  # of descriptors at a time in float64; stays in the cache
-_SPARE = 64  # candidates beyond 2k that a query may keep
 
 
 @dataclass
@@ -51,73 +51,6 @@ class Candidates:
     tile: Ints
     cluster: Ints
     score: Floats
-
-
-@dataclass
-class _Search:
-    """What the search keeps of some queries: the k-th best value of each, and its candidates."""
-
-    part: slice
-    k: int
-    kth: Floats
-    crowded: NDArray[np.bool_]
-    query: Ints
-    tile: Ints
-    value: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, part: slice, k: int) -> _Search:
-        n, none = part.stop - part.start, np.zeros(0, np.int64)
-        kth = np.full(n, -np.inf)
-        return cls(part, k, kth, np.zeros(n, bool), none, none, np.zeros(0, np.float32))
-
-    @property
-    def limit(self) -> int:
-        return 2 * self.k + _SPARE
-
-    def absorb(self, values: NDArray[np.float32], start: int, bounds: Floats) -> None:
-        """Take in the values (B, n) of the tiles from `start` on."""
-        row, query = np.nonzero(self._hits(values, bounds))
-        self.query = np.concatenate([self.query, query])
-        self.tile = np.concatenate([self.tile, row + start])
-        self.value = np.concatenate([self.value, values[row, query]])
-        self._raise_kth()
-        self.prune(bounds)
-
-    def prune(self, bounds: Floats) -> None:
-        """Drop what cannot be among the first k, and queries that keep too much even so."""
-        kept = self.value >= self._cut(bounds)[self.query]
-        self.crowded |= np.bincount(self.query[kept], minlength=len(self.kth)) > self.limit
-        kept &= ~self.crowded[self.query]
-        self.query, self.tile, self.value = self.query[kept], self.tile[kept], self.value[kept]
-
-    def _hits(self, values: NDArray[np.float32], bounds: Floats) -> NDArray[np.bool_]:
-        hits: NDArray[np.bool_] = values >= self._cut(bounds)
-        many = np.flatnonzero(np.count_nonzero(hits, axis=0) > self.limit)
-        if len(many):  # so many by themselves that they hold a better k-th value
-            there = len(values) - self.k
-            best = np.partition(values[:, many], there, axis=0)[there]
-            self.kth[many] = np.maximum(self.kth[many], best)
-            hits[:, many] = values[:, many] >= self._cut(bounds)[many]
-            self.crowded[many] |= np.count_nonzero(hits[:, many], axis=0) > self.limit
-            hits[:, self.crowded] = False
-        return hits
-
-    def _cut(self, bounds: Floats) -> NDArray[np.float32]:
-        """Least value that may still be among the first k."""
-        return _rounded_down(np.where(self.crowded, np.inf, self.kth - 0 * bounds))
-
-    def _raise_kth(self) -> None:
-        counts = np.bincount(self.query, minlength=len(self.kth))
-        width = counts.max(initial=0)
-        if width < self.k:
-            return
-        order = np.argsort(self.query, kind="stable")
-        self.query, self.tile, self.value = self.query[order], self.tile[order], self.value[order]
-        table = np.full((len(self.kth), width), -np.inf, np.float32)
-        table[self.query, np.arange(len(order)) - offsets_of(counts)[self.query]] = self.value
-        best = np.partition(table, width - self.k, axis=1)[:, width - self.k]
-        self.kth = np.maximum(self.kth, best)
 
 
 @dataclass(frozen=True)
@@ -209,11 +142,11 @@ def nearest(
     return Candidates(*joined)
 
 
-def _search(gallery: _Gallery, k: int, part: int, caution: float) -> tuple[list[_Search], Floats]:
+def _search(gallery: _Gallery, k: int, part: int, caution: float) -> tuple[list[Search], Floats]:
     """Search in float32; also give every query's bound, for the greatest norm of the gallery."""
     n = len(gallery.queries.norms)
     parts = [slice(start, min(start + part, n)) for start in range(0, n, part)]
-    searches = [_Search.of(part, k) for part in parts]
+    searches = [Search.of(part, k) for part in parts]
     norms = np.empty(len(gallery.rows))
     bounds = np.zeros(n)
     metric, wild = gallery.queries.metric, False
@@ -232,7 +165,7 @@ def _search(gallery: _Gallery, k: int, part: int, caution: float) -> tuple[list[
     return searches, bounds
 
 
-def _settled(gallery: _Gallery, search: _Search, bounds: Floats) -> tuple[Candidates, float]:
+def _settled(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candidates, float]:
     """Form clusters of candidates that the search cannot tell apart, and evaluate these.
 
     Also gives the greatest error seen, as a share of its bound. The best candidate of each query
@@ -275,7 +208,7 @@ class _Crowd:
     score: Floats
 
     @classmethod
-    def of(cls, gallery: _Gallery, positives: Positives, search: _Search, bounds: Floats) -> _Crowd:
+    def of(cls, gallery: _Gallery, positives: Positives, search: Search, bounds: Floats) -> _Crowd:
         columns = np.flatnonzero(search.crowded)
         queries = columns + search.part.start
         bounds, kth = bounds[queries], np.full(len(columns), -np.inf)
@@ -289,7 +222,7 @@ class _Crowd:
         self, start: int, rows: NDArray[Any], single: NDArray[np.float32], norms: Floats
     ) -> None:
         values = self.gallery.queries.similarities(self.queries, single, norms)
-        row, column = np.nonzero(values >= _rounded_down(self.floor))
+        row, column = np.nonzero(values >= rounded_down(self.floor))
         score = self._scores(start, rows, row, column)
         positive = self._positive(column, row + start)
         new = np.flatnonzero(positive | (score > self.kth[column]))
@@ -330,7 +263,7 @@ class _Crowd:
 
 
 def _exhausted(
-    gallery: _Gallery, crowds: list[_Search], bounds: Floats, positives: Positives
+    gallery: _Gallery, crowds: list[Search], bounds: Floats, positives: Positives
 ) -> list[Candidates]:
     """Evaluate in float64 every tile that the search could not exclude, block by block."""
     if not crowds:
@@ -340,7 +273,3 @@ def _exhausted(
         for state in states:
             state.absorb(start, rows, single, norms)
     return [state.candidates() for state in states]
-
-
-def _rounded_down(values: Floats) -> NDArray[np.float32]:
-    return np.nextafter(values.astype(np.float32), np.float32(-np.inf))

@@ -39,7 +39,8 @@ class Footprints:
     @property
     def without_ground_point(self) -> NDArray[np.bool_]:
         """Photos (N,) none of whose rays meets the ground."""
-        return ~(self.status == RayStatus.HIT).any(axis=1)
+        blind: NDArray[np.bool_] = (self.status != RayStatus.HIT).all(axis=1)
+        return blind
 
 
 def cast_footprints(
@@ -90,4 +91,6 @@ def cast_footprints(
 def _mean_of_hits(xy: NDArray[np.float64], hit: NDArray[np.bool_]) -> NDArray[np.float64]:
     total = np.where(hit[..., None], xy, 0.0).sum(axis=1)
     count = hit.sum(axis=1)[:, None]
-    return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
+    middle: NDArray[np.float64] = np.full_like(total, np.nan)
+    np.divide(total, count, out=middle, where=count > 0)
+    return middle

@@ -8,13 +8,14 @@ non-hits. A query with R = 0 scores 0 in every metric. All scores lie between 0 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.protocol import ApVariant
+
 __all__ = [
-    "ApVariant",
     "average_precision",
     "average_precision_at",
     "first_hit_rank",
@@ -23,7 +24,6 @@ __all__ = [
     "reciprocal_rank",
 ]
 
-ApVariant = Literal["precision", "min", "trec", "hits"]
 
 _Bools = NDArray[np.bool_]
 _Ints = NDArray[np.int64]

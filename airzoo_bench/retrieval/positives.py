@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import BenchmarkError, first_of
 from airzoo_bench.retrieval.overlap import box_areas, intersection_areas, polygon_areas, untangled
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.tile_grid import TileRun, find_runs
+
+if TYPE_CHECKING:
+    import shapely
 
 __all__ = [
     "Positives",
@@ -187,6 +189,8 @@ def _in_boxes(
     points: Floats, boxes: Floats, tree: shapely.STRtree
 ) -> tuple[Ints, NDArray[np.int32]]:
     """Tiles of a block of queries by the search tree, whatever the tiles are."""
+    import shapely
+
     lon, lat = points.reshape(-1, 2).T
     point, tile = tree.query(shapely.points(lon, lat))
     lon, lat, box = lon[point], lat[point], boxes[tile]
@@ -198,6 +202,8 @@ def _in_boxes(
 
 def _near(polygons: Floats, tree: shapely.STRtree, n_tiles: int) -> tuple[Ints, Ints]:
     """Pairs of polygon and tile whose extents meet, in order."""
+    import shapely
+
     extents = np.concatenate([polygons.min(axis=1), polygons.max(axis=1)], axis=1)
     query, tile = tree.query(shapely.box(*extents.T))
     key = np.sort(query * n_tiles + tile)
@@ -221,6 +227,8 @@ def _ratios(polygons: Floats, boxes: Floats, query: Ints, tile: NDArray[np.integ
 
 
 def _tree(boxes: Floats) -> shapely.STRtree:
+    import shapely
+
     return shapely.STRtree(shapely.box(*boxes.T))
 
 

@@ -6,8 +6,9 @@ first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -111,16 +112,17 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
     ranks_needed : int
         How many ranks the protocol's scores read.
     """
-    checks: list[Callable[[], None]] = [lambda: _check_ids(predictions, "query_ids")]
-    match predictions.claim:
-        case RankedIds() as claim:
-            checks.append(lambda: _check_depth(predictions, claim, ranks_needed))
-            checks.append(lambda: _check_gaps(predictions, claim))
-            checks.append(lambda: _check_repeats(predictions, claim))
-            checks.append(lambda: _check_scores(predictions, claim))
-        case Descriptors() as claim:
-            checks.append(lambda: _check_ids(predictions, "gallery_ids"))
-            checks.append(lambda: _check_descriptors(predictions, claim))
+    claim = predictions.claim
+    checks = [partial(_check_ids, predictions, "query_ids")]
+    if isinstance(claim, RankedIds):
+        checks.append(partial(_check_depth, predictions, claim, ranks_needed))
+        checks += [
+            partial(check, predictions, claim)
+            for check in (_check_gaps, _check_repeats, _check_scores)
+        ]
+    else:
+        checks.append(partial(_check_ids, predictions, "gallery_ids"))
+        checks.append(partial(_check_descriptors, predictions, claim))
     for check in checks:
         try:
             check()

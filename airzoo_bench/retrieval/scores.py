@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from airzoo_bench.protocol import RetrievalScores
+from airzoo_bench.protocol import ApVariant, RetrievalScores
 from airzoo_bench.scores import Score
 
 __all__ = ["AP_VARIANTS", "ap_name", "retrieval_scores"]
 
-AP_VARIANTS = ("precision", "min", "trec", "hits")
+AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
 
 
 def ap_name(k: int, variant: str) -> str:

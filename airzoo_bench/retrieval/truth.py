@@ -142,7 +142,7 @@ def _save_sparse(path: Path, pairs: Positives) -> None:
     arrays: dict[str, NDArray[Any]] = {"offsets": pairs.offsets, "tiles": pairs.tiles}
     if pairs.overlap is not None:
         arrays["overlap"] = pairs.overlap
-    write_npz(path, compress=True, **arrays)
+    write_npz(path, arrays, compress=True)
 
 
 def _load_sparse(path: Path, n_queries: int, n_tiles: int) -> Positives:
