@@ -8,6 +8,7 @@ suite and keeps its traceback.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Self
 
 __all__ = [
     "BenchmarkError",
@@ -50,6 +51,11 @@ class UserError(Exception):
         self.expected = expected
         self.mend = mend
         super().__init__(str(self))
+
+    def inside(self, place: object) -> Self:
+        """Return the same fault with the place it is in before its own."""
+        where = str(place) if self.where is None else f"{place}, {self.where}"
+        return type(self)(self.what, where=where, expected=self.expected, mend=self.mend)
 
     def __str__(self) -> str:
         head = self.what if self.where is None else f"{self.where}: {self.what}"

@@ -16,13 +16,13 @@ import numpy as np
 import rasterio
 from PIL import Image
 from rasterio.transform import from_origin
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import map_coordinates, zoom
 
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.grids import world_to_pixel
-from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.geometry.rays import intersect_heightfield
+from airzoo_bench.geometry.rays import intersect_plane
 
 HOME = Path("quickstart")
 CRS = "EPSG:4547"
@@ -32,13 +32,18 @@ PHOTO_W, PHOTO_H, FOCAL_PX = 400, 300, 380.0
 N_PHOTOS = 24
 
 
+def noise(random: np.random.Generator, cells: int) -> np.ndarray:
+    """Return smooth noise (H, W) of unit spread with so many bumps along a side."""
+    coarse = zoom(random.standard_normal((cells, cells)), MAP_PX / cells, order=3)
+    return coarse / coarse.std()
+
+
 def draw_place(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return colours (H, W, 3) uint8 and heights (H, W) float32 of fields, roads and houses."""
     colours = np.zeros((MAP_PX, MAP_PX, 3))
-    for size, weight in ((2, 30.0), (8, 30.0), (40, 40.0)):
-        noise = gaussian_filter(random.standard_normal((MAP_PX, MAP_PX)), size)
-        colours += weight * (noise / noise.std())[..., None] * random.uniform(0.4, 0.8, 3)
-    heights = 60 + 6 * gaussian_filter(random.standard_normal((MAP_PX, MAP_PX)), 150) * 150
+    for cells, weight in ((600, 25.0), (150, 25.0), (24, 40.0)):
+        colours += weight * noise(random, cells)[..., None] * random.uniform(0.4, 0.8, 3)
+    heights = 60 + 3 * noise(random, 6)
     colours += (90, 120, 70)
     for _ in range(260):
         x, y = random.integers(0, MAP_PX - 60, 2)
@@ -51,25 +56,25 @@ def draw_place(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fly(random: np.random.Generator) -> Poses:
-    """Return poses 110 m above ground, turned any way, tilted by up to 15 degrees from nadir."""
+    """Return poses some 45 m above ground, turned any way, up to 15 degrees from nadir."""
     x = random.uniform(WEST + 60, WEST + MAP_PX * GSD_M - 60, N_PHOTOS)
     y = random.uniform(NORTH - MAP_PX * GSD_M + 60, NORTH - 60, N_PHOTOS)
     down = np.diag([1.0, -1.0, -1.0])  # x east, y south, z down: a camera that looks at nadir
     rotations = []
-    for yaw, tilt in zip(random.uniform(0, 2 * np.pi, N_PHOTOS), random.uniform(0, 0.26, N_PHOTOS)):
+    for yaw, tilt in random.uniform(0, (2 * np.pi, 0.26), (N_PHOTOS, 2)):
         c, s, ct, st = np.cos(yaw), np.sin(yaw), np.cos(tilt), np.sin(tilt)
         turned = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
         rotations.append(np.array([[1, 0, 0], [0, ct, -st], [0, st, ct]]) @ turned @ down)
-    return Poses.from_centres(rotations, np.stack([x, y, np.full(N_PHOTOS, 170.0)], axis=1))
+    return Poses.from_centres(rotations, np.stack([x, y, np.full(N_PHOTOS, 105.0)], axis=1))
 
 
-def photograph(cameras: Cameras, poses: Poses, colours: np.ndarray, dsm: HeightField) -> np.ndarray:
-    """Return photos (N, H, W, 3): each pixel's ray met with the surface, in another light."""
+def photograph(cameras: Cameras, poses: Poses, colours: np.ndarray, ground: float) -> np.ndarray:
+    """Return photos (N, H, W, 3): the map as seen on level ground, in another light."""
     rows, columns = np.mgrid[:PHOTO_H, :PHOTO_W] + 0.5
     pixels = np.stack([columns, rows], axis=-1).reshape(1, -1, 2)
     rays = rays_to_world(poses, back_project(cameras, np.repeat(pixels, len(poses), axis=0)))
-    points = intersect_heightfield(poses.centres, rays, dsm, 1000.0).points
-    place = world_to_pixel(dsm.transform, points[..., :2]) - 0.5
+    points = intersect_plane(poses.centres, rays, ground, 1000.0).points
+    place = world_to_pixel(from_origin(WEST, NORTH, GSD_M, GSD_M), points[..., :2]) - 0.5
     place = np.nan_to_num(place, nan=-1.0)
     seen = [
         map_coordinates(colours[..., band], [place[..., 1], place[..., 0]], order=1)
@@ -97,7 +102,7 @@ def make_data() -> None:
     K = [[FOCAL_PX, 0, PHOTO_W / 2], [0, FOCAL_PX, PHOTO_H / 2], [0, 0, 1]]
     cameras = Cameras.from_matrices([K] * N_PHOTOS, PHOTO_W, PHOTO_H)
     poses = fly(random)
-    photos = photograph(cameras, poses, colours, HeightField.read(HOME / "dsm.tif"))
+    photos = photograph(cameras, poses, colours, median_height(HOME / "dsm.tif"))
     images = {}
     for index, photo in enumerate(photos):
         name = f"photo_{index:02d}.png"

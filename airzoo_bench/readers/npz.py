@@ -8,9 +8,14 @@ descriptors may be larger than memory.
 
 from __future__ import annotations
 
+import lzma
 import math
 import struct
+import tokenize
+import warnings
 import zipfile
+import zlib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -26,6 +31,7 @@ __all__ = ["ArrayEntry", "NpzFile"]
 _MAX_MEMBERS = 64
 _LOCAL_HEADER_BYTES = 30
 _KINDS = "biufUS"
+_MAX_DIMENSIONS = 8
 _MAX_CODE_POINT = 0x10FFFF
 _SURROGATES = (0xD800, 0xDFFF)
 _LOOKS_LIKE = {
@@ -33,8 +39,23 @@ _LOOKS_LIKE = {
     b"\x89HDF\r\n": "an HDF5 file",
     b"PAR1": "a parquet file",
     b"\x80": "a Python pickle",
-    b"PK": "a zip archive that was cut off",
+    b"PK": "a zip archive that was cut off or damaged",
 }
+_DAMAGE = (
+    EOFError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    lzma.LZMAError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What zipfile, its decompressors and NumPy's header parser raise over damaged bytes."""
 
 
 @dataclass(frozen=True)
@@ -86,13 +107,13 @@ class NpzFile:
             It is larger than the limit, its checksum does not hold, or it is text that is not text.
         """
         entry = self.entries[name]
-        if entry.nbytes > self.limit_bytes:
+        if _bytes_in_memory(entry) > self.limit_bytes:
             raise self._too_large(entry)
         try:
             with zipfile.ZipFile(self.path) as archive, archive.open(entry.member) as stream:
                 stream.read(entry.header_bytes)
                 array = _fill(stream, entry)
-        except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError) as error:
+        except _DAMAGE as error:
             raise _damaged(self.path, name, str(error)) from error
         return _checked_text(array, self.path, name)
 
@@ -107,11 +128,12 @@ class NpzFile:
 
     def _too_large(self, entry: ArrayEntry) -> PredictionError:
         return PredictionError(
-            f"field '{entry.name}' claims {entry.nbytes:,} bytes (shape {entry.shape}, "
-            f"{entry.dtype}), more than the limit of {self.limit_bytes:,}",
+            f"field '{entry.name}' takes {_bytes_in_memory(entry):,} bytes (shape {entry.shape}, "
+            f"{entry.dtype}), more than the limit",
             where=self.path,
-            mend="save descriptors with numpy.savez (uncompressed: then they are read in pieces), "
-            "or raise --max-memory",
+            expected=f"at most {self.limit_bytes:,} bytes",
+            mend="raise --max-memory; gallery_descriptors saved by numpy.savez (uncompressed) are "
+            "read in pieces and may be larger",
         )
 
 
@@ -123,20 +145,29 @@ def _entries(path: Path) -> list[ArrayEntry]:
             members = archive.infolist()
             if len(members) > _MAX_MEMBERS:
                 raise _not_npz(path, f"it holds {len(members):,} members")
+            _check_members(path, members)
             return [_entry(path, archive, member) for member in members]
-    except (zipfile.BadZipFile, struct.error, NotImplementedError) as error:
+    except _DAMAGE as error:
         raise _not_npz(path, _impression(path)) from error
+
+
+def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
+    for name, count in Counter(member.filename for member in members).items():
+        if not name.endswith(".npy"):
+            raise _not_npz(path, f"its member {name[:80]!r} is not an array (.npy)")
+        if count > 1:
+            raise _not_npz(path, f"it holds the member {name[:80]!r} {count} times")
+    if any(member.flag_bits & 0x1 for member in members):
+        raise _not_npz(path, "it is encrypted")
 
 
 def _entry(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> ArrayEntry:
     name = member.filename.removesuffix(".npy")
-    if not member.filename.endswith(".npy") or member.flag_bits & 0x1:
-        raise _not_npz(path, f"member {member.filename!r} is not a plain array")
     try:
         with archive.open(member) as stream:
             shape, fortran_order, dtype = _read_header(stream)
             header_bytes = stream.tell()
-    except (ValueError, EOFError, OSError, SyntaxError, zipfile.BadZipFile) as error:
+    except _DAMAGE as error:
         raise _damaged(path, name, str(error)) from error
     compressed = member.compress_type != zipfile.ZIP_STORED
     entry = ArrayEntry(name, shape, dtype, fortran_order, compressed, member, header_bytes)
@@ -145,10 +176,14 @@ def _entry(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Arr
 
 
 def _read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     version = npy.read_magic(stream)
-    if version == (1, 0):
-        return npy.read_array_header_1_0(stream)
-    return npy.read_array_header_2_0(stream)
+    if version not in readers:
+        raise ValueError(f"version {version} of the npy format is not for plain arrays")
+    with warnings.catch_warnings():
+        # Of headers that NumPy needs to mend before it can parse them.
+        warnings.simplefilter("ignore")
+        return readers[version](stream)
 
 
 def _check_header(path: Path, entry: ArrayEntry) -> None:
@@ -165,12 +200,19 @@ def _check_header(path: Path, entry: ArrayEntry) -> None:
             where=path,
             expected="numbers or text",
         )
-    if any(length < 0 for length in entry.shape):
-        raise _damaged(path, entry.name, f"its header claims the shape {entry.shape}")
+    sound = len(entry.shape) <= _MAX_DIMENSIONS and all(0 <= n < 1 << 62 for n in entry.shape)
+    if not sound or entry.dtype.itemsize == 0:
+        claimed = str((entry.shape, entry.dtype.str))[:80]
+        raise _damaged(path, entry.name, f"its header claims the shape and type {claimed}")
     held = entry.member.file_size - entry.header_bytes
     if entry.nbytes != held:
         reason = f"its header claims {entry.nbytes:,} bytes, the archive holds {held:,}"
         raise _damaged(path, entry.name, reason)
+
+
+def _bytes_in_memory(entry: ArrayEntry) -> int:
+    # Bytes become text when they are read, which takes four bytes a character.
+    return entry.nbytes * (4 if entry.dtype.kind == "S" else 1)
 
 
 def _fill(stream: IO[bytes], entry: ArrayEntry) -> NDArray[Any]:
@@ -194,13 +236,18 @@ def _checked_text(array: NDArray[Any], path: Path, name: str) -> NDArray[Any]:
         try:
             return np.char.decode(array, "utf-8")
         except UnicodeDecodeError as error:
-            raise PredictionError(f"field '{name}' is not UTF-8", where=path) from error
+            raise PredictionError(
+                f"field '{name}' holds bytes that are not UTF-8",
+                where=path,
+                expected="text",
+                mend=f"save it as text: np.array({name}, dtype=str)",
+            ) from error
     if array.dtype.kind == "U" and array.size and array.dtype.itemsize:
         native = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("="), copy=False)
         codes = native.reshape(-1).view(np.uint32)
         surrogate = (codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1])
         if codes.max() > _MAX_CODE_POINT or surrogate.any():
-            raise PredictionError(f"field '{name}' holds characters outside Unicode", where=path)
+            raise _damaged(path, name, "it holds characters outside Unicode")
         return native
     return array
 

@@ -1,4 +1,8 @@
-"""Reading ``.parquet`` predictions in bounded batches."""
+"""Reading ``.parquet`` predictions in bounded batches.
+
+Text is read as a dictionary with indices: a file can claim one long text a billion times in a few
+bytes, and so it stays as small as it is stored until its lengths have been looked at.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.errors import PredictionError, first_of
 
 __all__ = ["read_columns"]
 
 _BATCH_ROWS = 65_536
 _LONGEST_TEXT = 512
+_LEAST_BYTES = 4  # that a value takes, as an index into the dictionary
 
 
 def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict[str, NDArray[Any]]:
@@ -24,7 +29,7 @@ def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict
     path : Path
         The file, one row a query; a list column becomes a matrix (rows, length).
     columns : tuple of str
-        The columns to read where they exist; others are left alone.
+        The columns that there may be.
     limit_bytes : int
         The most that the columns may take in memory together.
 
@@ -36,86 +41,160 @@ def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict
     Raises
     ------
     PredictionError
-        Not a parquet file, damaged, larger than the limit, null values, or lists of
-        differing lengths.
+        Not a parquet file, damaged, larger than the limit, other columns, null values, or lists
+        of differing lengths.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     if not path.is_file():
         raise PredictionError("no such prediction file", where=path)
     try:
-        with pq.ParquetFile(path) as file:
-            present = [name for name in columns if name in file.schema_arrow.names]
-            table = _read_bounded(file, present, path, limit_bytes)
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError, OSError) as error:
+        return _read(path, columns, limit_bytes)
+    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, MemoryError) as error:
         raise PredictionError(
-            f"not a readable parquet file: {str(error).splitlines()[0]}",
+            f"not a readable parquet file: {(str(error) or type(error).__name__).splitlines()[0]}",
             where=path,
+            expected="parquet with one row a query",
             mend="write or copy the file again",
         ) from error
-    return {name: _as_array(table[name].combine_chunks(), name, path) for name in present}
 
 
-def _read_bounded(file: Any, columns: list[str], path: Path, limit_bytes: int) -> Any:
-    import pyarrow as pa
+def _read(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict[str, NDArray[Any]]:
+    import pyarrow.parquet as pq
 
-    batches, used = [], 0
-    for batch in file.iter_batches(batch_size=_BATCH_ROWS, columns=columns):
-        used += batch.nbytes
-        if used > limit_bytes:
-            raise PredictionError(
-                f"its columns take more than the limit of {limit_bytes:,} bytes",
-                where=path,
-                mend="raise --max-memory",
-            )
-        batches.append(batch)
-    schema = pa.schema([file.schema_arrow.field(name) for name in columns])
-    return pa.Table.from_batches(batches, schema)
+    with pq.ParquetFile(path) as file:
+        _check_size(path, file, limit_bytes)
+        texts = [file.schema.column(i).path for i in range(file.metadata.num_columns)]
+    with pq.ParquetFile(path, read_dictionary=texts) as file:
+        names = file.schema_arrow.names
+        _check_columns(path, names, columns)
+        parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
+        row = 0
+        for batch in file.iter_batches(batch_size=_BATCH_ROWS):
+            for name in names:
+                parts[name].append(_as_array(batch.column(name), name, row, path))
+            row += batch.num_rows
+            used = sum(array.nbytes for arrays in parts.values() for array in arrays)
+            if used > limit_bytes:
+                raise _too_large(path, used, limit_bytes)
+    return {name: _joined(arrays, name, path) for name, arrays in parts.items()}
 
 
-def _as_array(column: Any, name: str, path: Path) -> NDArray[Any]:
-    import pyarrow as pa
+def _check_size(path: Path, file: Any, limit_bytes: int) -> None:
+    # A walk through all pages in small pieces, which finds damage: Arrow ends the process when it
+    # is asked for the metadata of a damaged column.
+    file.scan_contents(batch_size=_BATCH_ROWS)
+    groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
+    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
+    stored = sum(chunk.total_uncompressed_size for chunk in chunks)
+    claimed = max(stored, sum(chunk.num_values for chunk in chunks) * _LEAST_BYTES)
+    if claimed > limit_bytes:
+        raise _too_large(path, claimed, limit_bytes)
 
-    kind = column.type
-    if pa.types.is_dictionary(kind):
-        return _as_array(column.dictionary_decode(), name, path)
-    if column.null_count:
-        raise PredictionError(f"field '{name}' has {column.null_count:,} nulls", where=path)
-    if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
-        return _as_matrix(column, name, path)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return _as_text(column, name, path)
-    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-        return np.asarray(column.to_numpy(zero_copy_only=False))
-    raise PredictionError(
-        f"field '{name}' has type {kind}", where=path, expected="text, numbers, or lists of them"
+
+def _too_large(path: Path, used: int, limit_bytes: int) -> PredictionError:
+    return PredictionError(
+        f"its columns take {used:,} bytes or more, more than the limit",
+        where=path,
+        expected=f"at most {limit_bytes:,} bytes",
+        mend="raise --max-memory",
     )
 
 
-def _as_text(column: Any, name: str, path: Path) -> NDArray[Any]:
+def _check_columns(path: Path, names: list[str], columns: tuple[str, ...]) -> None:
+    unknown = [repr(name[:80]) for name in names if name not in columns]
+    if unknown:
+        raise PredictionError(
+            f"has unknown columns: {first_of(unknown)}",
+            where=path,
+            expected="only " + ", ".join(columns),
+            mend="rename or leave them out (pandas: to_parquet(..., index=False)); descriptors "
+            "go into an .npz",
+        )
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise PredictionError(
+            f"has columns more than once: {first_of(twice)}", where=path, expected="each once"
+        )
+
+
+def _as_array(column: Any, name: str, first_row: int, path: Path) -> NDArray[Any]:
+    import pyarrow as pa
+
+    column.validate(full=True)
+    _check_nulls(column, name, first_row, path)
+    kind = column.type
+    if not (pa.types.is_list(kind) or pa.types.is_large_list(kind)):
+        return _as_vector(column, name, kind, path)
+    lengths = np.unique(column.value_lengths().to_numpy(zero_copy_only=False))
+    if lengths.size > 1:
+        raise _ragged(lengths, name, path)
+    values = column.flatten()
+    if values.null_count:
+        rows = np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False)) // lengths[0]
+        raise _nulls(name, np.unique(rows) + first_row, path)
+    flat = _as_vector(values, name, kind, path)
+    return flat.reshape(len(column), int(lengths[0]) if lengths.size else 0)
+
+
+def _check_nulls(column: Any, name: str, first_row: int, path: Path) -> None:
+    if column.null_count:
+        rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
+        raise _nulls(name, rows + first_row, path)
+
+
+def _nulls(name: str, rows: NDArray[Any], path: Path) -> PredictionError:
+    return PredictionError(
+        f"column '{name}' has nulls in rows (from 0) {first_of(rows.tolist())}",
+        where=path,
+        expected="a value in every place",
+        mend="leave such rows out; fill the end of a shorter list with ''",
+    )
+
+
+def _ragged(lengths: NDArray[Any], name: str, path: Path) -> PredictionError:
+    return PredictionError(
+        f"column '{name}' has lists of {lengths[0]} to {lengths[-1]} entries",
+        where=path,
+        expected="lists of one length",
+        mend="fill shorter ones with '' (scores: with 0) at the end",
+    )
+
+
+def _as_vector(values: Any, name: str, kind: Any, path: Path) -> NDArray[Any]:
+    import pyarrow as pa
+
+    is_text = pa.types.is_string, pa.types.is_large_string
+    if pa.types.is_dictionary(values.type):
+        texts = _as_vector(values.dictionary, name, kind, path)
+        return np.take(texts, values.indices.to_numpy(zero_copy_only=False))
+    if any(is_kind(values.type) for is_kind in is_text):
+        return _as_text(values, name, path)
+    if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
+        return np.asarray(values.to_numpy(zero_copy_only=False))
+    raise PredictionError(
+        f"column '{name}' has type {kind}",
+        where=path,
+        expected="text, numbers, or lists of them",
+    )
+
+
+def _as_text(values: Any, name: str, path: Path) -> NDArray[np.str_]:
     import pyarrow.compute as pc
 
     # NumPy gives every entry the width of the longest: one huge text would take all memory.
-    longest = pc.max(pc.utf8_length(column)).as_py() or 0
+    longest = pc.max(pc.utf8_length(values)).as_py() or 0
     if longest > _LONGEST_TEXT:
         raise PredictionError(
-            f"field '{name}' has a text of {longest:,} characters",
+            f"column '{name}' has a text of {longest:,} characters",
             where=path,
-            expected=f"ids of at most {_LONGEST_TEXT} characters",
+            expected=f"at most {_LONGEST_TEXT} characters",
         )
-    return np.array(column.to_pylist(), dtype=str)
+    return np.array(values.to_pylist(), dtype=str)
 
 
-def _as_matrix(column: Any, name: str, path: Path) -> NDArray[Any]:
-    import pyarrow.compute as pc
-
-    lengths = np.unique(pc.list_value_length(column).to_numpy(zero_copy_only=False))
+def _joined(arrays: list[NDArray[Any]], name: str, path: Path) -> NDArray[Any]:
+    lengths = np.unique([array.shape[1] for array in arrays if array.ndim == 2])
     if lengths.size > 1:
-        raise PredictionError(
-            f"field '{name}' has lists of {lengths[0]} to {lengths[-1]} entries",
-            where=path,
-            expected="lists of one length; fill shorter ones with '' at the end",
-        )
-    flat = _as_array(column.flatten(), name, path)
-    return flat.reshape(len(column), int(lengths[0]) if lengths.size else 0)
+        raise _ragged(lengths, name, path)
+    return np.concatenate(arrays) if arrays else np.array([], dtype=str)

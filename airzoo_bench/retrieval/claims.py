@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.protocol import RetrievalScores
+from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
     RankedIds,
@@ -77,28 +79,45 @@ def rank_scene(
     """
     answered = np.flatnonzero(rows >= 0)
     names = predictions.query_ids[rows[answered]]
-    positives = truth.positives.take(answered)
-    match predictions.claim:
-        case RankedIds() as claim:
-            kept = claim.ids[rows[answered], : settings.ranks_kept]
-            tiles = _tile_indices(predictions, truth, kept, names)
-            scores = claim.scores
-            if scores is not None:
-                scores = scores[rows[answered], : settings.ranks_kept]
-            ranking = rank_by_ids(tiles, scores, positives, settings.depth, names=names)
-        case Descriptors() as claim:
-            ranking = rank_by_descriptors(
-                claim.queries[rows[answered]],
-                _scene_gallery(predictions, claim, truth, memory_bytes),
-                k=min(settings.ranks_kept, len(truth.tiles)),
-                metric=settings.descriptor_metric,
-                positives=positives,
-                depth=settings.depth,
-                memory_bytes=memory_bytes,
-                workers=workers,
-                names=names,
-            )
+    asked = _Asked(rows[answered], names, truth.positives.take(answered))
+    try:
+        match predictions.claim:
+            case RankedIds() as claim:
+                ranking = _rank_ids(claim, truth, asked, settings)
+            case Descriptors() as claim:
+                gallery = _scene_gallery(claim, truth, memory_bytes)
+                ranking = rank_by_descriptors(
+                    claim.queries[asked.rows],
+                    gallery,
+                    k=min(settings.ranks_kept, len(truth.tiles)),
+                    metric=settings.descriptor_metric,
+                    positives=asked.positives,
+                    depth=settings.depth,
+                    memory_bytes=memory_bytes,
+                    workers=workers,
+                    names=names,
+                )
+    except PredictionError as error:
+        raise error.inside(predictions.path) from error
     return _spread(ranking, answered, len(rows))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The queries of a scene that the predictions answer: in which rows, names, positives."""
+
+    rows: NDArray[np.intp]
+    names: NDArray[np.str_]
+    positives: Positives
+
+
+def _rank_ids(
+    claim: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
+) -> Ranking:
+    kept = slice(settings.ranks_kept)
+    tiles = _tile_indices(truth, claim.ids[asked.rows, kept], asked.names)
+    scores = None if claim.scores is None else claim.scores[asked.rows, kept]
+    return rank_by_ids(tiles, scores, asked.positives, settings.depth, names=asked.names)
 
 
 def _spread(ranking: Ranking, answered: NDArray[np.intp], n_queries: int) -> Ranking:
@@ -109,7 +128,6 @@ def _spread(ranking: Ranking, answered: NDArray[np.intp], n_queries: int) -> Ran
 
 
 def _tile_indices(
-    predictions: RetrievalPredictions,
     truth: RetrievalTruth,
     ids: NDArray[np.str_],
     names: NDArray[np.str_],
@@ -124,7 +142,7 @@ def _tile_indices(
         raise PredictionError(
             f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
             f"{first_of(names[rows], len(names))} queries; the first is {tile}",
-            where=f"{predictions.path}, field 'ranked_ids'",
+            where="field 'ranked_ids'",
             expected=f"ids such as {truth.tiles['id'].iloc[0]}",
             mend=_mend_strange_tile(tile, truth),
         )
@@ -140,10 +158,7 @@ def _mend_strange_tile(tile: str, truth: RetrievalTruth) -> str:
 
 
 def _scene_gallery(
-    predictions: RetrievalPredictions,
-    claim: Descriptors,
-    truth: RetrievalTruth,
-    memory_bytes: int,
+    claim: Descriptors, truth: RetrievalTruth, memory_bytes: int
 ) -> NDArray[np.floating[Any]]:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
     import pandas as pd
@@ -154,7 +169,7 @@ def _scene_gallery(
         raise PredictionError(
             f"lacks descriptors of tiles of scene {truth.scene}: "
             f"{first_of(lacking, len(truth.tiles))}",
-            where=f"{predictions.path}, field 'gallery_ids'",
+            where="field 'gallery_ids'",
             expected="every tile of the gallery: leaving some out would make the task easier",
             mend="describe all tiles of tiles.parquet",
         )
@@ -165,7 +180,7 @@ def _scene_gallery(
         raise PredictionError(
             f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
             f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
-            where=f"{predictions.path}, field 'gallery_descriptors'",
+            where="field 'gallery_descriptors'",
             mend="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
     return claim.gallery[rows]

@@ -12,13 +12,12 @@ from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
 from airzoo_bench.protocol import Gallery
+from airzoo_bench.retrieval.truth import BOX_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["BOX_COLUMNS", "LONLAT_DECIMALS", "check_gsd", "cut_gallery", "tile_starts"]
-
-BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
+__all__ = ["LONLAT_DECIMALS", "check_gsd", "cut_gallery", "tile_starts"]
 
 LONLAT_DECIMALS = 9
 """Degrees are kept to 0.1 mm, so that two builds of PROJ give the same truth."""

@@ -15,7 +15,7 @@ from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
 from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.protocol import Gallery, GroundTruth
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
-from airzoo_bench.retrieval.gallery import BOX_COLUMNS, cut_gallery
+from airzoo_bench.retrieval.gallery import cut_gallery
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.positives import (
     overlap_of,
@@ -25,6 +25,7 @@ from airzoo_bench.retrieval.positives import (
 )
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
+    BOX_COLUMNS,
     CENTRE_COLUMNS,
     DISTORTION_COLUMNS,
     FOOTPRINT_COLUMNS,

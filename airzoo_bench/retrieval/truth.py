@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark import read_table
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import write_npz
-from airzoo_bench.retrieval.gallery import BOX_COLUMNS
 from airzoo_bench.retrieval.pairs import Positives
 
 if TYPE_CHECKING:
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ANCHOR_COLUMNS",
+    "BOX_COLUMNS",
     "CENTRE_COLUMNS",
     "DISTORTION_COLUMNS",
     "FOOTPRINT_COLUMNS",
@@ -31,6 +31,7 @@ __all__ = [
     "write_truth",
 ]
 
+BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
 INTRINSICS_COLUMNS = ("fx", "fy", "cx", "cy")
 DISTORTION_COLUMNS = ("k1", "k2", "p1", "p2", "k3")
 QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")

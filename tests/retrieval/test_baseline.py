@@ -1,0 +1,65 @@
+"""The SIFT and VLAD baseline."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.retrieval.baseline import VladSettings, describe, learn_words, root_sift, vlad
+
+
+def textured(seed: int, size: int = 128) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    coarse = np.kron(random.integers(0, 256, (size // 8, size // 8)), np.ones((8, 8)))
+    return np.clip(coarse + random.normal(0, 8, (size, size)), 0, 255).astype(np.uint8)
+
+
+SETTINGS = VladSettings(words=8, max_features=256)
+
+
+def test_an_image_is_nearest_to_its_own_tile() -> None:
+    tiles = [partial(textured, seed) for seed in range(6)]
+    gallery, queries = describe(tiles, tiles[::-1], SETTINGS)
+    assert (queries @ gallery.T).argmax(axis=1).tolist() == [5, 4, 3, 2, 1, 0]
+    np.testing.assert_allclose(np.linalg.norm(gallery, axis=1), 1, atol=1e-6)
+
+
+def test_the_number_of_workers_and_the_images_before_do_not_matter() -> None:
+    tiles = [partial(textured, seed, 64 + 32 * (seed % 3)) for seed in range(9)]
+    alone, _ = describe(tiles, [tiles[4]], SETTINGS)
+    shared, query = describe(tiles, [tiles[4]], SETTINGS, workers=2)
+    assert np.array_equal(alone, shared)
+    assert np.array_equal(query[0], shared[4])
+
+
+def test_a_blank_image_is_near_to_none() -> None:
+    blank = partial(np.zeros, (128, 128), np.uint8)
+    gallery, queries = describe([partial(textured, 0), blank], [partial(textured, 1)], SETTINGS)
+    assert queries[0] @ gallery[1] == 0
+    assert np.linalg.norm(gallery[1]) == 1
+
+
+def test_features_lie_inside_and_have_unit_length() -> None:
+    features = root_sift(textured(3, 256), 500)
+    assert 20 < len(features) <= 1000  # up to two orientations a keypoint
+    np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1, atol=1e-6)
+
+
+def test_vlad_worked_by_hand() -> None:
+    # Two words on the first two axes. Two features near the first with residuals r and 2r sum to
+    # 3r, which intra-normalisation makes a unit vector; the second word has none and stays zero.
+    words = np.zeros((2, 128), np.float32)
+    words[0, 0] = words[1, 1] = 1
+    features = np.repeat(words[:1], 2, axis=0)
+    features[0, 5], features[1, 5] = 0.1, 0.2
+    found = vlad(features, words)
+    assert found[5] == pytest.approx(1)
+    assert np.abs(np.delete(found, 5)).max() < 1e-6
+
+
+def test_too_few_features_is_a_fault_of_the_map() -> None:
+    with pytest.raises(BenchmarkError, match="is it blank"):
+        learn_words([np.zeros((3, 128), np.float32)], SETTINGS)

@@ -1,0 +1,67 @@
+"""The whole path on the real scene, as a user types it: prepare, baseline, eval, table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import Result
+
+from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.retrieval.truth import read_truth
+
+
+@pytest.fixture(scope="module")
+def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from airzoo_bench.datasets.photos import PhotoSources, prepare_photos
+    from airzoo_bench.protocol import find_protocol, protocol_for
+
+    root = tmp_path_factory.mktemp("data")
+    sources = PhotoSources(
+        brighton / "images",
+        brighton / "poses.json",
+        brighton / "dom_10cm.tif",
+        brighton / "dsm_10cm.tif",
+    )
+    base = find_protocol("photos-retrieval", root)
+    chosen = protocol_for(base, "brighton", tile_sizes_px=(256, 128))
+    prepare_photos(sources, chosen, root / "brighton")
+    return root
+
+
+def test_every_photo_is_a_query_and_sees_its_own_place(prepared: Path) -> None:
+    truth = read_truth(prepared / "brighton" / "scenes" / "brighton", "brighton")
+    assert len(truth.queries) == 18
+    assert truth.excluded.empty
+    # About 35 m above the ground plane, nearly nadir.
+    assert truth.queries["altitude_m"].between(30, 45).all()
+    assert (truth.queries["pitch_deg"] > 80).all()
+    # The tile that overlaps the footprint most lies about its middle: tiles have sides of 26 and
+    # 13 m, footprints of some 60 and 30.
+    with np.load(prepared / "brighton" / "scenes" / "brighton" / "overlaps.npz") as overlaps:
+        offsets, tiles, ratios = overlaps["offsets"], overlaps["tiles"], overlaps["overlap"]
+    best = [tiles[start + ratios[start:stop].argmax()] for start, stop in pairwise(offsets)]
+    middles = (truth.boxes[best, :2] + truth.boxes[best, 2:]) / 2
+    assert geodesic_distance_m(truth.footprint_centres, middles).max() < 20
+
+
+def test_the_baseline_is_above_chance(
+    prepared: Path, tmp_path: Path, command: Callable[..., Result]
+) -> None:
+    out = tmp_path / "sift.npz"
+    name = "brighton-retrieval"
+    assert command("baseline", "retrieval", name, "--data", prepared, "-o", out).exit_code == 0
+    run = command("eval", "retrieval", out, "--data", prepared, "--out", tmp_path, "-f", "json")
+    assert run.exit_code == 0, run.output
+    result = json.loads(run.stdout)
+    truth = read_truth(prepared / "brighton" / "scenes" / "brighton", "brighton")
+    chance = float(np.mean(truth.positives.counts / len(truth.tiles)))
+    assert result["overall"]["recall@1"] > 2 * chance
+    assert result["counts"]["brighton"]["missing"] == 0
+    table = command("table", tmp_path / "result.json", "--format", "latex")
+    assert r"\toprule" in table.stdout
+    assert "brighton & 18 &" in table.stdout
