@@ -125,7 +125,7 @@ def main() -> None:
     data = f"{HOME}/benchmark"
     run(
         f"prepare photos --name place --images {HOME}/photos --poses {HOME}/poses.json "
-        f"--dom {HOME}/dom.tif --dsm {HOME}/dsm.tif --tile-size 256 --tile-size 128 "
+        f"--dom {HOME}/dom.tif --dsm {HOME}/dsm.tif --tile-size 512 --tile-size 256 "
         f"--out {data} --force"
     )
     run(f"baseline retrieval place-retrieval --data {data} --out {HOME}/sift.npz")

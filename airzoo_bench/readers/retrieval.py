@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.readers.npz import NpzFile
 from airzoo_bench.readers.parquet import read_columns
 from airzoo_bench.retrieval.predictions import FIELDS, Descriptors, RankedIds, RetrievalPredictions
@@ -16,6 +16,20 @@ from airzoo_bench.retrieval.predictions import FIELDS, Descriptors, RankedIds, R
 __all__ = ["read_retrieval"]
 
 _DESCRIPTORS = {"query_descriptors", "gallery_ids", "gallery_descriptors"}
+_RANKED = {"ranked_ids", "scores"}
+_LONGEST_ID = 256
+_LONGEST_NAME = 64
+# Controls, and what turns the direction of writing or takes no room: an id with them could forge
+# lines of a message, steer a terminal, or look like another id.
+_CONTROL_RANGES = (
+    (0x00, 0x1F),
+    (0x7F, 0x9F),
+    (0x200B, 0x200F),
+    (0x2028, 0x202E),
+    (0x2060, 0x2069),
+    (0xFEFF, 0xFEFF),
+    (0xE0000, 0xE0FFF),
+)
 
 
 class _Arrays(Protocol):
@@ -53,7 +67,12 @@ class _Parquet:
             return array
         named = np.unique(array)
         if named.size > 1:
-            raise PredictionError(f"column 'protocol' names {named.size}", where=self.path)
+            raise PredictionError(
+                f"column 'protocol' names {first_of([repr(str(one)[:80]) for one in named])}",
+                where=self.path,
+                expected="the same protocol in every row",
+                mend="write a file for each protocol",
+            )
         return named.reshape(-1)[:1].reshape(()) if named.size else np.array("")
 
     map = read
@@ -102,7 +121,7 @@ def _open(path: Path, limit_bytes: int) -> _Arrays:
 
 
 def _check_names(path: Path, names: set[str]) -> None:
-    ranked, described = "ranked_ids" in names, bool(names & {"query_descriptors"})
+    ranked, described = "ranked_ids" in names, "query_descriptors" in names
     if ranked and described:
         raise PredictionError(
             "holds both ranked_ids and query_descriptors, and they could disagree",
@@ -112,21 +131,26 @@ def _check_names(path: Path, names: set[str]) -> None:
     needed = {"query_ids"} | (_DESCRIPTORS if described else {"ranked_ids"})
     missing = sorted(needed - names)
     if missing:
-        there = ", ".join(sorted(names)) or "none"
+        there = _listed(names) or "none"
         raise PredictionError(
             f"lacks the field{'s' * (len(missing) > 1)} {', '.join(missing)} (it has: {there})",
             where=path,
             expected="query_ids with ranked_ids, or with " + ", ".join(sorted(_DESCRIPTORS)),
             mend="`airzoo-bench template` writes an example",
         )
-    unknown = sorted(names - set(FIELDS))
+    used = {"protocol", "query_ids"} | (_DESCRIPTORS if described else _RANKED)
+    unknown = names - used
     if unknown:
         raise PredictionError(
-            f"has unknown fields: {', '.join(unknown)}",
+            f"has fields that are not read here: {_listed(unknown)}",
             where=path,
-            expected="only " + ", ".join(FIELDS),
+            expected="only " + ", ".join(name for name in FIELDS if name in used),
             mend="rename or leave them out; a misspelt field would otherwise be passed over",
         )
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(name if name in FIELDS else repr(name[:80]) for name in sorted(names))
 
 
 def _protocol_name(arrays: _Arrays) -> str | None:
@@ -139,7 +163,16 @@ def _protocol_name(arrays: _Arrays) -> str | None:
             where=arrays.path,
             expected="one text, such as protocol='uav-visloc-retrieval'",
         )
-    return str(value.reshape(-1)[0])
+    name = str(value.reshape(-1)[0])
+    if len(name) > _LONGEST_NAME or "/" in name or "\\" in name or name.endswith(".toml"):
+        # A file from a stranger must not choose which file of this computer is read.
+        raise PredictionError(
+            f"field 'protocol' is {name[:80]!r}, which is no protocol's name",
+            where=arrays.path,
+            expected="a name, such as 'uav-visloc-retrieval'",
+            mend="name a protocol's file with --protocol",
+        )
+    return name
 
 
 def _read_ranked(arrays: _Arrays, rows: int) -> RankedIds:
@@ -153,6 +186,7 @@ def _read_ranked(arrays: _Arrays, rows: int) -> RankedIds:
             f"field 'scores' has shape {scores.shape}",
             where=arrays.path,
             expected=f"the shape of ranked_ids, {ids.shape}",
+            mend="give a score for each ranked tile",
         )
     return RankedIds(ids, scores.astype(np.float64))
 
@@ -169,20 +203,64 @@ def _read_descriptors(arrays: _Arrays, rows: int) -> Descriptors:
 def _texts(arrays: _Arrays, name: str, ndim: int) -> NDArray[np.str_]:
     values = arrays.read(name)
     if values.dtype.kind != "U" or values.ndim != ndim:
-        raise _wrong_type(arrays.path, name, values, f"text with {ndim} dimension{'s'[: ndim - 1]}")
+        raise _wrong_type(
+            arrays.path,
+            name,
+            values,
+            expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
+            mend=f"np.array({name}, dtype=str), with ids such as City/DJI_0001",
+        )
+    _check_characters(arrays.path, name, values)
     return values
+
+
+def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
+    if not ids.size:
+        return
+    codes = np.ascontiguousarray(ids).view(np.uint32).reshape(len(ids), -1)
+    width = ids.dtype.itemsize // 4
+    bad = np.zeros(len(ids), np.bool_)
+    for low, high in _CONTROL_RANGES:
+        found = (codes >= max(low, 1)) & (codes <= high)
+        bad |= found.any(axis=1)
+    ended = (codes == 0).reshape(-1, width)
+    bad |= (ended[:, :-1] & ~ended[:, 1:]).any(axis=1).reshape(len(ids), -1).any(axis=1)
+    long = (np.char.str_len(ids) > _LONGEST_ID).reshape(len(ids), -1).any(axis=1)
+    for wrong, what, expected in (
+        (bad, "control or invisible characters", "printable characters only"),
+        (long, f"more than {_LONGEST_ID} characters", f"at most {_LONGEST_ID} characters"),
+    ):
+        rows = np.flatnonzero(wrong).tolist()
+        if rows:
+            raise PredictionError(
+                f"ids with {what} in rows (from 0) {first_of(rows, len(ids))}",
+                where=f"{path}, field '{name}'",
+                expected=expected,
+            )
 
 
 def _numbers(arrays: _Arrays, name: str, *, mapped: bool) -> NDArray[np.floating[Any]]:
     values = arrays.map(name) if mapped else arrays.read(name)
-    if values.dtype.kind != "f" or values.ndim != 2 or values.shape[1] == 0:
-        raise _wrong_type(arrays.path, name, values, "floating point with 2 dimensions")
+    is_float = values.dtype.kind == "f" and values.dtype.itemsize <= 8
+    if not is_float or values.ndim != 2 or (values.shape[1] == 0 and name != "scores"):
+        raise _wrong_type(
+            arrays.path,
+            name,
+            values,
+            expected="floating point of 16, 32 or 64 bits, with 2 dimensions, neither of them 0",
+            mend=f"np.asarray({name}, dtype=np.float32), a row an id",
+        )
     return values
 
 
-def _wrong_type(path: Path, name: str, values: NDArray[Any], expected: str) -> PredictionError:
+def _wrong_type(
+    path: Path, name: str, values: NDArray[Any], *, expected: str, mend: str
+) -> PredictionError:
     return PredictionError(
-        f"field '{name}' is {values.dtype} of shape {values.shape}", where=path, expected=expected
+        f"field '{name}' is {values.dtype} of shape {values.shape}",
+        where=path,
+        expected=expected,
+        mend=mend,
     )
 
 
@@ -193,4 +271,5 @@ def _check_length(arrays: _Arrays, name: str, values: NDArray[Any], rows: int) -
             f"field '{name}' has {len(values):,} rows, '{ids}' has {rows:,}",
             where=arrays.path,
             expected="a row an id, in the same order",
+            mend="write the rows and their ids together",
         )
