@@ -100,7 +100,7 @@ class Benchmark:
                 mend=f"name it with --data, or set {DATA_VARIABLE} to the folder that holds it",
             )
         file = parse_toml(path, BenchmarkFile, BenchmarkError, "benchmark file")
-        _verify(folder, file.checksums)
+        _verify(folder, file)
         return cls(folder, file)
 
     @property
@@ -214,34 +214,59 @@ def read_table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
             where=path,
             mend="prepare the benchmark again; `check` needs no truth, `eval` does",
         )
-    if path.suffix == ".parquet":
-        table = pd.read_parquet(path)
-    else:
-        ids = {"id": str, "image": str, "reason": str}
-        table = pd.read_csv(path, dtype=ids, keep_default_na=False, na_values=["nan", ""])
+    ids = {"id": str, "image": str, "reason": str}
+    try:
+        if path.suffix == ".parquet":
+            table = pd.read_parquet(path)
+        else:
+            table = pd.read_csv(path, dtype=ids, keep_default_na=False, na_values=["nan", ""])
+    except (ValueError, OSError) as error:
+        raise BenchmarkError(
+            f"not a readable table: {(str(error) or type(error).__name__).splitlines()[0]}",
+            where=path,
+            mend="prepare the benchmark again",
+        ) from error
     lacking = [name for name in columns if name not in table.columns]
     if lacking:
-        raise BenchmarkError(f"lacks the columns {', '.join(lacking)}", where=path)
+        raise BenchmarkError(
+            f"lacks the columns {', '.join(lacking)}",
+            where=path,
+            expected=", ".join(columns),
+            mend="prepare the benchmark again",
+        )
     return table
 
 
 def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
     """Write benchmark.toml with the checksums of all that stands under scenes/."""
-    sums = {
-        path.relative_to(folder).as_posix(): sha256_of(path)
-        for path in sorted((folder / "scenes").rglob("*"))
-        if path.is_file() and path.parent.parent.name == "scenes"
-    }
+    sums = {name: sha256_of(folder / name) for name in _truth_files(folder)}
     values = file.model_dump(mode="json", by_alias=True, exclude_none=True) | {"checksums": sums}
     (folder / "benchmark.toml").write_text(tomli_w.dumps(values), encoding="utf-8")
 
 
-def _verify(folder: Path, checksums: dict[str, str]) -> None:
-    for name, expected in checksums.items():
+def _truth_files(folder: Path) -> list[str]:
+    files = (path for path in sorted((folder / "scenes").glob("*/*")) if path.is_file())
+    return [path.relative_to(folder).as_posix() for path in files if path.name[0] != "."]
+
+
+def _verify(folder: Path, file: BenchmarkFile) -> None:
+    scenes = {scene.id for scene in file.scenes}
+    for name in _truth_files(folder):
+        if name.split("/")[1] in scenes and name not in file.checksums:
+            raise BenchmarkError(
+                "has no checksum in benchmark.toml",
+                where=folder / name,
+                expected="only files that `airzoo-bench prepare` wrote",
+                mend="remove the file, or prepare the benchmark again",
+            )
+    for name, expected in file.checksums.items():
         path = folder / name
         if not path.is_file():
             raise BenchmarkError(
-                "a file of the benchmark is missing", where=path, mend="prepare it again"
+                "a file of the benchmark is missing",
+                where=path,
+                expected="all files of tables and truth that benchmark.toml names",
+                mend="copy the folder again, or prepare the benchmark again",
             )
         if sha256_of(path) != expected:
             raise BenchmarkError(

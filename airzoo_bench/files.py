@@ -8,7 +8,7 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -22,6 +22,7 @@ __all__ = [
     "atomic_folder",
     "atomic_write",
     "canonical_json",
+    "check_output_folder",
     "fingerprint",
     "read_text",
     "sha256_of",
@@ -53,6 +54,8 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     UserError
         The folder cannot be written to, or the disk is full.
     """
+    if path.is_dir():
+        raise UsageError("a folder, not a file", where=path, mend="name a file to write")
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
     temporary: str | None = None
     try:
@@ -112,6 +115,24 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
         raise
 
 
+def check_output_folder(folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder for output that cannot take files of these names, before any is written.
+
+    Raises
+    ------
+    UsageError
+        A file stands where the folder or one above it should be, or a folder where a file should.
+    """
+    for place in (folder, *folder.parents):
+        if place.exists():
+            if not place.is_dir():
+                raise UsageError("a file, not a folder", where=place, mend="name a folder")
+            break
+    for name in names:
+        if (folder / name).is_dir():
+            raise UsageError("a folder, not a file", where=folder / name, mend="name another --out")
+
+
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal, read in pieces."""
     digest = hashlib.sha256()
@@ -166,6 +187,8 @@ def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 1
     UserError
         Of class `kind`: the file is missing, too large, or not UTF-8.
     """
+    if path.is_dir():
+        raise kind(f"a folder, not a {what}", where=path)
     if not path.is_file():
         raise kind(f"no such {what}", where=path)
     if path.stat().st_size > limit_bytes:
@@ -173,12 +196,16 @@ def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 1
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise kind(f"not UTF-8 at byte {error.start}", where=path, expected=what) from error
+        raise kind(
+            f"not text: byte {error.start} is not UTF-8",
+            where=path,
+            expected=f"a {what} in UTF-8",
+        ) from error
 
 
 def _cannot_write(path: Path, error: OSError) -> UserError:
     return UserError(
-        f"cannot be written: {error}",
+        f"cannot be written: {error.strerror or error}",
         where=path,
         mend="choose a folder you may write to, on a disk with room",
     )

@@ -54,6 +54,8 @@ def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
 
 M = TypeVar("M", bound=BaseModel)
 
+_SHOWN = 5
+
 Name = Annotated[str, Field(pattern=SAFE_NAME)]
 Ranks = Annotated[
     tuple[Annotated[int, Field(ge=1, le=1000)], ...],
@@ -203,8 +205,13 @@ def parse_toml(path: Path, model: type[M], kind: type[UserError], what: str) -> 
     """Read a TOML file into a pydantic model, or say what is wrong with it."""
     try:
         data = tomllib.loads(read_text(path, kind, what))
-    except tomllib.TOMLDecodeError as error:
-        raise kind(f"not valid TOML: {error}", where=path, expected=f"a {what}") from error
+    except (ValueError, RecursionError) as error:  # the latter of values nested too deep
+        raise kind(
+            f"not valid TOML: {error}",
+            where=path,
+            expected=f"a {what}",
+            mend="correct that place",
+        ) from error
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -215,13 +222,17 @@ def parse_toml(path: Path, model: type[M], kind: type[UserError], what: str) -> 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
     """Put pydantic's findings into lines that name key, value and expectation."""
-    return "\n".join(_finding(item, model) for item in error.errors()[:5])
+    found = error.errors()
+    more = [f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
+    return "\n    ".join([*(_finding(item, model) for item in found[:_SHOWN]), *more])
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
     key = ".".join(str(part) for part in item["loc"]) or "(the file)"
     if item["type"] == "extra_forbidden":
         return f"unknown key '{key}'{_nearest(str(item['loc'][-1]), _known_keys(model))}"
+    if item["type"] == "json_invalid":
+        return f"not valid JSON: {item['ctx']['error']}"
     if item["type"] == "missing":
         return f"key '{key}' is missing"
     given = repr(item["input"])
@@ -277,7 +288,7 @@ def find_protocol(name: str, data_root: Path) -> Protocol:
     if name in known:
         return load_protocol(known[name])
     raise ProtocolError(
-        f"unknown protocol {name!r}{_nearest(name, list(known))}",
+        f"unknown protocol {name[:80]!r}{_nearest(name[:80], list(known))}",
         expected="a .toml file or one of: " + ", ".join(known),
         mend="`airzoo-bench protocols` lists them; `--protocol` overrides the file's own",
     )
@@ -322,13 +333,24 @@ def protocol_for(
     values = base.model_dump(by_alias=True)
     values |= {"name": f"{name}-{base.track}", "version": 1, "benchmark": name}
     values |= {"title": f"{name}, {base.track}", "scenes": ({"id": name, "title": name},)}
+    if values["name"] in shipped_protocols():
+        raise ProtocolError(
+            f"the name {name!r} would make a second protocol {values['name']}",
+            expected="a name that no shipped protocol has",
+            mend="choose another --name",
+        )
     if tile_sizes_px is not None:
         values["gallery"]["tile_sizes_px"] = tile_sizes_px
-    if rule is not None:
-        values["ground_truth"] |= {"rule": rule, "iou_above": iou_above}
+    truth = base.ground_truth
+    chosen = rule or truth.rule
+    if iou_above is None and chosen == "iou":
+        iou_above = truth.iou_above
+    values["ground_truth"] |= {"rule": chosen, "iou_above": iou_above}
     try:
         return Protocol.model_validate(values)
     except ValidationError as error:
         raise ProtocolError(
-            validation_message(error, Protocol), where=f"the protocol for {name}"
+            validation_message(error, Protocol),
+            where=f"the protocol for {name[:80]!r}",
+            mend="correct the option, or the protocol that --protocol names",
         ) from error

@@ -8,10 +8,18 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 import airzoo_bench
 from airzoo_bench.errors import ResultError
@@ -29,6 +37,15 @@ __all__ = [
     "versions",
     "write_result",
 ]
+
+
+def _is_number(value: float) -> float:
+    if math.isnan(value):
+        raise ValueError("a score is never NaN")
+    return value
+
+
+Value = Annotated[float, AfterValidator(_is_number)]
 
 _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap")
 
@@ -102,10 +119,25 @@ class Result(_Model):
     counts: dict[str, dict[str, int]]
     extra_queries: int
     notes: tuple[str, ...]
-    scenes: dict[str, dict[str, float]]
-    overall: dict[str, float]
-    pooled: dict[str, float]
+    scenes: dict[str, dict[str, Value]]
+    overall: dict[str, Value]
+    pooled: dict[str, Value]
     checksum: str = ""
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Result:
+        keys = {column.key for column in self.columns}
+        for part in (*self.scenes.values(), self.overall, self.pooled):
+            if set(part) != keys:
+                raise ValueError(f"scores do not fit the columns: {sorted(keys ^ set(part))[:3]}")
+        for what in (self.counts, self.truth.scene_titles):
+            if set(what) != set(self.scenes):
+                raise ValueError("counts, titles and scores are not of the same scenes")
+        if not all("queries" in counts for counts in self.counts.values()):
+            raise ValueError("a scene has no count of queries")
+        if "airzoo-bench" not in self.versions:
+            raise ValueError("the version of airzoo-bench is not given")
+        return self
 
     def sealed(self) -> Result:
         """Return the same result with its checksum."""
@@ -164,14 +196,16 @@ def read_result(path: Path) -> Result:
         result = Result.model_validate_json(text)
     except ValidationError as error:
         raise ResultError(
-            f"not a result of this version:\n{validation_message(error, Result)}",
+            f"not a result of this version:\n    {validation_message(error, Result)}",
             where=path,
             expected="a result.json that `airzoo-bench eval ... --out DIR` wrote",
+            mend="score the predictions again",
         ) from error
     if not result.is_intact():
         raise ResultError(
             "its content was changed after it was written: the checksum does not fit",
             where=path,
+            expected="a result as `airzoo-bench eval` wrote it",
             mend="score the predictions again",
         )
     return result

@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.errors import PredictionError, UsageError, first_of
-from airzoo_bench.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.errors import PredictionError, ProtocolError, UsageError, first_of
+from airzoo_bench.files import (
+    atomic_write,
+    check_output_folder,
+    fingerprint,
+    sha256_of,
+    write_npz,
+)
 from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
 from airzoo_bench.readers.retrieval import read_retrieval
@@ -26,7 +32,12 @@ from airzoo_bench.result import (
     write_result,
 )
 from airzoo_bench.retrieval.claims import assign_queries, rank_scene
-from airzoo_bench.retrieval.predictions import RetrievalPredictions, faults, scene_of
+from airzoo_bench.retrieval.predictions import (
+    RetrievalPredictions,
+    deep_faults,
+    faults,
+    scene_of,
+)
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.template import descriptor_template, ranked_template
 from airzoo_bench.retrieval.track import score_scene
@@ -89,7 +100,8 @@ def evaluate_retrieval(
     truths = read_truths(benchmark, chosen)
     rows, extra = assign_queries(predictions, truths)
     if all((found < 0).all() for found in rows):
-        raise _other_benchmark(predictions, chosen, data)
+        example = str(truths[0].queries["id"].iloc[0])
+        raise _other_benchmark(predictions, chosen, data, example)
     parts = []
     for truth, found in progress(zip(truths, rows, strict=True), "scenes", len(truths)):
         ranking = rank_scene(
@@ -119,7 +131,7 @@ def check_retrieval(
     """
     predictions = read_retrieval(path, memory_bytes)
     chosen = choose_protocol(predictions, protocol, data)
-    found = list(faults(predictions, chosen.scores.depth))
+    found = [*faults(predictions, chosen.scores.depth), *deep_faults(predictions)]
     scenes = {scene.id for scene in chosen.scenes}
     if not scenes & set(np.unique(scene_of(predictions.query_ids))):
         found.append(_other_benchmark(predictions, chosen, data))
@@ -128,6 +140,7 @@ def check_retrieval(
 
 def save(evaluation: Evaluation, folder: Path) -> None:
     """Write ``result.json`` and ``records.csv`` into a folder, each whole or not at all."""
+    check_output_folder(folder, ("result.json", "records.csv"))
     with atomic_write(folder / "records.csv", "w") as stream:
         evaluation.records.to_csv(stream, index=False, lineterminator="\n")
     write_result(folder / "result.json", evaluation.result)
@@ -235,24 +248,31 @@ def _notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: int) ->
 
 
 def _other_benchmark(
-    predictions: RetrievalPredictions, protocol: Protocol, data: Path
+    predictions: RetrievalPredictions, protocol: Protocol, data: Path, example: str | None = None
 ) -> PredictionError:
     scenes = set(np.unique(scene_of(predictions.query_ids)))
     ids = predictions.query_ids
     alike = [
         name
         for name, path in protocol_files(data).items()
-        if name != protocol.name and scenes & {scene.id for scene in load_protocol(path).scenes}
+        if name != protocol.name and scenes & _scenes_of(path)
     ]
     guess = f"they look like those of {' or '.join(alike)}" if alike else ""
-    expected = ", ".join(f"{scene.id}/..." for scene in protocol.scenes[:3])
+    expected = example or ", ".join(f"{scene.id}/..." for scene in protocol.scenes[:3])
     return PredictionError(
         f"none of its query ids belongs to {protocol.benchmark}: {first_of(ids, len(ids))}"
         + (f"; {guess}" if guess else ""),
         where=f"{predictions.path}, field 'query_ids'",
         expected=f"ids such as {expected}",
-        mend="name the right protocol with --protocol, or see `airzoo-bench template`",
+        mend="name the right protocol with --protocol; `airzoo-bench template` writes the ids",
     )
+
+
+def _scenes_of(path: Path) -> set[str]:
+    try:
+        return {scene.id for scene in load_protocol(path).scenes}
+    except ProtocolError:  # another benchmark's fault is not this file's
+        return set()
 
 
 def write_template(

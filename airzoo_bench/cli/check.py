@@ -12,6 +12,7 @@ from airzoo_bench.cli.common import (
     MemoryOption,
     ProtocolOption,
     memory_bytes,
+    put,
     resolve_data,
     say,
 )
@@ -38,4 +39,4 @@ def check(
         say(str(fault))
     if found:
         raise typer.Exit(1)
-    typer.echo(f"{predictions}: nothing wrong was found")
+    put(f"{predictions}: nothing wrong was found\n")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, TextIO, TypeVar
 
 import typer
 
@@ -25,6 +26,7 @@ __all__ = [
     "memory_bytes",
     "printable",
     "progress",
+    "put",
     "resolve_data",
     "say",
     "show",
@@ -69,7 +71,12 @@ JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Threads to
 def resolve_data(data: Path | None) -> Path:
     """Return the folder named, else the configured data root."""
     if data is not None and not data.is_dir():
-        raise UsageError("no such folder", where=f"--data {data}")
+        raise UsageError(
+            "no such folder",
+            where=f"--data {data}",
+            expected="a benchmark folder, or the folder that holds some",
+            mend="make one with `airzoo-bench prepare`",
+        )
     return data_root() if data is None else data
 
 
@@ -94,7 +101,20 @@ def printable(text: str) -> str:
 
 def say(message: str) -> None:
     """Tell the person something on stderr, so that a pipe stays clean."""
-    typer.echo(printable(message), err=True)
+    _write(printable(message) + "\n", sys.stderr)
+
+
+def put(text: str) -> None:
+    """Write text to stdout; where the reader of a pipe has gone, quietly to nowhere."""
+    _write(text, sys.stdout)
+
+
+def _write(text: str, stream: TextIO) -> None:
+    try:
+        stream.write(text)
+        stream.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def show(table: Table, form: Format) -> None:
@@ -102,7 +122,7 @@ def show(table: Table, form: Format) -> None:
     from airzoo_bench.tables.render import render
 
     text = render(table, form.value)
-    typer.echo(printable(text) if form is Format.TERMINAL else text, nl=False)
+    put(text)
 
 
 def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:

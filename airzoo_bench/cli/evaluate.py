@@ -16,6 +16,7 @@ from airzoo_bench.cli.common import (
     ProtocolOption,
     memory_bytes,
     progress,
+    put,
     resolve_data,
     say,
     show,
@@ -52,9 +53,12 @@ def retrieval(
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."""
+    from airzoo_bench.files import check_output_folder
     from airzoo_bench.runner import evaluate_retrieval, save
     from airzoo_bench.tables.build import scenes_table
 
+    if out is not None:
+        check_output_folder(out, ("result.json", "records.csv"))
     evaluation = evaluate_retrieval(
         predictions,
         data=resolve_data(data),
@@ -67,7 +71,7 @@ def retrieval(
     if out is not None:
         save(evaluation, out)
     if form is Format.JSON:
-        typer.echo(evaluation.result.model_dump_json(by_alias=True, indent=1))
+        put(evaluation.result.model_dump_json(by_alias=True, indent=1) + "\n")
     else:
         show(scenes_table(evaluation.result, every_score=every_score), form)
     if out is not None:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-import os
+import io
 import sys
 import traceback
 from typing import Annotated
@@ -14,7 +14,7 @@ import typer
 
 import airzoo_bench
 from airzoo_bench.cli import baseline, check, evaluate, prepare, protocols, table, template
-from airzoo_bench.cli.common import printable
+from airzoo_bench.cli.common import say
 from airzoo_bench.errors import UserError
 
 __all__ = ["app", "main"]
@@ -59,23 +59,26 @@ def _root(
 
 def main() -> None:
     """Run the command line and turn what goes wrong into a message and an exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # Not every terminal or pipe has a code for every letter of a name.
+            stream.reconfigure(errors="backslashreplace")
     try:
         app(standalone_mode=True)
+    except SystemExit as done:
+        if done.code == _STOPPED:
+            say("airzoo-bench: stopped; nothing was left half-written")
+        raise
     except UserError as error:
-        _complain(f"airzoo-bench: {error}")
+        say(f"airzoo-bench: {error}")
         sys.exit(_INPUT_IS_WRONG)
-    except KeyboardInterrupt:
-        _complain("airzoo-bench: stopped; nothing was left half-written")
-        sys.exit(_STOPPED)
-    except BrokenPipeError:
-        # The reader of the pipe has gone; Python must not complain once more while it exits.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+    except OSError as error:
+        say(f"airzoo-bench: {error.filename or 'a file'}: {error.strerror or error}")
+        sys.exit(_INPUT_IS_WRONG)
+    except MemoryError:
+        say("airzoo-bench: not enough memory\n  to mend:  lower --max-memory or --jobs")
+        sys.exit(_INPUT_IS_WRONG)
     except Exception:  # noqa: BLE001 - the one place where a bug is reported as a bug
         traceback.print_exc()
-        _complain("airzoo-bench: this is a bug of the suite, not of your input: please report it")
+        say("airzoo-bench: this is a bug of the suite, not of your input: please report it")
         sys.exit(_BUG)
-
-
-def _complain(message: str) -> None:
-    print(printable(message), file=sys.stderr)  # noqa: T201

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import progress, say
+from airzoo_bench.cli.common import progress, put, say
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.photos import Prepared
 
 __all__ = ["app"]
+
+_LONGEST_NAME = 48  # of which more names are made
 
 app = typer.Typer(help="Make a benchmark folder out of data.", no_args_is_help=True)
 
@@ -76,8 +79,15 @@ def photos(
     """Make a benchmark folder out of photos, their poses, a map and a surface model."""
     from airzoo_bench.benchmark import data_root
     from airzoo_bench.datasets.photos import PhotoSources, prepare_photos
-    from airzoo_bench.protocol import find_protocol, protocol_for
+    from airzoo_bench.errors import UsageError
+    from airzoo_bench.protocol import SAFE_NAME, find_protocol, protocol_for
 
+    if not re.fullmatch(SAFE_NAME, name) or len(name) > _LONGEST_NAME:
+        raise UsageError(
+            f"--name {name[:80]!r} cannot be the name of a benchmark",
+            expected="letters, digits, '.', '_' and '-', beginning with a letter or digit, at most "
+            f"{_LONGEST_NAME} characters",
+        )
     chosen = protocol_for(
         find_protocol(protocol, data_root()),
         name,
@@ -100,11 +110,11 @@ def photos(
 def _report(prepared: Prepared, out: Path | None) -> None:
     truth = prepared.scene.truth
     counts = truth.positives.counts
-    typer.echo(f"{prepared.folder}")
-    typer.echo(f"  queries   {len(truth.queries)}")
-    typer.echo(f"  tiles     {len(truth.tiles)}")
-    typer.echo(f"  positives {counts.min()} to {counts.max()} a query, mean {counts.mean():.1f}")
-    typer.echo(f"  left out  {len(truth.excluded)} photos (excluded.csv says why)")
+    put(f"{prepared.folder}\n")
+    put(f"  queries   {len(truth.queries)}\n")
+    put(f"  tiles     {len(truth.tiles)}\n")
+    put(f"  positives {counts.min()} to {counts.max()} a query, mean {counts.mean():.1f}\n")
+    put(f"  left out  {len(truth.excluded)} photos (excluded.csv says why)\n")
     if prepared.without_pose:
         say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
     where = f" --data {prepared.folder}" if out else ""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, Format, FormatOption, resolve_data, show
+from airzoo_bench.cli.common import DataOption, Format, FormatOption, put, resolve_data, show
 
 __all__ = ["protocols"]
 
@@ -25,7 +26,8 @@ def protocols(
     folder = resolve_data(data)
     if name is not None:
         find_protocol(name, folder)
-        typer.echo(protocol_files(folder)[name].read_text(encoding="utf-8"), nl=False)
+        path = Path(name) if name.endswith(".toml") else protocol_files(folder)[name]
+        put(path.read_text(encoding="utf-8"))
         return
     loaded = {key: load_protocol(path) for key, path in protocol_files(folder).items()}
     rows = tuple(

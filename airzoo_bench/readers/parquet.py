@@ -167,7 +167,8 @@ def _as_vector(values: Any, name: str, kind: Any, path: Path) -> NDArray[Any]:
     is_text = pa.types.is_string, pa.types.is_large_string
     if pa.types.is_dictionary(values.type):
         texts = _as_vector(values.dictionary, name, kind, path)
-        return np.take(texts, values.indices.to_numpy(zero_copy_only=False))
+        indices: NDArray[Any] = values.indices.to_numpy(zero_copy_only=False)
+        return np.take(texts, indices)
     if any(is_kind(values.type) for is_kind in is_text):
         return _as_text(values, name, path)
     if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):

@@ -232,8 +232,8 @@ def _unprintable(codes: NDArray[np.uint32], ids: NDArray[np.str_]) -> NDArray[np
     used = np.zeros(_N_CODES, np.bool_)
     used[codes] = True
     bad = [code for code in np.flatnonzero(used[1:]) + 1 if not chr(code).isprintable()]
-    nul_inside = np.count_nonzero(codes, axis=-1) != np.char.str_len(ids)
-    return nul_inside | np.isin(codes, bad).any(axis=-1) if bad else nul_inside
+    nul_inside: NDArray[np.bool_] = np.count_nonzero(codes, axis=-1) != np.char.str_len(ids)
+    return np.logical_or(nul_inside, np.isin(codes, bad).any(axis=-1)) if bad else nul_inside
 
 
 def _numbers(arrays: _Arrays, name: str, *, mapped: bool) -> NDArray[np.floating[Any]]:

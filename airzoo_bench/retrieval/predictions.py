@@ -6,7 +6,7 @@ first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ __all__ = [
     "Descriptors",
     "RankedIds",
     "RetrievalPredictions",
+    "deep_faults",
     "faults",
     "scene_of",
 ]
@@ -37,6 +38,8 @@ FIELDS = (
 )
 
 Texts = NDArray[np.str_]
+
+_BLOCK_BYTES = 1 << 26
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,26 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
     else:
         checks.append(partial(_check_ids, predictions, "gallery_ids"))
         checks.append(partial(_check_descriptors, predictions, claim))
+    yield from _raised(checks)
+
+
+def deep_faults(predictions: RetrievalPredictions) -> Iterator[PredictionError]:
+    """Yield what else can be seen without truth, and what scoring finds by itself.
+
+    Reads descriptors through, which for a mapped gallery takes as long as its file is large.
+    """
+    claim = predictions.claim
+    if isinstance(claim, RankedIds):
+        yield from _raised(
+            [partial(_check_scenes, predictions, claim), partial(_check_order, predictions, claim)]
+        )
+        return
+    queries = ("query_descriptors", claim.queries, predictions.query_ids)
+    gallery = ("gallery_descriptors", claim.gallery, claim.gallery_ids)
+    yield from _raised([partial(_check_finite, predictions, *part) for part in (queries, gallery)])
+
+
+def _raised(checks: Sequence[Callable[[], None]]) -> Iterator[PredictionError]:
     for check in checks:
         try:
             check()
@@ -136,12 +159,19 @@ def _check_ids(predictions: RetrievalPredictions, field: str) -> None:
     if field == "gallery_ids" and isinstance(claim, Descriptors):
         ids = claim.gallery_ids
     where = f"{predictions.path}, field '{field}'"
-    unscened = np.flatnonzero(np.char.find(ids, "/") <= 0)
-    if unscened.size:
+    if not ids.size:
         raise PredictionError(
-            f"ids without a scene: {first_of(ids[unscened], len(ids))}",
+            "holds no id", where=where, expected="ids such as City/DJI_0001", mend="fill the file"
+        )
+    place = np.char.find(ids, "/")
+    unscened = np.flatnonzero((place <= 0) | (place == np.char.str_len(ids) - 1))
+    if unscened.size:
+        listed = [repr(str(name)) for name in ids[unscened]]
+        raise PredictionError(
+            f"ids without a scene or a name: {first_of(listed, len(ids))}",
             where=where,
             expected="scene/name, such as City/DJI_0001",
+            mend="put the scene before each name",
         )
     unique, counts = np.unique(ids, return_counts=True)
     if unique.size < ids.size:
@@ -172,6 +202,7 @@ def _check_gaps(predictions: RetrievalPredictions, claim: RankedIds) -> None:
             f"an empty id before a tile in the lists of {_rows(predictions, gaps)}",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected="empty ids only at the end of a list that is shorter than the others",
+            mend="close the gaps",
         )
 
 
@@ -200,6 +231,56 @@ def _check_scores(predictions: RetrievalPredictions, claim: RankedIds) -> None:
             f"NaN or infinite scores in the rows of {_rows(predictions, rows)}",
             where=f"{predictions.path}, field 'scores'",
             expected="a finite number for each ranked tile",
+            mend="look for a division by zero or half precision, or leave the scores out",
+        )
+
+
+def _check_scenes(predictions: RetrievalPredictions, claim: RankedIds) -> None:
+    own = scene_of(predictions.query_ids)[:, None]
+    strange = (scene_of(claim.ids) != own) & (claim.ids != "")
+    rows = np.flatnonzero(strange.any(axis=1))
+    if rows.size:
+        tile = claim.ids[rows[0]][strange[rows[0]]][0]
+        raise PredictionError(
+            f"tiles of another scene are ranked for {_rows(predictions, rows)}; the first is "
+            f"{str(tile)!r}",
+            where=f"{predictions.path}, field 'ranked_ids'",
+            expected=f"tiles of the query's own scene, such as {own[rows[0], 0]}/...",
+            mend="rank each query against the gallery of its own scene only",
+        )
+
+
+def _check_order(predictions: RetrievalPredictions, claim: RankedIds) -> None:
+    if claim.scores is None:
+        return
+    ranked = claim.ids[:, 1:] != ""
+    rises = ((claim.scores[:, 1:] > claim.scores[:, :-1]) & ranked).any(axis=1)
+    falls = ((claim.scores[:, 1:] < claim.scores[:, :-1]) & ranked).any(axis=1)
+    if not (rises.any() and falls.any()):
+        return
+    rows = np.flatnonzero(rises if rises.sum() <= falls.sum() else falls)
+    raise PredictionError(
+        f"scores are not in order for {_rows(predictions, rows)}",
+        where=f"{predictions.path}, field 'scores'",
+        expected="similarities that never rise along a row, or distances that never fall, in all "
+        "rows alike",
+        mend="sort each query's tiles by its scores, best first",
+    )
+
+
+def _check_finite(
+    predictions: RetrievalPredictions, field: str, rows: NDArray[np.floating[Any]], ids: Texts
+) -> None:
+    step = max(1, _BLOCK_BYTES // max(1, rows.shape[1] * rows.itemsize))
+    blocks = range(0, len(rows), step)
+    finite = [np.isfinite(rows[start : start + step]).all(axis=1) for start in blocks]
+    bad = np.flatnonzero(~np.concatenate([np.ones(0, np.bool_), *finite]))
+    if bad.size:
+        raise PredictionError(
+            f"NaN or infinite descriptors of {first_of(ids[bad], len(ids))}",
+            where=f"{predictions.path}, field '{field}'",
+            expected="finite numbers",
+            mend="export these again, and look for a division by zero or half precision",
         )
 
 
@@ -208,8 +289,9 @@ def _check_descriptors(predictions: RetrievalPredictions, claim: Descriptors) ->
         raise PredictionError(
             f"query descriptors have {claim.queries.shape[1]} dimensions, gallery descriptors "
             f"{claim.gallery.shape[1]}",
-            where=predictions.path,
+            where=f"{predictions.path}, fields 'query_descriptors' and 'gallery_descriptors'",
             expected="the same number",
+            mend="describe photos and tiles with the same model",
         )
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-__all__ = ["Cell", "Column", "Row", "Table", "mark_best", "share_to_percent"]
+__all__ = ["Cell", "Column", "Row", "Table", "mark_best", "plain", "share_to_percent"]
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Cell:
         if self.value is None:
             return "–"
         if isinstance(self.value, str | int):
-            return str(self.value)
+            return plain(str(self.value))
         if math.isinf(self.value):
             return "inf" if self.value > 0 else "-inf"
         return f"{self.value:.{decimals}f}"
@@ -80,6 +80,18 @@ class Table:
         ]
 
 
+def plain(text: str) -> str:
+    """Put a text on one line and replace what does not print.
+
+    Names come from strangers: an escape sequence in one could steer a terminal, whatever the
+    format that it is printed in.
+    """
+    printed = (
+        c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
+    )
+    return "".join(printed)
+
+
 def share_to_percent(value: float) -> float:
     """Turn a share into percent."""
     return 100.0 * value
@@ -87,6 +99,8 @@ def share_to_percent(value: float) -> float:
 
 def mark_best(table: Table) -> Table:
     """Mark the best cell of each score, and every cell that is shown with the same digits.
+
+    An infinite value, which is a failure, is never the best.
 
     Parameters
     ----------
@@ -109,7 +123,7 @@ def mark_best(table: Table) -> Table:
 
 
 def _best(column: Column, cells: list[Cell]) -> str | None:
-    numbers = [cell for cell in cells if isinstance(cell.value, float)]
+    numbers = [c for c in cells if isinstance(c.value, float) and math.isfinite(c.value)]
     if not numbers:
         return None
     pick: Literal[1, -1] = 1 if column.higher_is_better else -1

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Callable
 
-from airzoo_bench.tables.model import Cell, Column, Row, Table
+from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 __all__ = ["FORMATS", "render"]
 
@@ -28,6 +28,8 @@ _LATEX = {
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
     '"': r"\textquotedbl{}",
+    "[": "{[}",  # after a line's end it would begin an optional argument, as * would
+    "*": "{*}",
     "↑": r"$\uparrow$",
     "↓": r"$\downarrow$",
     "–": r"--",
@@ -53,7 +55,7 @@ def _terminal(table: Table) -> str:
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    shown = RichTable(title=Text(table.title), box=box.SIMPLE_HEAD, title_justify="left")
+    shown = RichTable(title=Text(plain(table.title)), box=box.SIMPLE_HEAD, title_justify="left")
     for index, column in enumerate(table.columns):
         shown.add_column(Text(column.heading), justify="left" if index == 0 else "right")
     previous = False
@@ -66,7 +68,7 @@ def _terminal(table: Table) -> str:
     out = io.StringIO()
     console = Console(file=out, width=_width(table), force_terminal=False)
     console.print(shown)
-    return out.getvalue() + "".join(f"  {note}\n" for note in table.notes)
+    return out.getvalue() + "".join(f"  {plain(note)}\n" for note in table.notes)
 
 
 def _width(table: Table) -> int:
@@ -77,8 +79,8 @@ def _width(table: Table) -> int:
 
 def _latex(table: Table) -> str:
     lines = [
-        "% " + " ".join(table.title.split()),
-        *("% " + " ".join(note.split()) for note in table.notes),
+        "% " + plain(table.title),
+        *("% " + plain(note) for note in table.notes),
         r"\begin{tabular}{l" + "r" * (len(table.columns) - 1) + "}",
         r"\toprule",
         " & ".join(_escape_latex(column.heading) for column in table.columns) + r" \\",
@@ -113,8 +115,8 @@ def _csv(table: Table) -> str:
 
 def _defused(text: str) -> str:
     # A spreadsheet would run a method's name that begins like a formula.
-    is_number = text.lstrip("-").replace(".", "", 1).isdigit() or text == "-inf"
-    return "'" + text if text[:1] in ("=", "+", "-", "@", "\t", "\r") and not is_number else text
+    is_number = text.removeprefix("-").replace(".", "", 1).isdigit() or text == "-inf"
+    return "'" + text if text[:1] in ("=", "+", "-", "@") and not is_number else text
 
 
 def _markdown(table: Table) -> str:
@@ -136,7 +138,7 @@ def _markdown_cell(cell: Cell, text: str) -> str:
 
 
 def _escape_markdown(text: str) -> str:
-    escaped = "".join("\\" + c if c in r"\`*_[]|#!" else c for c in " ".join(text.split()))
+    escaped = "".join("\\" + c if c in r"\`*_[]|#!~$" else c for c in " ".join(text.split()))
     return html.escape(escaped, quote=False)
 
 
@@ -148,9 +150,9 @@ def _html(table: Table) -> str:
     rows = "".join(
         _html_row(row, texts) for row, texts in zip(table.rows, table.texts(), strict=True)
     )
-    notes = "".join(tag("p", note) for note in table.notes)
+    notes = "".join(tag("p", plain(note)) for note in table.notes)
     return (
-        f"<table>\n{tag('caption', table.title)}\n<thead><tr>{heads}</tr></thead>\n"
+        f"<table>\n{tag('caption', plain(table.title))}\n<thead><tr>{heads}</tr></thead>\n"
         f"<tbody>\n{rows}</tbody>\n</table>\n{notes}\n"
     )
 
