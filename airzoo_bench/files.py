@@ -22,6 +22,7 @@ __all__ = [
     "atomic_folder",
     "atomic_write",
     "canonical_json",
+    "check_new_folder",
     "check_output_folder",
     "fingerprint",
     "read_text",
@@ -30,6 +31,7 @@ __all__ = [
 ]
 
 _CHUNK_BYTES = 1 << 20
+_MARK = "benchmark.toml"
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
@@ -92,14 +94,11 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
     Raises
     ------
     UsageError
-        The folder exists and `replace` is false.
+        See `check_new_folder`.
     UserError
         It cannot be written.
     """
-    if path.exists() and not replace:
-        raise UsageError(
-            "the folder exists already", where=path, mend="name another, or add --force"
-        )
+    check_new_folder(path, replace=replace)
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -113,6 +112,31 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
     except BaseException:
         _forget_folder(temporary)
         raise
+
+
+def check_new_folder(path: Path, *, replace: bool) -> None:
+    """Refuse a folder that cannot be made, or must not be replaced.
+
+    Raises
+    ------
+    UsageError
+        It exists and `replace` is false, or is something else than what was made here before:
+        a file, or a folder with other content, which nobody wants to lose.
+    """
+    if not path.exists():
+        check_output_folder(path.parent, ())
+        return
+    if not replace:
+        raise UsageError(
+            "the folder exists already", where=path, mend="name another, or add --force"
+        )
+    if not path.is_dir() or (any(path.iterdir()) and not (path / _MARK).is_file()):
+        raise UsageError(
+            "is not a benchmark folder, and so is not replaced",
+            where=path,
+            expected=f"a folder with {_MARK}, or none",
+            mend="name another folder",
+        )
 
 
 def check_output_folder(folder: Path, names: Iterable[str]) -> None:
@@ -228,7 +252,12 @@ def _swap(new: Path, path: Path) -> None:
         return
     old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
     path.replace(old / "old")
-    new.replace(path)
+    try:
+        new.replace(path)
+    except BaseException:
+        (old / "old").replace(path)
+        old.rmdir()
+        raise
     shutil.rmtree(old)
 
 

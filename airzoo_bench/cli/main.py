@@ -59,10 +59,7 @@ def _root(
 
 def main() -> None:
     """Run the command line and turn what goes wrong into a message and an exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            # Not every terminal or pipe has a code for every letter of a name.
-            stream.reconfigure(errors="backslashreplace")
+    _allow_every_letter()
     try:
         app(standalone_mode=True)
     except SystemExit as done:
@@ -72,13 +69,23 @@ def main() -> None:
     except UserError as error:
         say(f"airzoo-bench: {error}")
         sys.exit(_INPUT_IS_WRONG)
-    except OSError as error:
-        say(f"airzoo-bench: {error.filename or 'a file'}: {error.strerror or error}")
-        sys.exit(_INPUT_IS_WRONG)
-    except MemoryError:
-        say("airzoo-bench: not enough memory\n  to mend:  lower --max-memory or --jobs")
+    except (OSError, MemoryError) as error:
+        say(f"airzoo-bench: {_fault_of_the_machine(error)}")
         sys.exit(_INPUT_IS_WRONG)
     except Exception:  # noqa: BLE001 - the one place where a bug is reported as a bug
         traceback.print_exc()
         say("airzoo-bench: this is a bug of the suite, not of your input: please report it")
         sys.exit(_BUG)
+
+
+def _allow_every_letter() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # Not every terminal or pipe has a code for every letter of a name.
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _fault_of_the_machine(error: OSError | MemoryError) -> str:
+    if isinstance(error, OSError):
+        return f"{str(error.filename or 'a file')[:200]}: {error.strerror or error}"
+    return f"not enough memory ({error})\n  to mend:  lower --max-memory or --jobs"

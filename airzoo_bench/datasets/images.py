@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import warnings
 from pathlib import Path
 
@@ -16,6 +17,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 """Endings of files that are photos, in lower case."""
 
 _UPRIGHT = 1
+_TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
 _ORIENTATION_TAG = 0x0112
 
 
@@ -28,18 +30,23 @@ def photo_size(path: Path) -> tuple[int, int]:
         It is not a readable photo, or its EXIF orientation says that it is shown turned: a camera
         matrix could then belong to either way of looking at it.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
         with warnings.catch_warnings():
             # A survey photo is large, and of it only the header is read.
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            warnings.simplefilter("ignore")
             with Image.open(path) as image:
                 orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
                 size = image.size
-    except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
-        raise BenchmarkError(f"not a readable photo: {error}", where=path) from error
-    if orientation != _UPRIGHT:
+    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
+        raise BenchmarkError(
+            f"not a readable photo: {_brief(error, path)}",
+            where=path,
+            expected="a complete " + ", ".join(SUFFIXES) + " file",
+            mend="copy it again, or take it out of the folder",
+        ) from error
+    if orientation in _TURNED:
         raise BenchmarkError(
             f"is to be shown turned (EXIF orientation {orientation})",
             where=path,
@@ -57,17 +64,24 @@ def read_grey(path: Path, long_side: int) -> NDArray[np.uint8]:
     BenchmarkError
         It is not there or not readable.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(path) as image:
+        with warnings.catch_warnings(), Image.open(path) as image:
+            warnings.simplefilter("ignore")
             scale = min(1.0, long_side / max(image.size))
             size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
             image.draft("L", size)  # lets libjpeg skip what is thrown away
             return np.asarray(image.convert("L").resize(size, Image.Resampling.LANCZOS))
-    except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
+    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
         raise BenchmarkError(
-            f"not a readable photo: {error}",
+            f"not a readable photo: {_brief(error, path)}",
             where=path,
+            expected="the photo that the benchmark was prepared from",
             mend="put the photos back where benchmark.toml says, or prepare with --copy",
         ) from error
+
+
+def _brief(error: Exception, path: Path) -> str:
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return text.replace(repr(str(path)), "it")

@@ -6,6 +6,7 @@ import shutil
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tomli_w
 
@@ -13,17 +14,30 @@ from airzoo_bench.benchmark import BenchmarkFile, SceneFile, write_benchmark_fil
 from airzoo_bench.datasets.images import SUFFIXES, photo_size
 from airzoo_bench.datasets.poses import PosedPhotos, read_poses
 from airzoo_bench.datasets.tiles import write_tiles
-from airzoo_bench.errors import BenchmarkError, UsageError, UserError, first_of
-from airzoo_bench.files import atomic_folder
+from airzoo_bench.errors import (
+    BenchmarkError,
+    CameraError,
+    RasterError,
+    UsageError,
+    UserError,
+    first_of,
+)
+from airzoo_bench.files import atomic_folder, check_new_folder
 from airzoo_bench.geometry.frames import horizontal_crs
 from airzoo_bench.geometry.medians import median_height
-from airzoo_bench.geometry.rasters import check_same_crs, open_info
+from airzoo_bench.geometry.rasters import check_same_crs, describe_crs, open_info
 from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import Protocol, ProtocolScene
 from airzoo_bench.retrieval.prepare import PreparedScene, SceneInputs, build_truth
 from airzoo_bench.retrieval.truth import write_truth
 
+if TYPE_CHECKING:
+    from pyproj import CRS
+
 __all__ = ["PhotoSources", "Prepared", "prepare_photos"]
+
+_LONGEST_PATH = 180  # so that ids are no longer than prediction files may have them
+_MOST_DSM_BANDS = 2  # heights, and perhaps a mask
 
 
 @dataclass(frozen=True)
@@ -103,6 +117,7 @@ def prepare_photos(
         A source is missing or wrong, or no photo can be answered.
     """
     scene = protocol.scenes[0]
+    _check_target(sources, folder, replace=replace)
     sizes = _photo_sizes(sources.images, progress)
     photos = read_poses(sources.poses, sizes)
     _check_stems(photos.names, sources.images)
@@ -123,6 +138,18 @@ def prepare_photos(
     return Prepared(folder, protocol.name, prepared, without)
 
 
+def _check_target(sources: PhotoSources, folder: Path, *, replace: bool) -> None:
+    check_new_folder(folder, replace=replace)
+    target = folder.resolve()
+    for source in (sources.images, sources.poses, sources.dom, sources.dsm):
+        if target in (source.resolve(), *source.resolve().parents):
+            raise UsageError(
+                f"the folder to make holds {source}, which it is made from",
+                where=folder,
+                mend="name another --out",
+            )
+
+
 def _photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
     if not folder.is_dir():
         raise UsageError("no such folder of photos", where=folder)
@@ -136,6 +163,14 @@ def _photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]
 
 
 def _check_stems(names: tuple[str, ...], folder: Path) -> None:
+    odd = [repr(name) for name in names if not name.isprintable() or len(name) > _LONGEST_PATH]
+    if odd:
+        raise BenchmarkError(
+            f"names that cannot become ids: {first_of(odd, len(names))}",
+            where=folder,
+            expected=f"printable characters, at most {_LONGEST_PATH}",
+            mend="rename these photos",
+        )
     stems = [Path(name).with_suffix("").as_posix() for name in names]
     twice = sorted(stem for stem, count in Counter(stems).items() if count > 1)
     if twice:
@@ -153,10 +188,18 @@ def _inputs(sources: PhotoSources, photos: PosedPhotos, scene: ProtocolScene) ->
         raise UsageError(
             "the CRS of the poses is not known",
             where=sources.poses,
-            expected="a key 'crs' in the file, or --crs EPSG:...",
+            expected="a projected CRS in metres",
+            mend="add the key 'crs' to the file, or give --crs EPSG:...",
         )
-    crs = horizontal_crs(named)
+    crs = _metric_crs(named, sources)
     check_same_crs(crs, dsm.crs, f"the poses ({sources.poses}) and the DSM ({sources.dsm})")
+    if dsm.bands > _MOST_DSM_BANDS:
+        raise RasterError(
+            f"has {dsm.bands} bands",
+            where=sources.dsm,
+            expected="one band of heights",
+            mend="look whether --dom and --dsm are the wrong way round",
+        )
     return SceneInputs(
         scene.id,
         photos.names,
@@ -167,6 +210,22 @@ def _inputs(sources: PhotoSources, photos: PosedPhotos, scene: ProtocolScene) ->
         sources.dsm,
         median_height(sources.dsm),
     )
+
+
+def _metric_crs(named: str, sources: PhotoSources) -> CRS:
+    place = f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
+    try:
+        crs = horizontal_crs(named)
+    except UserError as error:
+        raise error.inside(place) from error
+    if not crs.is_projected or any(axis.unit_conversion_factor != 1 for axis in crs.axis_info):
+        raise CameraError(
+            f"poses are in {describe_crs(crs)}, which is not in metres",
+            where=place,
+            expected="a projected CRS in metres, such as UTM",
+            mend="transform the camera centres, rotations and the DSM to one",
+        )
+    return crs
 
 
 def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources) -> UserError:

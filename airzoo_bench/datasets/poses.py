@@ -85,7 +85,10 @@ def read_poses(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
         The file is not as described, names none of the photos, a camera matrix is singular or of
         another image size, or a rotation is not a rotation.
     """
-    photos = _from_colmap(path, sizes) if path.is_dir() else _from_json(path, sizes)
+    try:
+        photos = _from_colmap(path, sizes) if path.is_dir() else _from_json(path, sizes)
+    except CameraError as error:
+        raise error if str(path) in str(error.where) else error.inside(path) from error
     _check_centred(photos, path)
     return photos
 
@@ -209,12 +212,14 @@ def _cameras(
 
 def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> list[str]:
     names = sorted(set(posed) & set(sizes))
+    if not posed:
+        raise CameraError("has no image with a pose", where=path, mend="register images first")
     if not names:
         raise CameraError(
             f"none of its {len(posed)} images is among the {len(sizes)} photos",
             where=path,
             expected=f"names such as {next(iter(sorted(sizes)))}",
-            mend=f"it has names such as {posed[0]}; rename one or the other",
+            mend=f"it has names such as {posed[0]!r}; rename one or the other",
         )
     return names
 
