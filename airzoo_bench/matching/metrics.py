@@ -1,0 +1,263 @@
+"""Scores of estimated poses: errors of each query, and what is made of them.
+
+Throughout, errors are (Q,) float64, a value a query, and a failure is an infinite error: it stays
+in every denominator and in the median.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.poses import rotation_angle_deg
+
+__all__ = [
+    "PoseErrors",
+    "area_share",
+    "error_auc",
+    "median_error",
+    "pose_errors",
+    "pose_recall",
+    "translation_recall",
+    "within",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """Errors of Q estimated poses, infinite for failures.
+
+    Attributes
+    ----------
+    translation_m : (Q,) array
+        Distance of the camera centres in space.
+    horizontal_m, vertical_m : (Q,) array
+        The same over x and y, and the absolute difference in z.
+    rotation_deg : (Q,) array or None
+        Geodesic angle of the rotations, 0 to 180; None where the truth has no orientation.
+    """
+
+    translation_m: Floats
+    horizontal_m: Floats
+    vertical_m: Floats
+    rotation_deg: Floats | None
+
+
+def pose_errors(
+    rotation: Floats, centres: Floats, true_rotation: Floats | None, true_centres: Floats
+) -> PoseErrors:
+    """Compare estimated poses with the truth.
+
+    Parameters
+    ----------
+    rotation : (Q, 3, 3) array
+        World-to-camera. A query with any entry of its rotation or centre not finite has failed.
+    centres : (Q, 3) array
+        Camera centres in metres, z up.
+    true_rotation : (Q, 3, 3) array or None
+        None where the truth has no trusted orientation (RTK positions only).
+    true_centres : (Q, 3) array
+
+    Returns
+    -------
+    PoseErrors
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit together, or a truth that is not finite.
+
+    References
+    ----------
+    Hartley, Trumpf, Dai, Li, Rotation averaging, IJCV 103, 2013, for the geodesic angle.
+    """
+    _check_truth(rotation, centres, true_rotation, true_centres)
+    entries = np.concatenate((rotation.reshape(-1, 9), centres), axis=1)
+    failed = np.logical_not(np.isfinite(entries).all(axis=1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        x, y, z = (centres - true_centres).T
+        horizontal = np.hypot(x, y)
+        angle = None if true_rotation is None else rotation_angle_deg(rotation, true_rotation)
+    return PoseErrors(
+        translation_m=_infinite(np.hypot(horizontal, z), failed),
+        horizontal_m=_infinite(horizontal, failed),
+        vertical_m=_infinite(np.abs(z), failed),
+        rotation_deg=None if angle is None else _infinite(angle, failed),
+    )
+
+
+def within(
+    translation_m: Floats,
+    rotation_deg: Floats | None,
+    limit_m: float,
+    limit_deg: float | None = None,
+) -> Floats:
+    """1 where the errors are below their limits, strictly; else 0.
+
+    Parameters
+    ----------
+    translation_m : (Q,) array
+    rotation_deg : (Q,) array or None
+        None where the truth has no orientation.
+    limit_m : float
+    limit_deg : float, optional
+        Left out, only the translation counts.
+
+    Returns
+    -------
+    (Q,) float64
+        1 or 0.
+
+    Raises
+    ------
+    ValueError
+        An angle is asked of a truth without orientation; errors that are NaN or negative or do
+        not fit together.
+    """
+    near = _checked(translation_m) < limit_m
+    if limit_deg is not None:
+        if rotation_deg is None:
+            raise ValueError("the truth has no orientation, hence no pose recall")
+        if rotation_deg.shape != translation_m.shape:
+            raise ValueError(f"errors of shape {translation_m.shape} and {rotation_deg.shape}")
+        near &= _checked(rotation_deg) < limit_deg
+    return near.astype(np.float64)
+
+
+def pose_recall(
+    translation_m: Floats, rotation_deg: Floats | None, limit_m: float, limit_deg: float
+) -> float:
+    """Share of the queries with both errors below their limits, strictly.
+
+    Raises
+    ------
+    ValueError
+        See `within`; there is no query.
+    """
+    return _mean(within(translation_m, rotation_deg, limit_m, limit_deg))
+
+
+def translation_recall(translation_m: Floats, limit_m: float) -> float:
+    """Share of the queries with a translation error below the limit, strictly.
+
+    Raises
+    ------
+    ValueError
+        See `within`; there is no query.
+    """
+    return _mean(within(translation_m, None, limit_m))
+
+
+def median_error(errors: Floats) -> float:
+    """Median over all queries, failures too.
+
+    Parameters
+    ----------
+    errors : (Q,) array
+
+    Returns
+    -------
+    float
+        The mean of the two middle errors where their number is even; infinite when either is.
+
+    Raises
+    ------
+    ValueError
+        Errors that are NaN or negative; there is no query.
+    """
+    _require_queries(errors)
+    return float(np.median(_checked(errors)))
+
+
+def area_share(errors: Floats, limit: float) -> Floats:
+    r"""Share of [0, limit] that lies beyond each error: :math:`\max(0, 1 - e / L)`.
+
+    Its mean over queries is `error_auc`.
+
+    Parameters
+    ----------
+    errors : (Q,) array
+        In metres or degrees.
+    limit : float
+        In the same unit, above 0.
+
+    Returns
+    -------
+    (Q,) float64
+        1 for no error, 0 from the limit on and for failures.
+
+    Raises
+    ------
+    ValueError
+        Errors that are NaN or negative, or a limit that is not above 0 and finite.
+    """
+    if not 0.0 < limit < np.inf:
+        raise ValueError(f"limit is {limit}, expected above 0 and finite")
+    return 1.0 - np.minimum(_checked(errors), limit) / limit
+
+
+def error_auc(errors: Floats, limit: float) -> float:
+    r"""Area under the recall curve up to a limit, as a share of the best possible.
+
+    .. math:: \frac{1}{L} \int_0^L \frac{|\{q : e_q \le e\}|}{Q} \, de
+        = \frac{1}{Q} \sum_q \max\!\left(0, 1 - \frac{e_q}{L}\right)
+
+    Exact for the curve as it is, which is a step function. SuperGlue's ``pose_auc`` joins the
+    steps' upper ends by straight lines, which gives up to 1 / (2 Q) more.
+
+    Parameters
+    ----------
+    errors : (Q,) array
+        In metres or degrees.
+    limit : float
+        L, in the same unit, above 0.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        See `area_share`; there is no query.
+
+    References
+    ----------
+    Sarlin, DeTone, Malisiewicz, Rabinovich, SuperGlue, CVPR 2020, section 5.2, for the measure.
+    """
+    return _mean(area_share(errors, limit))
+
+
+def _check_truth(
+    rotation: Floats, centres: Floats, true_rotation: Floats | None, true_centres: Floats
+) -> None:
+    count = len(centres)
+    matrices = rotation if true_rotation is None else true_rotation
+    shapes = [array.shape for array in (centres, true_centres, rotation, matrices)]
+    if shapes != [(count, 3)] * 2 + [(count, 3, 3)] * 2:
+        raise ValueError(f"centres and rotations have shapes {shapes}")
+    known = [true_centres] if true_rotation is None else [true_centres, true_rotation]
+    if not all(np.isfinite(array).all() for array in known):
+        raise ValueError("the true poses hold NaN or infinity")
+
+
+def _infinite(errors: Floats, failed: Bools) -> Floats:
+    return np.where(failed, np.inf, errors)
+
+
+def _checked(errors: Floats) -> Floats:
+    if errors.ndim != 1 or not (errors >= 0.0).all():
+        raise ValueError("errors must be (Q,), not NaN and not negative")
+    return errors
+
+
+def _require_queries(values: Floats) -> None:
+    if len(values) == 0:
+        raise ValueError("a score of no queries is not defined")
+
+
+def _mean(values: Floats) -> float:
+    _require_queries(values)
+    return float(values.mean())

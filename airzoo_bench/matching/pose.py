@@ -1,0 +1,269 @@
+"""Camera poses from 2D-3D matches, by robust solvers whose answers do not depend on threads.
+
+The default, ``colmap``, is the setting of AerialExtreMatch's evaluation: LO-RANSAC and
+no refinement after it. Points go to the solver relative to their median: in projected coordinates
+(millions of metres) the refining solvers stop centimetres away from their optimum.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from time import perf_counter
+from typing import NamedTuple, TypedDict, Unpack
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.matching.solvers import Ransac, Solver, check_settings, find_pose
+from airzoo_bench.progress import Progress, silent
+
+__all__ = [
+    "MIN_MATCHES",
+    "PoseEstimate",
+    "PoseProblem",
+    "PoseSettings",
+    "Status",
+    "solve_pose",
+    "solve_poses",
+]
+
+MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
+
+# Points nearer to a line than this share of its length leave the turn about it to rounding.
+_LINE_TOLERANCE = 1e-6
+# Problems under way or waiting, for each worker: enough that a slow one does not idle the others.
+_WINDOW = 64
+
+
+class Status(StrEnum):
+    """How the search for a pose ended."""
+
+    SOLVED = "solved"
+    TOO_FEW_MATCHES = "too few matches"
+    NO_POSE = "no pose"
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEstimate:
+    """The answer of a solver for one query of M matches.
+
+    Attributes
+    ----------
+    rotation : (3, 3) array
+        World-to-camera; NaN on failure.
+    centre : (3,) array
+        Camera centre in the coordinates of the points; NaN on failure.
+    inliers : (M,) bool array
+        Matches that the pose explains; none on failure.
+    status : Status
+        A failure is anything but ``SOLVED``.
+    seconds : float
+        Spent on it; the one thing that differs from run to run.
+    """
+
+    rotation: Floats
+    centre: Floats
+    inliers: Bools
+    status: Status
+    seconds: float = 0.0
+
+
+class PoseProblem(NamedTuple):
+    """One query: its camera (Cameras of one), query_xy (M, 2) and points (M, 3)."""
+
+    camera: Cameras
+    query_xy: Floats
+    points: Floats
+
+
+class PoseSettings(TypedDict):
+    """The keyword arguments of `solve_pose`."""
+
+    solver: Solver
+    max_error_px: float
+    min_inlier_ratio: float
+    min_trials: int
+    max_trials: int
+    confidence: float
+    seed: int
+
+
+def solve_pose(
+    camera: Cameras,
+    query_xy: Floats,
+    points: Floats,
+    *,
+    solver: Solver,
+    max_error_px: float,
+    min_inlier_ratio: float,
+    min_trials: int,
+    max_trials: int,
+    confidence: float,
+    seed: int,
+) -> PoseEstimate:
+    """Find the camera pose that most matches agree on.
+
+    Parameters
+    ----------
+    camera : Cameras
+        The one camera, of the image size that `query_xy` is in. Distortion is the solver's own
+        model, exactly: COLMAP's FULL_OPENCV without its last three coefficients.
+    query_xy : (M, 2) array
+        Pixels, the image's corner being (0, 0).
+    points : (M, 3) array
+        Their points in the world, in metres of any frame with orthogonal axes of one scale.
+    solver : {"colmap", "colmap+refine", "poselib"}
+        LO-RANSAC of COLMAP; the same and then least squares over its inliers (Cauchy loss of 1
+        px); LO-RANSAC of PoseLib, which always refines.
+    max_error_px : float
+        Largest reprojection error of an inlier, above 0.
+    min_inlier_ratio : float
+        Caps the number of trials; PoseLib has no such setting and goes by `max_trials` alone.
+    min_trials, max_trials : int
+    confidence : float
+        Probability of having drawn one sample without outliers, at which trials may end.
+    seed : int
+        Of the sampling, 0 or above. The answer depends on the arguments and on nothing else.
+
+    Returns
+    -------
+    PoseEstimate
+        Fewer than four different matches are ``TOO_FEW_MATCHES``. ``NO_POSE`` is when the solver
+        finds none, when its pose is not finite, or when all inliers lie on a line, about which
+        the camera could turn freely.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, coordinates or settings that are not possible.
+    UsageError
+        PoseLib is asked for and not installed.
+
+    References
+    ----------
+    Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003. Schoenberger, Frahm,
+    Structure-from-motion revisited, CVPR 2016 (COLMAP). Larsson and contributors, PoseLib, 2020,
+    github.com/PoseLib/PoseLib.
+    """
+    ransac = Ransac(max_error_px, min_inlier_ratio, min_trials, max_trials, confidence, seed)
+    check_settings(solver, ransac)
+    _check_problem(camera, query_xy, points)
+    if not _has_distinct(np.concatenate((query_xy, points), axis=1), MIN_MATCHES):
+        return _failure(Status.TOO_FEW_MATCHES, len(points))
+    origin = _middle(points)
+    # Points so far away that numbers overflow make no pose, or one that is not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        local = points - origin
+        found = find_pose(solver, camera, query_xy, local, ransac)
+        if found is None or _on_a_line(local[found.inliers]):
+            return _failure(Status.NO_POSE, len(points))
+        centre = origin - apply_matrix(found.rotation.T, found.translation)
+    if not np.isfinite(centre).all():  # as it is not where the rotation is not
+        return _failure(Status.NO_POSE, len(points))
+    return PoseEstimate(found.rotation, centre, found.inliers, Status.SOLVED)
+
+
+def solve_poses(
+    problems: Sequence[PoseProblem],
+    *,
+    workers: int,
+    progress: Progress = silent,
+    **settings: Unpack[PoseSettings],
+) -> list[PoseEstimate]:
+    """Solve many problems, one thread each.
+
+    Parameters
+    ----------
+    problems : sequence of PoseProblem
+        May make its items when they are asked for: few are held at a time.
+    workers : int
+        Threads, at least 1; the estimates do not depend on it, to the last bit.
+    progress : Progress
+        Shows problems as they are solved.
+    **settings
+        See `solve_pose`. Every problem has the same seed, hence its estimate depends neither on
+        its place nor on the others.
+
+    Returns
+    -------
+    list of PoseEstimate
+        In the order of the problems.
+
+    Raises
+    ------
+    ValueError
+        See `solve_pose`; `workers` below 1.
+    UsageError
+        See `solve_pose`.
+    """
+    if workers < 1:
+        raise ValueError(f"workers is {workers}, expected at least 1")
+
+    def solve(problem: PoseProblem) -> PoseEstimate:
+        begin = perf_counter()
+        estimate = solve_pose(*problem, **settings)
+        return replace(estimate, seconds=perf_counter() - begin)
+
+    estimates = map(solve, problems) if workers == 1 else _threaded(solve, problems, workers)
+    return list(progress(estimates, "poses", len(problems)))
+
+
+def _threaded(
+    solve: Callable[[PoseProblem], PoseEstimate], problems: Sequence[PoseProblem], workers: int
+) -> Iterator[PoseEstimate]:
+    """Map in order, with a bounded number of problems taken and not yet answered."""
+    pending: deque[Future[PoseEstimate]] = deque()
+    pool = ThreadPoolExecutor(workers)
+    try:
+        for problem in problems:
+            if len(pending) == _WINDOW * workers:
+                yield pending.popleft().result()
+            pending.append(pool.submit(solve, problem))
+        while pending:
+            yield pending.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _check_problem(camera: Cameras, query_xy: Floats, points: Floats) -> None:
+    if len(camera) != 1:
+        raise ValueError(f"{len(camera)} cameras, expected one")
+    if query_xy.shape != (len(points), 2) or points.shape != (len(points), 3):
+        raise ValueError(
+            f"query_xy {query_xy.shape} and points {points.shape}, expected (M, 2) and (M, 3)"
+        )
+    if not (np.isfinite(query_xy).all() and np.isfinite(points).all()):
+        raise ValueError("query_xy or points hold NaN or infinity")
+
+
+def _has_distinct(rows: Floats, count: int) -> bool:
+    """Tell whether there are `count` different rows, in that many passes."""
+    for _ in range(count):
+        if len(rows) == 0:
+            return False
+        rows = rows[(rows != rows[0]).any(axis=1)]
+    return True
+
+
+def _middle(points: Floats) -> Floats:
+    """Return a median of each axis, which outliers do not move."""
+    half = len(points) // 2
+    middle: Floats = np.partition(points, half, axis=0)[half]
+    return middle
+
+
+def _on_a_line(points: Floats) -> bool:
+    away = points - points[0]
+    axis = away[np.argmax(np.abs(away).max(axis=1))]
+    across = np.cross(away, axis)
+    return bool(np.abs(across).max() <= _LINE_TOLERANCE * (axis @ axis))
+
+
+def _failure(status: Status, count: int) -> PoseEstimate:
+    nothing = np.zeros(count, dtype=np.bool_)
+    return PoseEstimate(np.full((3, 3), np.nan), np.full(3, np.nan), nothing, status)

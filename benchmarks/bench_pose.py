@@ -1,0 +1,159 @@
+"""Pose solving beside bare pycolmap calls: overhead, gain of a second worker, a whole benchmark.
+
+Every query has 5,000 matches, half of them outliers, and a pixel of noise. Bare calls get cameras,
+options and shifted points ready-made, and nothing is done with their answers; rounds of the three
+ways alternate, and the ratios are those of the fastest rounds. The share of the machine that was
+idle just before is printed, for with less than all of it the second worker has nothing to run on.
+
+Usage: python benchmarks/bench_pose.py [--small]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pycolmap
+
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses
+
+N_QUERIES = 351
+N_MATCHES = 5000
+ROUNDS = 5
+OFFSET = np.array((400_000.0, 3_130_000.0, 60.0))
+LENSES = {"pinhole": np.zeros(5), "distorted": np.array((-0.28, 0.12, 0.0008, -0.0003, -0.02))}
+SETTINGS: PoseSettings = {
+    "solver": "colmap",
+    "max_error_px": 5.0,
+    "min_inlier_ratio": 0.01,
+    "min_trials": 1000,
+    "max_trials": 100_000,
+    "confidence": 0.9999,
+    "seed": 0,
+}
+
+
+def make_problem(seed: int, lens: np.ndarray) -> PoseProblem:
+    """Make an oblique photo of low hills from 140 m above."""
+    rng = np.random.default_rng(seed)
+    K = np.array([[[2900.0, 0.0, 2000.0], [0.0, 2900.0, 1500.0], [0.0, 0.0, 1.0]]])
+    camera = Cameras.from_matrices(K, 4000, 3000, lens[None])
+    tilt, turn = np.radians((rng.uniform(5.0, 35.0), rng.uniform(0.0, 360.0)))
+    down = np.array(
+        ((1, 0, 0), (0, -np.cos(tilt), -np.sin(tilt)), (0, np.sin(tilt), -np.cos(tilt)))
+    )
+    about = np.array(((np.cos(turn), -np.sin(turn), 0), (np.sin(turn), np.cos(turn), 0), (0, 0, 1)))
+    poses = Poses.from_centres((down @ about)[None], OFFSET[None] + np.array((0.0, 0.0, 140.0)))
+    points = rng.uniform((-300.0, -300.0, 0.0), (300.0, 300.0, 25.0), (150_000, 3)) + OFFSET
+    xy = project(camera, world_to_camera(poses, points[None]))[0]
+    seen = np.flatnonzero(((xy > 0.0) & (xy < (4000.0, 3000.0))).all(axis=1))[:N_MATCHES]
+    xy, points = xy[seen] + rng.normal(size=(len(seen), 2)), points[seen]
+    wrong = rng.random(len(seen)) < 0.5
+    xy[wrong] = rng.random((wrong.sum(), 2)) * (4000.0, 3000.0)
+    return PoseProblem(camera, xy, points)
+
+
+def bare_calls(problems: list[PoseProblem]) -> Callable[[], object]:
+    """Prepare everything that pycolmap needs, and return what calls it."""
+    options = pycolmap.AbsolutePoseEstimationOptions(
+        ransac={
+            "max_error": SETTINGS["max_error_px"],
+            "min_inlier_ratio": SETTINGS["min_inlier_ratio"],
+            "min_num_trials": SETTINGS["min_trials"],
+            "max_num_trials": SETTINGS["max_trials"],
+            "confidence": SETTINGS["confidence"],
+            "random_seed": SETTINGS["seed"],
+        }
+    )
+    ready = [
+        (query_xy, points - np.median(points, axis=0), colmap_camera(camera), options)
+        for camera, query_xy, points in problems
+    ]
+    return lambda: [pycolmap.estimate_absolute_pose(*arguments) for arguments in ready]
+
+
+def colmap_camera(camera: Cameras) -> pycolmap.Camera:
+    """Make COLMAP's camera."""
+    parameters = [*camera.focal[0], *camera.principal_point[0]]
+    lens = camera.distortion[0]
+    return pycolmap.Camera(
+        model="FULL_OPENCV" if lens.any() else "PINHOLE",
+        width=int(camera.width[0]),
+        height=int(camera.height[0]),
+        params=[*parameters, *lens, 0.0, 0.0, 0.0] if lens.any() else parameters,
+    )
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Time one run."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def idle_share(wait_s: float = 1.0) -> float:
+    """Share of all processors' time that nobody uses, or NaN where that is not told."""
+    try:
+        import psutil
+    except ImportError:
+        return float("nan")
+    return float(psutil.cpu_times_percent(wait_s).idle) / 100.0
+
+
+def compare(name: str, n_queries: int) -> None:
+    """Print a row: bare calls, one worker, two workers."""
+    problems = [make_problem(seed, LENSES[name]) for seed in range(n_queries)]
+    ways: list[Callable[[], object]] = [
+        bare_calls(problems),
+        lambda: solve_poses(problems, workers=1, **SETTINGS),
+        lambda: solve_poses(problems, workers=2, **SETTINGS),
+    ]
+    idle = idle_share()
+    times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)])
+    bare, one, two = times.min(axis=0)
+    overhead = f"{100 * (one / bare - 1):.1f} %"
+    print(
+        f"{name:12}{n_queries:9}{bare:10.2f}{one:10.2f}{two:10.2f}{overhead:>10}{one / two:8.2f}"
+        f"{100 * idle:8.0f}",
+        flush=True,
+    )
+
+
+def whole(name: str, n_queries: int) -> None:
+    """Print a row: a benchmark's queries by two workers, once."""
+    problems = [make_problem(seed, LENSES[name]) for seed in range(n_queries)]
+    idle = idle_share()
+    start = time.perf_counter()
+    estimates = solve_poses(problems, workers=2, **SETTINGS)
+    took = time.perf_counter() - start
+    solved = sum(estimate.status is Status.SOLVED for estimate in estimates)
+    print(
+        f"{name:12}{n_queries:9}{'':20}{took:10.2f}{f'{solved} solved':>18}{100 * idle:8.0f}",
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Parse, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--small", action="store_true", help="a tenth of the queries")
+    shrink = 10 if parser.parse_args().small else 1
+    print(
+        f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.2f}, {N_MATCHES} matches a query"
+    )
+    head = ("queries", "bare s", "1 worker", "2 workers", "overhead", "gain", "idle %")
+    print(f"{'':12}{head[0]:>9}" + "".join(f"{title:>10}" for title in head[1:5]), end="")
+    print("".join(f"{title:>8}" for title in head[5:]))
+    for name in LENSES:
+        compare(name, 40 // shrink)
+    for name in LENSES:
+        whole(name, N_QUERIES // shrink)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""Made-up 2D-3D matches with known poses."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg, world_to_camera
+from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, PoseSettings
+from tests.geometry.support import looking_down
+
+SETTINGS: PoseSettings = {
+    "solver": "colmap",
+    "max_error_px": 5.0,
+    "min_inlier_ratio": 0.01,
+    "min_trials": 1000,
+    "max_trials": 100_000,
+    "confidence": 0.9999,
+    "seed": 0,
+}
+PINHOLE = (0.0, 0.0, 0.0, 0.0, 0.0)
+PROJECTED = (400_000.0, 3_130_000.0, 60.0)
+
+
+class Scene(NamedTuple):
+    problem: PoseProblem
+    rotation: np.ndarray
+    centre: np.ndarray
+    wrong: np.ndarray
+
+
+def make_scene(
+    seed: int,
+    *,
+    count: int = 400,
+    lens: tuple[float, ...] = PINHOLE,
+    noise_px: float = 0.0,
+    outliers: float = 0.0,
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Scene:
+    """An oblique photo of 25 m hills from 140 m above; outliers are anywhere in the image."""
+    rng = np.random.default_rng([seed, count])
+    K = np.array([[[2900.0, 0.0, 2010.0], [0.0, 2930.0, 1480.0], [0.0, 0.0, 1.0]]])
+    camera = Cameras.from_matrices(K, 4000, 3000, [lens])
+    rotation = looking_down(rng.uniform(5.0, 35.0), rng.uniform(0.0, 360.0))
+    poses = Poses.from_centres(rotation, rng.normal((0.0, 0.0, 140.0), 5.0)[None])
+    points = _seen(rng, camera, poses, count)
+    query_xy = project(camera, world_to_camera(poses, points[None]))[0]
+    query_xy += rng.normal(0.0, noise_px, query_xy.shape)
+    wrong = rng.permutation(count) < round(outliers * count)
+    query_xy[wrong] = rng.random((wrong.sum(), 2)) * (4000.0, 3000.0)
+    problem = PoseProblem(camera, query_xy, points + origin)
+    return Scene(problem, rotation[0], poses.centres[0] + origin, wrong)
+
+
+def _seen(rng: np.random.Generator, camera: Cameras, poses: Poses, count: int) -> np.ndarray:
+    points = rng.uniform((-300.0, -300.0, 0.0), (300.0, 300.0, 25.0), (60 * count, 3))
+    xy = project(camera, world_to_camera(poses, points[None]))[0]
+    inside = ((xy > 0.0) & (xy < (4000.0, 3000.0))).all(axis=1)
+    return points[inside][:count]
+
+
+def errors(estimate: PoseEstimate, scene: Scene) -> tuple[float, float]:
+    """Metres and degrees between an estimate and the truth."""
+    metres = float(np.linalg.norm(estimate.centre - scene.centre))
+    return metres, float(rotation_angle_deg(estimate.rotation, scene.rotation))
+
+
+def fingerprint(estimate: PoseEstimate) -> tuple[bytes, bytes, bytes, str]:
+    """All of an estimate, to the last bit."""
+    arrays = (estimate.rotation, estimate.centre, estimate.inliers)
+    return (*(np.ascontiguousarray(array).tobytes() for array in arrays), estimate.status)
