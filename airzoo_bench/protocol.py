@@ -228,13 +228,17 @@ def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
-    key = ".".join(str(part) for part in item["loc"]) or "(the file)"
+    key = ".".join(str(part) for part in item["loc"])
     if item["type"] == "extra_forbidden":
         return f"unknown key '{key}'{_nearest(str(item['loc'][-1]), _known_keys(model))}"
     if item["type"] == "json_invalid":
         return f"not valid JSON: {item['ctx']['error']}"
     if item["type"] == "missing":
         return f"key '{key}' is missing"
+    if not item["loc"]:
+        return str(item["msg"]).removeprefix("Value error, ")
+    if isinstance(item["input"], dict) and item["type"] == "value_error":
+        return f"key '{key}': {item['msg'].removeprefix('Value error, ')}"
     given = repr(item["input"])
     shown = given if len(given) <= 60 else given[:57] + "..."
     return f"key '{key}' is {shown}: {item['msg'].removeprefix('Value error, ')}"

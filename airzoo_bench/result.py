@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     ValidationError,
@@ -45,7 +46,15 @@ def _is_number(value: float) -> float:
     return value
 
 
+def _printable(name: object) -> object:
+    # Names of files may hold bytes that are no text, and a name stands on one line of a table.
+    if not isinstance(name, str):
+        return name
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+
+
 Value = Annotated[float, AfterValidator(_is_number)]
+Name = Annotated[str, BeforeValidator(_printable)]
 
 _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap")
 
@@ -77,10 +86,10 @@ class TruthUsed(_Model):
 class PredictionsUsed(_Model):
     """The predictions; the name is the file's, without its folder."""
 
-    file: str
+    file: Name
     sha256: str
     kind: str
-    method: str
+    method: Name
 
 
 class ScoreColumn(_Model):

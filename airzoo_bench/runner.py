@@ -156,15 +156,19 @@ def choose_protocol(predictions: RetrievalPredictions, named: str | None, data: 
     ProtocolError
         It is unknown.
     """
-    name = named or predictions.protocol
-    if name is None:
+    if named is None and predictions.protocol is not None:
+        try:
+            return find_protocol(predictions.protocol, data)
+        except ProtocolError as error:
+            raise error.inside(f"{predictions.path}, field 'protocol'") from error
+    if named is None:
         raise PredictionError(
             "does not say which protocol it is for",
             where=predictions.path,
             expected="a field 'protocol', such as 'uav-visloc-retrieval'",
             mend="add the field, or name it with --protocol",
         )
-    return find_protocol(name, data)
+    return find_protocol(named, data)
 
 
 def read_truths(benchmark: Benchmark, protocol: Protocol) -> list[RetrievalTruth]:

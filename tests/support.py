@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import sys
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -135,3 +139,139 @@ def write_predictions(path: Path, name: str, **arrays: Any) -> Path:
     """Write a prediction file of the retrieval track."""
     np.savez(path, protocol=np.array(name), **{key: np.array(v) for key, v in arrays.items()})
     return path
+
+
+@dataclass(frozen=True)
+class Place:
+    """Sources of `prepare photos`: photos that look straight down on a level plane.
+
+    The map is `MAP_SIZE_M` wide with a pixel a metre, at a height of 100 m; photo i is taken
+    100 m above it, sees 100 m x 75 m, and has its centre `centres[i]` metres from the map's
+    north-west corner.
+    """
+
+    images: Path
+    poses: Path
+    dom: Path
+    dsm: Path
+    centres: dict[str, tuple[float, float]]
+
+    def arguments(self, **changes: object) -> list[str]:
+        """Return the arguments of the command, with some changed, or left out where None."""
+        options: dict[str, object] = {
+            "name": "park",
+            "images": self.images,
+            "poses": self.poses,
+            "dom": self.dom,
+            "dsm": self.dsm,
+            "tile-size": 64,
+        }
+        options |= {key.replace("_", "-"): value for key, value in changes.items()}
+        given = [(f"--{key}", str(v)) for key, v in options.items() if v is not None]
+        return ["prepare", "photos", *(text for pair in given for text in pair)]
+
+    def read_poses(self) -> dict[str, Any]:
+        """Return the content of the pose file."""
+        return json.loads(self.poses.read_text())
+
+    def change_poses(self, **changes: Any) -> None:
+        """Change keys of the pose file."""
+        self.poses.write_text(json.dumps(self.read_poses() | changes))
+
+    def change_image(self, name: str, **changes: Any) -> None:
+        """Change keys of one image of the pose file."""
+        file = self.read_poses()
+        file["images"][name] |= changes
+        self.poses.write_text(json.dumps(file))
+
+
+PLACE_CRS = "EPSG:32633"
+MAP_SIZE_M = 256
+NORTH_WEST = (500_000.0, 5_200_000.0)
+PLACE_PHOTOS = {
+    "a.jpg": (64.0, 64.0),
+    "b.jpg": (192.0, 64.0),
+    "c.jpg": (64.0, 192.0),
+    "sub/d.jpg": (192.0, 192.0),
+}
+DOWN = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
+
+
+def make_place(folder: Path, photos: dict[str, tuple[float, float]] | None = None) -> Place:
+    """Write photos, poses, map and surface model of a made-up place."""
+    from PIL import Image
+
+    centres = PLACE_PHOTOS if photos is None else photos
+    for number, name in enumerate(centres):
+        (folder / "photos" / name).parent.mkdir(parents=True, exist_ok=True)
+        pixels = np.random.default_rng(number).integers(0, 256, (48, 64, 3), np.uint8)
+        Image.fromarray(pixels).save(folder / "photos" / name)
+    poses = {
+        "crs": PLACE_CRS,
+        "K": [[64.0, 0, 32], [0, 64.0, 24], [0, 0, 1]],
+        "images": {
+            name: {"R_w2c": DOWN, "center": [NORTH_WEST[0] + x, NORTH_WEST[1] - y, 200.0]}
+            for name, (x, y) in centres.items()
+        },
+    }
+    (folder / "poses.json").write_text(json.dumps(poses))
+    ground = np.random.default_rng(0).integers(0, 256, (3, MAP_SIZE_M, MAP_SIZE_M), np.uint8)
+    write_raster(folder / "dom.tif", ground)
+    write_raster(folder / "dsm.tif", np.full((1, MAP_SIZE_M, MAP_SIZE_M), 100, np.float32))
+    return Place(
+        folder / "photos",
+        folder / "poses.json",
+        folder / "dom.tif",
+        folder / "dsm.tif",
+        dict(centres),
+    )
+
+
+def write_raster(
+    path: Path,
+    bands: np.ndarray[Any, Any],
+    *,
+    crs: str | None = PLACE_CRS,
+    transform: Any = None,
+    nodata: float | None = None,
+) -> Path:
+    """Write bands (B, H, W) as GeoTIFF, by default with a pixel a metre from `NORTH_WEST`."""
+    import rasterio
+    from rasterio import Affine
+
+    count, height, width = bands.shape
+    if transform is None:
+        transform = Affine(1, 0, NORTH_WEST[0], 0, -1, NORTH_WEST[1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        with rasterio.open(
+            path,
+            "w",
+            driver="GTiff",
+            width=width,
+            height=height,
+            count=count,
+            dtype=bands.dtype,
+            crs=crs,
+            transform=transform,
+            nodata=nodata,
+        ) as dataset:
+            dataset.write(bands)
+    return path
+
+
+def files_below(folder: Path) -> set[str]:
+    """Return the paths of all files and folders, hidden ones too."""
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+
+def run_main(*arguments: object) -> int:
+    """Run the command line as its entry point does, and return the exit code."""
+    from airzoo_bench.cli.main import main
+
+    with mock.patch.object(sys, "argv", ["airzoo-bench", *map(str, arguments)]):
+        try:
+            main()
+        except SystemExit as done:
+            return int(done.code or 0)
+    return 0

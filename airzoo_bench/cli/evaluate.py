@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -71,7 +72,8 @@ def retrieval(
     if out is not None:
         save(evaluation, out)
     if form is Format.JSON:
-        put(evaluation.result.model_dump_json(by_alias=True, indent=1) + "\n")
+        content = json.loads(evaluation.result.model_dump_json(by_alias=True))
+        put(json.dumps(content, indent=1) + "\n")
     else:
         show(scenes_table(evaluation.result, every_score=every_score), form)
     if out is not None:

@@ -33,12 +33,10 @@ def photo_size(path: Path) -> tuple[int, int]:
     from PIL import Image
 
     try:
-        with warnings.catch_warnings():
-            # A survey photo is large, and of it only the header is read.
-            warnings.simplefilter("ignore")
-            with Image.open(path) as image:
-                orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
-                size = image.size
+        # Of a large photo, which a survey's is: only the header is read here.
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
+            orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
+            size = image.size
     except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
         raise BenchmarkError(
             f"not a readable photo: {_brief(error, path)}",
@@ -67,8 +65,7 @@ def read_grey(path: Path, long_side: int) -> NDArray[np.uint8]:
     from PIL import Image
 
     try:
-        with warnings.catch_warnings(), Image.open(path) as image:
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             scale = min(1.0, long_side / max(image.size))
             size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
             image.draft("L", size)  # lets libjpeg skip what is thrown away
@@ -84,4 +81,4 @@ def read_grey(path: Path, long_side: int) -> NDArray[np.uint8]:
 
 def _brief(error: Exception, path: Path) -> str:
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return text.replace(repr(str(path)), "it")
+    return text.replace(f" {str(path)!r}", "")

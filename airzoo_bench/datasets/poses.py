@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -128,6 +129,7 @@ def _given(value: Matrix | None, key: str, name: str, path: Path) -> Matrix:
             f"no camera matrix for {name}",
             where=path,
             expected=f"'{key}' for the image, or one for all at the top of the file",
+            mend="see docs/benchmark-folder.md",
         )
     return value
 
@@ -137,11 +139,12 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
 
     try:
         model = pycolmap.Reconstruction(str(path))
-    except (RuntimeError, ValueError, OSError) as error:
+    except (RuntimeError, ValueError, LookupError, OSError, MemoryError) as error:
         raise CameraError(
-            f"not a COLMAP model: {str(error).splitlines()[0]}",
+            f"not a COLMAP model: {_without_source_line(error)}",
             where=path,
             expected="a folder with cameras, images and points3D as .bin or .txt",
+            mend="name the folder with these files (such as sparse/0), or export the model again",
         ) from error
     images = {image.name: image for image in model.images.values() if image.has_pose}
     names = _shared(path, list(images), sizes)
@@ -159,6 +162,11 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
         ),
         None,
     )
+
+
+def _without_source_line(error: Exception) -> str:
+    first = (str(error) or type(error).__name__).splitlines()[0]
+    return re.sub(r"^\[\S+:\d+\] ", "", first)
 
 
 def _brown(camera: Any, path: Path) -> tuple[float, ...]:

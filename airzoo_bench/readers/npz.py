@@ -139,7 +139,12 @@ class NpzFile:
 
 def _entries(path: Path) -> list[ArrayEntry]:
     if not path.is_file():
-        raise PredictionError("no such prediction file", where=path)
+        raise PredictionError(
+            "no such prediction file",
+            where=path,
+            expected=".npz or .parquet",
+            mend="`airzoo-bench template` writes an example",
+        )
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
@@ -199,6 +204,7 @@ def _check_header(path: Path, entry: ArrayEntry) -> None:
             f"field '{entry.name}' has dtype {entry.dtype}",
             where=path,
             expected="numbers or text",
+            mend="save each part under its own name: `airzoo-bench template` writes an example",
         )
     sound = len(entry.shape) <= _MAX_DIMENSIONS and all(0 <= n < 1 << 62 for n in entry.shape)
     if not sound or entry.dtype.itemsize == 0:
@@ -243,7 +249,7 @@ def _checked_text(array: NDArray[Any], path: Path, name: str) -> NDArray[Any]:
                 mend=f"save it as text: np.array({name}, dtype=str)",
             ) from error
     if array.dtype.kind == "U" and array.size and array.dtype.itemsize:
-        native = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("="), copy=False)
+        native = array.astype(array.dtype.newbyteorder("="), order="C", copy=False)
         codes = native.reshape(-1).view(np.uint32)
         surrogate = (codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1])
         if codes.max() > _MAX_CODE_POINT or surrogate.any():

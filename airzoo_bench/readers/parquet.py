@@ -6,6 +6,8 @@ bytes, and so it stays as small as it is stored until its lengths have been look
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +49,12 @@ def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict
     import pyarrow as pa
 
     if not path.is_file():
-        raise PredictionError("no such prediction file", where=path)
+        raise PredictionError(
+            "no such prediction file",
+            where=path,
+            expected=".npz or .parquet",
+            mend="`airzoo-bench template` writes an example",
+        )
     try:
         return _read(path, columns, limit_bytes)
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, MemoryError) as error:
@@ -70,14 +77,21 @@ def _read(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict[str, N
         _check_columns(path, names, columns)
         parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
         row = 0
-        for batch in file.iter_batches(batch_size=_BATCH_ROWS):
+        for batch in _batches(file):
             for name in names:
-                parts[name].append(_as_array(batch.column(name), name, row, path))
+                piece = _Piece(path, name, batch.column(name), row, limit_bytes)
+                parts[name].append(piece.as_array())
             row += batch.num_rows
             used = sum(array.nbytes for arrays in parts.values() for array in arrays)
             if used > limit_bytes:
                 raise _too_large(path, used, limit_bytes)
     return {name: _joined(arrays, name, path) for name, arrays in parts.items()}
+
+
+def _batches(file: Any) -> Iterator[Any]:
+    # Group by group: each has a dictionary of its own, and lists cannot change theirs in a batch.
+    for group in range(file.metadata.num_row_groups):
+        yield from file.iter_batches(batch_size=_BATCH_ROWS, row_groups=[group])
 
 
 def _check_size(path: Path, file: Any, limit_bytes: int) -> None:
@@ -118,38 +132,76 @@ def _check_columns(path: Path, names: list[str], columns: tuple[str, ...]) -> No
         )
 
 
-def _as_array(column: Any, name: str, first_row: int, path: Path) -> NDArray[Any]:
-    import pyarrow as pa
+@dataclass(frozen=True)
+class _Piece:
+    """A column of one batch."""
 
-    column.validate(full=True)
-    _check_nulls(column, name, first_row, path)
-    kind = column.type
-    if not (pa.types.is_list(kind) or pa.types.is_large_list(kind)):
-        return _as_vector(column, name, kind, path)
-    lengths = np.unique(column.value_lengths().to_numpy(zero_copy_only=False))
-    if lengths.size > 1:
-        raise _ragged(lengths, name, path)
-    values = column.flatten()
-    if values.null_count:
-        rows = np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False)) // lengths[0]
-        raise _nulls(name, np.unique(rows) + first_row, path)
-    flat = _as_vector(values, name, kind, path)
-    return flat.reshape(len(column), int(lengths[0]) if lengths.size else 0)
+    path: Path
+    name: str
+    values: Any
+    first_row: int
+    limit_bytes: int
 
+    def as_array(self) -> NDArray[Any]:
+        import pyarrow as pa
+        import pyarrow.compute as pc
 
-def _check_nulls(column: Any, name: str, first_row: int, path: Path) -> None:
-    if column.null_count:
-        rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
-        raise _nulls(name, rows + first_row, path)
+        column = self.values
+        column.validate(full=True)
+        self._check_nulls(column, 1)
+        lists = pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list
+        if not any(is_list(column.type) for is_list in lists):
+            return self._as_vector(column)
+        lengths = np.unique(pc.list_value_length(column).to_numpy(zero_copy_only=False))
+        if lengths.size > 1:
+            raise _ragged(lengths, self.name, self.path)
+        length = int(lengths[0]) if lengths.size else 0
+        values = column.flatten()
+        self._check_nulls(values, length)
+        return self._as_vector(values).reshape(len(column), length)
 
+    def _check_nulls(self, values: Any, a_row: int) -> None:
+        if values.null_count:
+            places = np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))
+            rows = np.unique(places // a_row) + self.first_row
+            raise PredictionError(
+                f"column '{self.name}' has nulls in {first_of(rows.tolist())} rows, counted from 0",
+                where=self.path,
+                expected="a value in every place",
+                mend="leave such rows out; fill the end of a shorter list with ''",
+            )
 
-def _nulls(name: str, rows: NDArray[Any], path: Path) -> PredictionError:
-    return PredictionError(
-        f"column '{name}' has nulls in rows (from 0) {first_of(rows.tolist())}",
-        where=path,
-        expected="a value in every place",
-        mend="leave such rows out; fill the end of a shorter list with ''",
-    )
+    def _as_vector(self, values: Any) -> NDArray[Any]:
+        import pyarrow as pa
+
+        if pa.types.is_dictionary(values.type):
+            texts = self._as_vector(values.dictionary)
+            if texts.itemsize * len(values) > self.limit_bytes:
+                raise _too_large(self.path, texts.itemsize * len(values), self.limit_bytes)
+            indices: NDArray[Any] = values.indices.to_numpy(zero_copy_only=False)
+            return np.take(texts, indices)
+        if pa.types.is_string(values.type) or pa.types.is_large_string(values.type):
+            return self._as_text(values)
+        if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
+            return np.asarray(values.to_numpy(zero_copy_only=False))
+        raise PredictionError(
+            f"column '{self.name}' has values of type {values.type}",
+            where=self.path,
+            expected="text, numbers, or lists of them",
+        )
+
+    def _as_text(self, values: Any) -> NDArray[np.str_]:
+        import pyarrow.compute as pc
+
+        # NumPy gives every entry the width of the longest: one huge text would take all memory.
+        longest = pc.max(pc.utf8_length(values)).as_py() or 0
+        if longest > _LONGEST_TEXT:
+            raise PredictionError(
+                f"column '{self.name}' has a text of {longest:,} characters",
+                where=self.path,
+                expected=f"at most {_LONGEST_TEXT} characters",
+            )
+        return np.array(values.to_pylist(), dtype=str)
 
 
 def _ragged(lengths: NDArray[Any], name: str, path: Path) -> PredictionError:
@@ -159,39 +211,6 @@ def _ragged(lengths: NDArray[Any], name: str, path: Path) -> PredictionError:
         expected="lists of one length",
         mend="fill shorter ones with '' (scores: with 0) at the end",
     )
-
-
-def _as_vector(values: Any, name: str, kind: Any, path: Path) -> NDArray[Any]:
-    import pyarrow as pa
-
-    is_text = pa.types.is_string, pa.types.is_large_string
-    if pa.types.is_dictionary(values.type):
-        texts = _as_vector(values.dictionary, name, kind, path)
-        indices: NDArray[Any] = values.indices.to_numpy(zero_copy_only=False)
-        return np.take(texts, indices)
-    if any(is_kind(values.type) for is_kind in is_text):
-        return _as_text(values, name, path)
-    if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
-        return np.asarray(values.to_numpy(zero_copy_only=False))
-    raise PredictionError(
-        f"column '{name}' has type {kind}",
-        where=path,
-        expected="text, numbers, or lists of them",
-    )
-
-
-def _as_text(values: Any, name: str, path: Path) -> NDArray[np.str_]:
-    import pyarrow.compute as pc
-
-    # NumPy gives every entry the width of the longest: one huge text would take all memory.
-    longest = pc.max(pc.utf8_length(values)).as_py() or 0
-    if longest > _LONGEST_TEXT:
-        raise PredictionError(
-            f"column '{name}' has a text of {longest:,} characters",
-            where=path,
-            expected=f"at most {_LONGEST_TEXT} characters",
-        )
-    return np.array(values.to_pylist(), dtype=str)
 
 
 def _joined(arrays: list[NDArray[Any]], name: str, path: Path) -> NDArray[Any]:

@@ -98,7 +98,9 @@ def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
 
 def _open(path: Path, limit_bytes: int) -> _Arrays:
     if path.is_dir():
-        raise PredictionError("a folder, not a prediction file", where=path)
+        raise PredictionError(
+            "a folder, not a prediction file", where=path, expected=".npz or .parquet"
+        )
     if path.suffix == ".npz":
         return _Npz(path, limit_bytes)
     if path.suffix == ".parquet":
@@ -221,7 +223,7 @@ def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
         rows = np.flatnonzero(wrong.reshape(len(ids), -1).any(axis=1)).tolist()
         if rows:
             raise PredictionError(
-                f"ids with {what} in rows (from 0) {first_of(rows, len(ids))}",
+                f"ids with {what} in {first_of(rows, len(ids))} rows, counted from 0",
                 where=f"{path}, field '{name}'",
                 expected=expected,
                 mend="take the ids from the benchmark; `airzoo-bench template` writes them",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -153,12 +154,22 @@ def _load_sparse(path: Path, n_queries: int, n_tiles: int) -> Positives:
             where=path,
             mend="prepare the benchmark again; `check` needs no truth, `eval` does",
         )
-    with np.load(path, allow_pickle=False) as arrays:
-        return Positives.checked(
-            arrays["offsets"],
-            arrays["tiles"],
-            arrays.get("overlap"),
-            n_queries=n_queries,
-            n_tiles=n_tiles,
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        offsets, tiles = arrays["offsets"], arrays["tiles"]
+    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise BenchmarkError(
+            f"the positives are damaged: {error}",
             where=path,
-        )
+            expected="offsets and tiles, as `airzoo-bench prepare` wrote them",
+            mend="prepare the benchmark again",
+        ) from error
+    return Positives.checked(
+        offsets,
+        tiles,
+        arrays.get("overlap"),
+        n_queries=n_queries,
+        n_tiles=n_tiles,
+        where=path,
+    )

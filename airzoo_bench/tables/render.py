@@ -72,9 +72,12 @@ def _terminal(table: Table) -> str:
 
 
 def _width(table: Table) -> int:
+    from rich.cells import cell_len
+
     # As wide as the table needs: a pipe has no width, and cut-off numbers are no numbers.
     columns = zip(*([c.heading for c in table.columns], *table.texts()), strict=True)
-    return max(40, len(table.title), sum(max(map(len, column)) + 3 for column in columns) + 4)
+    needed = sum(max(map(cell_len, column)) + 3 for column in columns) + 4
+    return max(40, cell_len(plain(table.title)), needed)
 
 
 def _latex(table: Table) -> str:
@@ -174,7 +177,7 @@ def _json(table: Table) -> str:
         "rows": [[_json_value(cell) for cell in row.cells] for row in table.rows],
         "notes": list(table.notes),
     }
-    return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def _json_column(column: Column) -> dict[str, object]:

@@ -1,0 +1,26 @@
+"""From the map plane of one CRS to that of another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from airzoo_bench.errors import RasterError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
+from airzoo_bench.geometry.rasters import check_same_crs
+
+__all__ = ["change_of_plane"]
+
+
+def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
+    """Return what takes coordinates (..., 2) of one CRS to another, x before y.
+
+    Coordinates are left as they are where the two are one CRS (see `rasters.check_same_crs`);
+    otherwise they go through WGS84, and are NaN beyond the domain of either.
+    """
+    try:
+        check_same_crs(source, target, "the two")
+    except RasterError:
+        return lambda xy: from_lonlat(target, to_lonlat(source, xy))
+    return lambda xy: xy

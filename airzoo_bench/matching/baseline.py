@@ -1,0 +1,288 @@
+"""A matching baseline that needs no weights: SIFT between a photo and the map below it.
+
+The photo and the crop of the map are brought to one ground resolution, that of the coarser, and
+the crop is turned as the prior says that the camera was, by quarters, which only move pixels.
+Features are SIFT (Lowe, IJCV 2004) as RootSIFT (Arandjelovic and Zisserman, CVPR 2012), matched
+where they are each other's nearest and clearly nearer than the second. The turn is no assumption:
+SIFT finds its own orientation, so a prior whose yaw is wrong does no harm.
+"""
+
+from __future__ import annotations
+
+import signal
+import struct
+import warnings
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, world_to_pixel
+from airzoo_bench.matching.resampling import resample
+from airzoo_bench.matching.sift import Grey, extract, mutual_nearest
+from airzoo_bench.progress import Progress, silent
+
+__all__ = ["SiftSettings", "Task", "match", "match_photos", "plan"]
+
+_GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
+# Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
+_LEAST_SINE = 0.1
+
+
+@dataclass(frozen=True)
+class SiftSettings:
+    """How photos are matched with the map.
+
+    Attributes
+    ----------
+    max_features, max_map_features : int
+        The largest SIFT features of the photo, and of the crop, that are kept.
+    peak_threshold : float
+        Least contrast of a feature, of grey values from 0 to 1.
+    ratio : float
+        A match is kept where its distance is below this share of the second nearest's.
+    max_side_px : int
+        Photo and crop are made smaller, by the same factor, until both fit.
+    """
+
+    max_features: int
+    max_map_features: int
+    peak_threshold: float
+    ratio: float
+    max_side_px: int
+
+
+@dataclass(frozen=True)
+class Task:
+    """A photo and the part of the map to match it with; `plan` makes it from a prior.
+
+    Attributes
+    ----------
+    photo : Path
+    camera : Cameras
+        One, of the photo at full size.
+    dom : Path
+    window : (column, row, width, height)
+        The crop, in whole pixels of the map.
+    turn_deg : float
+        Where the photo's right points on the map, clockwise from the map's right; 0 where it is
+        not known.
+    gsd_ratio : float
+        Ground size of the photo's pixel over that of the map's; 1 where it is not known.
+    """
+
+    photo: Path
+    camera: Cameras
+    dom: Path
+    window: tuple[int, int, int, int]
+    turn_deg: float
+    gsd_ratio: float
+
+
+def plan(
+    photo: Path,
+    camera: Cameras,
+    prior: Poses,
+    crs: Any,
+    dom: RasterInfo,
+    window: tuple[int, int, int, int],
+    *,
+    ground_height_m: float,
+) -> Task:
+    """Work out from a prior how a photo lies on the map.
+
+    Parameters
+    ----------
+    photo : Path
+    camera, prior : Cameras, Poses
+        One of each.
+    crs : Any
+        Of the prior: projected, in metres.
+    dom : RasterInfo
+    window : (column, row, width, height)
+        The crop, in whole pixels of the map.
+    ground_height_m : float
+        Of the crop, such as the median of its DSM. Where the prior is not above it, or it is NaN,
+        the ground resolution of the photo is taken for the map's.
+    """
+    right, forward = prior.rotation[0, 0], prior.rotation[0, 2]
+    centre = prior.centres[0]
+    ends = np.stack((centre[:2], centre[:2] + right[:2]))
+    start, end = world_to_pixel(dom.transform, from_lonlat(dom.crs, to_lonlat(crs, ends)))
+    turn = float(np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
+    away = (centre[2] - ground_height_m) / max(-forward[2], _LEAST_SINE)
+    ratio = away / np.sqrt(camera.focal[0].prod()) / np.sqrt(np.prod(gsd_m(dom)))
+    return Task(
+        photo=photo,
+        camera=camera,
+        dom=dom.path,
+        window=window,
+        turn_deg=turn if np.isfinite(turn) else 0.0,
+        gsd_ratio=float(ratio) if ratio > 0.0 else 1.0,
+    )
+
+
+def match_photos(
+    tasks: Sequence[Task],
+    settings: SiftSettings,
+    *,
+    workers: int,
+    progress: Progress = silent,
+) -> Iterator[tuple[Floats, Floats]]:
+    """Match photos with the map.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    settings : SiftSettings
+    workers : int
+        Processes; the matches do not depend on it.
+    progress : Progress
+
+    Yields
+    ------
+    query_xy, map_xy : (M, 2) arrays
+        In the order of the tasks: pixels of the photo at full size, and of the whole map.
+
+    Raises
+    ------
+    BenchmarkError
+        A photo is not readable, or not of its camera's size.
+    RasterError
+        The map is not readable, or a window is not inside it.
+    """
+    work = partial(_match_task, settings)
+    if workers == 1:
+        yield from progress(map(work, tasks), "photos", len(tasks))
+        return
+    # Processes, since pycolmap keeps the interpreter's lock while it extracts; spawned, since a
+    # fork would copy the thread pools of BLAS in whatever state they are.
+    with ProcessPoolExecutor(workers, get_context("spawn"), _leave_interrupts) as pool:
+        yield from progress(pool.map(work, tasks), "photos", len(tasks))
+
+
+def match(
+    query_grey: Grey,
+    query_camera: Cameras,
+    crop_grey: Grey,
+    *,
+    turn_deg: float,
+    crop_scale: float,
+    settings: SiftSettings,
+) -> tuple[Floats, Floats]:
+    """Match a photo with a crop of the map.
+
+    Parameters
+    ----------
+    query_grey : (h, w) uint8 array
+        The photo, at any size.
+    query_camera : Cameras
+        One, of the photo at full size.
+    crop_grey : (H, W) uint8 array
+        0 where the map has no data; nothing is matched there.
+    turn_deg : float
+        See `Task`.
+    crop_scale : float
+        Before features are extracted the crop is made this much smaller, at most 1.
+    settings : SiftSettings
+
+    Returns
+    -------
+    query_xy : (M, 2) array
+        Pixels of the photo at full size; corner (0, 0).
+    crop_xy : (M, 2) array
+        Pixels of `crop_grey`. No pair comes twice.
+    """
+    seen = (query_grey.shape[1], query_grey.shape[0])
+    full = np.array((query_camera.width[0], query_camera.height[0]), dtype=np.float64)
+    query_xy, query_found = extract(query_grey, settings.max_features, settings.peak_threshold)
+    turned, back = resample(crop_grey, crop_scale, turn_deg)
+    there, crop_found = extract(turned, settings.max_map_features, settings.peak_threshold)
+    crop_xy = there @ back[:, :2].T + back[:, 2]
+    known = _has_data(crop_grey, crop_xy)
+    crop_xy, crop_found = crop_xy[known], crop_found[known]
+    query, crop = mutual_nearest(query_found, crop_found, settings.ratio)
+    pairs = np.hstack((query_xy[query] * (full / seen), crop_xy[crop]))
+    # Features of one place and several orientations may agree more than once.
+    _, first = np.unique(pairs, axis=0, return_index=True)
+    kept = pairs[np.sort(first)]
+    return kept[:, :2], kept[:, 2:]
+
+
+def _match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
+    size = np.array((task.camera.width[0], task.camera.height[0]))
+    photo_scale, crop_scale = min(1.0, task.gsd_ratio), min(1.0, 1.0 / task.gsd_ratio)
+    largest = max(size.max() * photo_scale, max(task.window[2:]) * crop_scale)
+    fit = min(1.0, settings.max_side_px / largest)
+    wanted = np.maximum(np.round(size * photo_scale * fit), 1).astype(int)
+    query_xy, crop_xy = match(
+        _read_photo(task.photo, size, wanted),
+        task.camera,
+        _read_crop(task.dom, task.window),
+        turn_deg=task.turn_deg,
+        crop_scale=crop_scale * fit,
+        settings=settings,
+    )
+    return query_xy, crop_xy + task.window[:2]
+
+
+def _read_crop(dom: Path, window: tuple[int, int, int, int]) -> Grey:
+    colours = read_rgb(dom, window)
+    grey = np.round(colours @ _GREY).astype(np.uint8)
+    # Black is where a map has no data; what is nearly black is not.
+    data: Grey = np.maximum(grey, colours.any(axis=-1))
+    return data
+
+
+def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings(), Image.open(path) as image:
+            warnings.simplefilter("ignore")
+            _require_size(path, image.size, size)
+            target = (int(wanted[0]), int(wanted[1]))
+            # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
+            # so the box says where that is.
+            reduced = image.draft("L", target)
+            box = reduced[1] if reduced else (0, 0, *image.size)
+            small = image.convert("L").resize(target, Image.Resampling.LANCZOS, box)
+    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
+        raise BenchmarkError(
+            f"not a readable photo: {error}",
+            where=path,
+            expected="the photo that the benchmark was prepared from",
+        ) from error
+    grey: Grey = np.asarray(small)
+    return grey
+
+
+def _require_size(path: Path, found: tuple[int, int], expected: Ints) -> None:
+    if found != tuple(expected.tolist()):
+        raise BenchmarkError(
+            f"the photo is {found[0]} x {found[1]} px",
+            where=path,
+            expected=f"{expected[0]} x {expected[1]} px, the size of its camera",
+        )
+
+
+def _has_data(grey: Grey, xy: Floats) -> Bools:
+    column, row = np.floor(xy).astype(np.int64).T
+    inside: Bools = (column >= 0) & (row >= 0) & (column < grey.shape[1]) & (row < grey.shape[0])
+    inside[inside] = grey[row[inside], column[inside]] > 0
+    return inside
+
+
+def _leave_interrupts() -> None:
+    # Ctrl-C is for the parent, which then ends its workers.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,364 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+from rasterio import Affine
+from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
+from scipy.spatial.distance import cdist
+
+from airzoo_bench.datasets.dji import priors_to_poses, read_prior
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.geometry.attitude import angles_to_rotations
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
+from airzoo_bench.matching import baseline
+from airzoo_bench.matching.baseline import SiftSettings, Task, match, match_photos, plan
+from airzoo_bench.matching.resampling import resample
+from airzoo_bench.matching.sift import extract, mutual_nearest
+from tests.geometry.support import write_tif
+
+SETTINGS = SiftSettings(
+    max_features=4096, max_map_features=8192, peak_threshold=0.0067, ratio=0.8, max_side_px=2000
+)
+
+
+def texture(width: int, height: int, seed: int = 0) -> np.ndarray:
+    """Grey of many sizes of structure, never 0."""
+    random = np.random.default_rng(seed)
+    layers = [gaussian_filter(random.normal(size=(height, width)), s) * s for s in (1.5, 3, 6)]
+    grey = sum(layers)
+    return np.clip(128 + 60 * (grey - grey.mean()) / grey.std(), 1, 255).astype(np.uint8)
+
+
+def seen_through(image: np.ndarray, H: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Image whose pixel p shows `image` at H p; corners are (0, 0)."""
+    at = moved(H, np.stack(np.indices((height, width))[::-1], axis=-1).reshape(-1, 2) + 0.5)
+    grey = map_coordinates(image.astype(float), at.T[::-1] - 0.5, order=3, mode="nearest")
+    return np.clip(np.round(grey), 0, 255).astype(np.uint8).reshape(height, width)
+
+
+def moved(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    ends = np.column_stack((xy, np.ones(len(xy)))) @ H.T
+    return ends[:, :2] / ends[:, 2:]
+
+
+def camera(width: int, height: int) -> Cameras:
+    return Cameras.from_matrices([np.diag((width, width, 1.0))], width, height)
+
+
+def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
+    cos, sin = scale * np.cos(np.radians(turn_deg)), scale * np.sin(np.radians(turn_deg))
+    return np.array(((cos, -sin, x), (sin, cos, y), (0.0, 0.0, 1.0)))
+
+
+@pytest.mark.parametrize("wrong_deg", [0.0, 180.0, 67.0])
+def test_matches_follow_a_known_homography(wrong_deg: float) -> None:
+    crop = texture(420, 380)
+    H = similarity(0.9, 30.0, 130.0, 40.0)
+    H[2, :2] = (2e-4, -3e-4)
+    query = seen_through(crop, H, 300, 240)
+    found, there = match(
+        query,
+        camera(300, 240),
+        crop,
+        turn_deg=30.0 + wrong_deg,
+        crop_scale=1.0,
+        settings=SETTINGS,
+    )
+    off = there - moved(H, found)
+    assert len(found) > 200
+    assert (np.linalg.norm(off, axis=1) < 1).mean() > 0.97
+    assert np.abs(np.median(off, axis=0)).max() < 0.03
+    assert len(np.unique(np.hstack((found, there)), axis=0)) == len(found)
+
+
+@pytest.mark.parametrize(
+    ("shown", "crop_scale"), [((800, 600), 0.5), ((400, 300), 1.0), ((401, 299), 0.4)]
+)
+def test_pixels_are_those_of_the_full_sizes(shown: tuple[int, int], crop_scale: float) -> None:
+    # The whole crop, magnified twice, is the photo; half a pixel lost at a resize is 0.25 to 0.75.
+    crop = texture(400, 300, seed=1)
+    large = seen_through(crop, np.diag((0.5, 0.5, 1.0)), 800, 600)
+    query = np.asarray(Image.fromarray(large).resize(shown, Image.Resampling.LANCZOS))
+    found, there = match(
+        query, camera(800, 600), crop, turn_deg=-90.0, crop_scale=crop_scale, settings=SETTINGS
+    )
+    off = found - 2 * there
+    assert len(off) > 60
+    assert np.abs(np.median(off, axis=0)).max() < 0.15
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 89.0, 180.0, -91.0, 270.0, 725.0])
+@pytest.mark.parametrize("scale", [1.0, 0.5, 0.37])
+def test_the_way_back_from_a_smaller_turned_image(turn_deg: float, scale: float) -> None:
+    grey = np.zeros((120, 171), np.uint8)
+    grey[70, 30] = 255
+    grey = (gaussian_filter(grey.astype(float), 6) * 200).astype(np.uint8)
+    small, back = resample(grey, scale, turn_deg)
+    sides = {round(171 * scale), round(120 * scale)}
+    assert set(small.shape) == sides
+    at = np.array(center_of_mass(small.astype(float))[::-1]) + 0.5
+    np.testing.assert_allclose(back[:, :2] @ at + back[:, 2], (30.5, 70.5), rtol=0, atol=0.05)
+
+
+def test_the_turn_brings_its_direction_to_the_right() -> None:
+    grey = np.array(((1, 2, 3), (4, 5, 6)), np.uint8)
+    # Clockwise a quarter from the right is down; 1 over 4 becomes 1 left of 4.
+    assert resample(grey, 1.0, 90.0)[0].tolist() == [[3, 6], [2, 5], [1, 4]]
+    assert resample(grey, 1.0, -90.0)[0].tolist() == [[4, 1], [5, 2], [6, 3]]
+    assert resample(grey, 1.0, 44.0)[0].tolist() == grey.tolist()
+
+
+def test_nothing_is_matched_where_the_map_has_no_data() -> None:
+    crop = texture(300, 240)
+    spots = np.stack(np.meshgrid(np.arange(20, 300, 40), np.arange(20, 240, 40)), -1).reshape(-1, 2)
+    away = np.linalg.norm(np.stack(np.indices((240, 300))[::-1], -1)[..., None, :] - spots, axis=-1)
+    crop[away.min(axis=-1) < 5] = 0  # round holes are good features
+    found, there = match(
+        crop, camera(300, 240), crop, turn_deg=0.0, crop_scale=1.0, settings=SETTINGS
+    )
+    column, row = np.floor(there).astype(int).T
+    assert len(found) > 50
+    assert (crop[row, column] > 0).all()
+
+
+@pytest.mark.parametrize("blank", ["query", "crop"])
+def test_blank_images_have_no_matches(blank: str) -> None:
+    query, crop = texture(128, 96), texture(200, 160)
+    flat = np.zeros_like(query if blank == "query" else crop)
+    query, crop = (flat, crop) if blank == "query" else (query, flat)
+    for array in match(
+        query, camera(128, 96), crop, turn_deg=0.0, crop_scale=1.0, settings=SETTINGS
+    ):
+        assert array.shape == (0, 2)
+        assert array.dtype == np.float64
+
+
+def test_mutual_nearest_against_all_distances() -> None:
+    random = np.random.default_rng(0)
+    b = random.integers(0, 90, (1500, 128)).astype(np.float32)
+    a = b[random.permutation(1500)[:1300]] + random.integers(0, 12, (1300, 128))
+    a = np.vstack((a, random.integers(0, 90, (1000, 128)))).astype(np.float32)
+    distances = cdist(a, b)
+    nearest = distances.argmin(axis=1)
+    first, second = np.sort(distances, axis=1)[:, :2].T
+    kept = (distances.argmin(axis=0)[nearest] == np.arange(len(a))) & (first < 0.8 * second)
+    rows_a, rows_b = mutual_nearest(a, b, 0.8)
+    assert np.array_equal(rows_a, np.flatnonzero(kept))
+    assert np.array_equal(rows_b, nearest[kept])
+    assert 1200 < len(rows_a) < len(a)
+    loose, _ = mutual_nearest(a, b, 1.0)
+    assert len(loose) > len(rows_a)
+
+
+def test_mutual_nearest_of_equals_and_of_none() -> None:
+    one = np.full((1, 128), 3, np.float32)
+    # Two equals are as near as each other, so neither is clearly nearest.
+    assert mutual_nearest(one, np.vstack((one, one)), 0.8)[0].tolist() == []
+    assert [rows.tolist() for rows in mutual_nearest(np.vstack((one, one)), one, 0.8)] == [[0], [0]]
+    # The first of equals, however many rows lie between them.
+    many = np.vstack((one, np.full((3000, 128), 90, np.float32), one))
+    assert [rows.tolist() for rows in mutual_nearest(many, one, 0.8)] == [[0], [0]]
+    assert len(mutual_nearest(one[:0], one, 0.8)[0]) == 0
+    assert len(mutual_nearest(one, one[:0], 0.8)[0]) == 0
+
+
+def test_features_sit_where_the_blobs_are() -> None:
+    # A blob is a feature at its centre; COLMAP's corner is (0, 0), so pixel 40 has its centre at
+    # 40.5.
+    grey = np.zeros((100, 120))
+    grey[60, 40] = grey[30, 80] = 1
+    grey = gaussian_filter(grey, 4)
+    places, descriptors = extract((255 * grey / grey.max()).astype(np.uint8), 100, 0.0067)
+    for centre in ((40.5, 60.5), (80.5, 30.5)):
+        assert np.linalg.norm(places - centre, axis=1).min() < 0.1
+    assert descriptors.shape == (len(places), 128)
+    assert np.array_equal(descriptors, np.round(descriptors))
+    np.testing.assert_allclose(np.linalg.norm(descriptors, axis=1), 512, rtol=0.02)
+
+
+def test_features_at_the_border_are_left_out() -> None:
+    image = texture(200, 160)
+    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
+    found, _ = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu).extract(
+        pycolmap.Bitmap.from_array(image)
+    )
+    every = np.array([(k.x, k.y, 200 - k.x, 160 - k.y, k.compute_scale()) for k in found])
+    inside = every[:, :4].min(axis=1) > every[:, 4] + 1
+    assert not inside.all()
+    places, _ = extract(image, 8192, options.sift.peak_threshold)
+    assert np.array_equal(places, every[inside, :2])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
+    """Return two photos of a map, 3.1 times as fine; libjpeg's reductions do not divide them."""
+    folder = tmp_path_factory.mktemp("made")
+    grey = texture(500, 400, seed=2)
+    dom = write_tif(folder / "dom.tif", np.stack((grey, grey, grey)))
+    tasks = []
+    for name, corner in (("a", (110.0, 60.0)), ("b", (200.0, 150.0))):
+        H = similarity(1 / 3.1, 0.0, *corner)
+        Image.fromarray(seen_through(grey, H, 803, 651)).save(folder / f"{name}.jpg", quality=95)
+        window = (int(corner[0]) - 30, int(corner[1]) - 20, 320, 260)
+        tasks.append(Task(folder / f"{name}.jpg", camera(803, 651), dom, window, 0.0, 1 / 3.1))
+    return tasks
+
+
+def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
+    corners = ((110.0, 60.0), (200.0, 150.0))
+    for corner, (query_xy, map_xy) in zip(
+        corners, match_photos(made, SETTINGS, workers=1), strict=True
+    ):
+        off = query_xy - 3.1 * (map_xy - corner)
+        assert len(off) > 100
+        assert np.abs(np.median(off, axis=0)).max() < 0.3
+        # At the far edge, too: a reduced JPG may reach beyond the photo, here by up to 5 pixels.
+        far = query_xy[:, 0] > 600
+        assert np.abs(np.median(off[far], axis=0)).max() < 0.4
+
+
+def test_neither_workers_nor_order_matter(made: list[Task]) -> None:
+    alone = list(match_photos(made, SETTINGS, workers=1))
+    shared = list(match_photos(made[::-1], SETTINGS, workers=2))[::-1]
+    for one, other in zip(alone, shared, strict=True):
+        assert np.array_equal(one[0], other[0])
+        assert np.array_equal(one[1], other[1])
+
+
+def test_a_limit_of_size_keeps_the_two_scales_alike(made: list[Task]) -> None:
+    small = replace(SETTINGS, max_side_px=160)
+    query_xy, map_xy = next(match_photos(made[:1], small, workers=1))
+    off = query_xy - 3.1 * (map_xy - (110.0, 60.0))
+    assert len(off) > 20
+    assert np.abs(np.median(off, axis=0)).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("ratio", "max_side", "photo", "crop"),
+    [
+        (0.5, 2000, (402, 326), (320, 260)),  # halves of 803 and 651, rounded to even
+        (2.0, 2000, (803, 651), (160, 130)),
+        (1.0, 160, (160, 130), (64, 52)),  # the photo's longer side decides
+        (0.25, 160, (100, 81), (160, 130)),  # the crop's does
+    ],
+)
+def test_sizes_that_features_are_sought_at(
+    made: list[Task],
+    monkeypatch: pytest.MonkeyPatch,
+    ratio: float,
+    max_side: int,
+    photo: tuple[int, int],
+    crop: tuple[int, int],
+) -> None:
+    shapes = []
+
+    def spy(image: np.ndarray, *_: object) -> object:
+        shapes.append(image.shape[::-1])
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+
+    monkeypatch.setattr(baseline, "extract", spy)
+    task, chosen = replace(made[0], gsd_ratio=ratio), replace(SETTINGS, max_side_px=max_side)
+    list(match_photos([task], chosen, workers=1))
+    assert shapes == [photo, crop]
+
+
+def test_nearly_black_is_data(
+    made: list[Task], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    colours = np.zeros((3, 8, 9), np.uint8)
+    colours[2, 3, 4] = 1  # a grey of 0.114
+    dom = write_tif(tmp_path / "dark.tif", colours)
+    monkeypatch.setattr(baseline, "match", lambda _, __, crop, **___: (crop, crop[:1, :2]))
+    task = replace(made[0], dom=dom, window=(0, 0, 9, 8))
+    crop, _ = next(match_photos([task], SETTINGS, workers=1))
+    assert np.argwhere(crop).tolist() == [[3, 4]]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path, workers: int) -> None:
+    other = replace(made[0], camera=camera(800, 650))
+    with pytest.raises(BenchmarkError, match=r"803 x 651 px(.|\n)*800 x 650 px") as caught:
+        list(match_photos([made[1], other], SETTINGS, workers=workers))
+    assert caught.value.where == str(made[0].photo)
+    missing = replace(made[0], photo=tmp_path / "c.jpg")
+    with pytest.raises(BenchmarkError, match="not a readable photo"):
+        list(match_photos([missing], SETTINGS, workers=workers))
+
+
+@pytest.fixture
+def north_up(tmp_path: Path) -> Path:
+    return write_tif(tmp_path / "dom.tif", np.zeros((3, 40, 40), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("yaw", "pitch", "height", "turn", "ratio"),
+    [
+        (0.0, -90.0, 150.0, 0.0, 0.2),  # 100 m above ground, f = 1000 px: 0.1 m of 0.5 m
+        (90.0, -90.0, 150.0, 90.0, 0.2),
+        (-140.0, -45.0, 150.0, -140.0, 0.2 * np.sqrt(2)),
+        (0.0, 10.0, 150.0, 0.0, 2.0),  # over the horizon: as if 6 degrees below it
+        (0.0, -90.0, 50.0, 0.0, 1.0),  # on the ground: not known
+        (0.0, -90.0, np.nan, 0.0, 1.0),
+    ],
+)
+def test_plans_worked_by_hand(
+    north_up: Path, yaw: float, pitch: float, height: float, turn: float, ratio: float
+) -> None:
+    rotation = angles_to_rotations(yaw, pitch, 0.0, convergence_deg=0.0)[None]
+    prior = Poses(rotation=rotation, centres=np.array(((576010.0, 5187990.0, height),)))
+    one = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
+    dom = open_info(north_up)
+    task = plan(Path("a.jpg"), one, prior, "EPSG:32615", dom, (0, 0, 40, 40), ground_height_m=50.0)
+    assert task.turn_deg == pytest.approx(turn, abs=1e-6)
+    assert task.gsd_ratio == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
+
+
+def test_a_map_turned_on_its_grid_turns_the_plan(tmp_path: Path) -> None:
+    # Columns run south, rows run west: east is up the map, a quarter anticlockwise from its right.
+    turned = Affine(0.0, -0.5, 576020.0, -0.5, 0.0, 5188000.0)
+    dom = open_info(
+        write_tif(tmp_path / "t.tif", np.zeros((3, 40, 40), np.uint8), transform=turned)
+    )
+    down = angles_to_rotations(0.0, -90.0, 0.0, convergence_deg=0.0)[None]
+    prior = Poses(rotation=down, centres=np.array(((576010.0, 5187990.0, 150.0),)))
+    one = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
+    task = plan(Path("a.jpg"), one, prior, 32615, dom, (0, 0, 40, 40), ground_height_m=50.0)
+    assert task.turn_deg == pytest.approx(-90.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["DJI_0018.JPG", "DJI_0026.JPG"])
+def test_the_real_scene_with_yaw_right_and_wrong(brighton: Path, name: str) -> None:
+    scene = json.loads((brighton / "poses.json").read_text())
+    truth = scene["images"][name]
+    one = Cameras.from_matrices([scene["K"]], 4000, 2250, [scene["dist_k1k2p1p2"]])
+    pose = Poses.from_centres([truth["R_w2c"]], [truth["center_utm"]])
+    dom = open_info(brighton / "dom_10cm.tif")
+    dsm = HeightField.read(brighton / "dsm_10cm.tif")
+    photo = brighton / "images" / name
+    prior = priors_to_poses({name: read_prior(photo)}, scene["crs"])
+    column, row = world_to_pixel(dom.transform, prior.centres[0, :2])
+    low = np.maximum(np.array((column, row), int) - 450, 0)
+    high = np.minimum(low + 900, (dom.width, dom.height))
+    window = (*low.tolist(), *(high - low).tolist())
+    ground = float(np.nanmedian(dsm.heights))
+    task = plan(photo, one, prior, scene["crs"], dom, window, ground_height_m=ground)
+    # The photo's right is 45 degrees from east, or (0026) the metadata have it the other way.
+    assert task.turn_deg == pytest.approx(-133 if name == "DJI_0026.JPG" else 44, abs=2)
+    other = replace(task, turn_deg=task.turn_deg + 180)
+    for query_xy, map_xy in match_photos([task, other], SETTINGS, workers=1):
+        ground_xy = pixel_to_world(dom.transform, map_xy)
+        points = np.column_stack((ground_xy, dsm.sample(ground_xy)))
+        seen = project(one, world_to_camera(pose, points[None]))[0]
+        # Half a metre, to which the poses are good, is some 30 pixels.
+        right = np.linalg.norm(seen - query_xy, axis=1) < 40
+        assert right.sum() > (350 if name == "DJI_0026.JPG" else 40)
+        assert right.mean() > 0.5

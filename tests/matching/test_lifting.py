@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import given
+from pyproj import CRS, Transformer
+from rasterio import Affine
+
+from airzoo_bench.errors import PredictionError, RasterError
+from airzoo_bench.geometry.cameras import Cameras, back_project, project
+from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, read_rgb
+from airzoo_bench.geometry.rays import intersect_heightfield
+from airzoo_bench.matching import lifting
+from airzoo_bench.matching.lifting import LiftStatus, lift
+from tests.geometry.support import quick, seeds, write_tif
+
+NAN = np.nan
+ORIGIN = (576000.0, 5188000.0)
+
+
+def map_of(
+    width: int, height: int, transform: Affine | None = None, crs: object = 32615
+) -> RasterInfo:
+    grid = transform or Affine(0.5, 0.0, ORIGIN[0], 0.0, -0.5, ORIGIN[1])
+    known = CRS.from_user_input(crs)
+    return RasterInfo(Path("dom.tif"), width, height, grid, known, None, 3, "uint8")
+
+
+def naive_height(heights: np.ndarray, column: float, row: float) -> float:
+    """Height at a pixel coordinate, one point at a time, from the text of the protocol."""
+    last_column, last_row = heights.shape[1] - 1, heights.shape[0] - 1
+    x = min(max(column - 0.5, 0.0), last_column)
+    y = min(max(row - 0.5, 0.0), last_row)
+    left, top = math.floor(x), math.floor(y)
+    total, complete, nearest, best = 0.0, True, NAN, 1.0
+    for j in (top, top + 1):
+        for i in (left, left + 1):
+            weight = (1 - abs(x - i)) * (1 - abs(y - j))
+            if weight == 0.0:
+                continue
+            height = float(heights[j, i])
+            if math.isnan(height):
+                complete = False
+                continue
+            total += weight * height
+            if math.hypot(x - i, y - j) < best:
+                best, nearest = math.hypot(x - i, y - j), height
+    return total if complete else nearest
+
+
+def naive_status(xy: Any, dom: RasterInfo, colrow: Any, heights: np.ndarray) -> LiftStatus:
+    if not all(math.isfinite(value) for value in xy):
+        return LiftStatus.NOT_FINITE
+    if not (0 <= xy[0] <= dom.width and 0 <= xy[1] <= dom.height):
+        return LiftStatus.OUTSIDE_MAP
+    if not (0 <= colrow[0] <= heights.shape[1] and 0 <= colrow[1] <= heights.shape[0]):
+        return LiftStatus.OUTSIDE_DSM
+    if math.isnan(naive_height(heights, *colrow)):
+        return LiftStatus.NO_HEIGHT
+    return LiftStatus.LIFTED
+
+
+def random_dsm(rng: np.random.Generator, path: Path) -> tuple[np.ndarray, Affine]:
+    """Write a small surface model with holes; return heights (NaN: none) and its geotransform."""
+    heights = rng.uniform(-60, 90, rng.integers(1, 14, 2)).astype(np.float32)
+    lost = rng.random(heights.shape) < rng.choice([0.0, 0.3, 0.8])
+    nodata = rng.choice([-9999.0, NAN, None])
+    stored = np.where(lost, np.float32(NAN if nodata is None else nodata), heights)
+    gsd = rng.uniform(0.2, 1.5)
+    x, y = ORIGIN + rng.uniform(-2, 2, 2)
+    transform = Affine(gsd, 0.0, x, 0.0, -gsd * rng.uniform(0.8, 1.2), y)
+    write_tif(path, stored, nodata=nodata, transform=transform)
+    return np.where(lost, NAN, heights), transform
+
+
+@quick
+@given(seeds)
+def test_against_one_point_at_a_time(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path = tmp_path_factory.mktemp("lift") / "dsm.tif"
+    heights, grid = random_dsm(rng, path)
+    dom = map_of(20, 17)
+    xy = rng.uniform(-1, 21, (80, 2))
+    xy[:3] = (NAN, 1.0), (3.0, np.inf), (1e308, -1e308)
+    lifted = lift(xy, dom, path, workers=1)
+    for row, (column, line) in enumerate(xy.tolist()):
+        x, y = ORIGIN[0] + 0.5 * column, ORIGIN[1] - 0.5 * line
+        colrow = ((x - grid.c) / grid.a, (y - grid.f) / grid.e)
+        status = naive_status((column, line), dom, colrow, heights)
+        assert lifted.status[row] == status
+        if status == LiftStatus.LIFTED:
+            expected = (x, y, naive_height(heights, *colrow))
+            np.testing.assert_allclose(lifted.points[row], expected, rtol=0, atol=1e-6)
+        else:
+            assert np.isnan(lifted.points[row]).all()
+    assert sum(lifted.counts().values()) == len(xy)
+    assert lifted.valid.sum() == lifted.counts()["LIFTED"]
+
+
+@quick
+@given(seeds)
+def test_the_same_bits_as_the_height_field(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    path = tmp_path_factory.mktemp("lift") / "dsm.tif"
+    random_dsm(rng, path)
+    dom = map_of(24, 24, Affine(0.4, 0.1, ORIGIN[0], 0.05, -0.4, ORIGIN[1]))
+    # Quarters of pixels too: points on lines between centres, on centres, on the border.
+    xy = np.concatenate((rng.uniform(0, 24, (50, 2)), rng.integers(0, 97, (50, 2)) / 4))
+    world = pixel_to_world(dom.transform, xy)
+    lifted = lift(xy, dom, path, workers=2)
+    expected = HeightField.read(path).sample(world)
+    assert lifted.points[:, 2].tobytes() == expected.tobytes()
+    assert lifted.points[lifted.valid, :2].tobytes() == world[~np.isnan(expected)].tobytes()
+
+
+def test_pixel_centres_sit_at_one_half(tmp_path: Path) -> None:
+    path = write_tif(tmp_path / "dsm.tif", np.array([[0, 10], [20, 30]], np.float32))
+    xy = [(0.5, 0.5), (1.5, 0.5), (0.5, 1.5), (1.0, 1.0), (0.75, 0.5), (0.0, 0.0), (2.0, 2.0)]
+    lifted = lift(xy, map_of(2, 2), path, workers=1)
+    assert lifted.points[:, 2].tolist() == [0, 10, 20, 15, 2.5, 0, 30]
+    assert lifted.points[0].tolist() == [576000.25, 5187999.75, 0.0]
+
+
+def test_dsm_of_another_grid(tmp_path: Path) -> None:
+    # 2 m pixels from 3 m west and 1 m north of the map's corner; heights are a plane.
+    grid = Affine(2.0, 0.0, ORIGIN[0] - 3.0, 0.0, -2.0, ORIGIN[1] + 1.0)
+    column, row = np.meshgrid(np.arange(12) + 0.5, np.arange(9) + 0.5)
+    x, y = 2.0 * column - 3.0, 1.0 - 2.0 * row
+    path = write_tif(tmp_path / "dsm.tif", (x * 0.5 - y - 40).astype(np.float32), transform=grid)
+    lifted = lift([(10.0, 20.0), (0.0, 0.0), (39.9, 3.0)], map_of(80, 40), path, workers=1)
+    # (10, 20) lies 5 m east and 10 m south of the corner: 2.5 + 10 - 40.
+    east, north = lifted.points[0, :2] - ORIGIN
+    assert (east, north) == (5.0, -10.0)
+    np.testing.assert_allclose(lifted.points[:, 2], (-27.5, -40.0, -28.525), atol=1e-5)
+    assert lift([(60.0, 5.0)], map_of(80, 40), path, workers=1).counts()["OUTSIDE_DSM"] == 1
+
+
+def test_map_in_degrees(tmp_path: Path) -> None:
+    column, row = np.meshgrid(np.arange(90) + 0.5, np.arange(80) + 0.5)
+    plane = (0.25 * column - 0.125 * row).astype(np.float32)
+    path = write_tif(tmp_path / "dsm.tif", plane)
+    to_utm = Transformer.from_crs(4326, 32615, always_xy=True)
+    west, north = to_utm.transform(ORIGIN[0] + 5, ORIGIN[1] - 5, direction="INVERSE")
+    dom = map_of(60, 50, Affine(4e-6, 0.0, west, 0.0, -3e-6, north), 4326)
+    xy = np.random.default_rng(0).uniform((0, 0), (60, 50), (200, 2))
+    lifted = lift(xy, dom, path, workers=2)
+    x, y = to_utm.transform(west + 4e-6 * xy[:, 0], north - 3e-6 * xy[:, 1])
+    z = 0.25 * (x - ORIGIN[0]) / 0.5 - 0.125 * (ORIGIN[1] - y) / 0.5
+    assert lifted.valid.all()
+    np.testing.assert_allclose(lifted.points, np.stack((x, y, z), axis=-1), rtol=0, atol=1e-5)
+    # At the end of the projection's domain there is no place.
+    far = map_of(10, 10, Affine(1.0, 0.0, 0.0, 0.0, -1.0, 90.0), 4326)
+    assert lift([(5.0, 5.0)], far, path, workers=1).counts()["OUTSIDE_DSM"] == 1
+
+
+@pytest.mark.parametrize("blocks", [{}, {"tiled": True, "blockxsize": 32, "blockysize": 16}])
+def test_blocks_and_threads_do_not_matter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, blocks: dict[str, Any]
+) -> None:
+    rng = np.random.default_rng(3)
+    heights = rng.normal(0, 20, (90, 130)).astype(np.float32)
+    heights[rng.random(heights.shape) < 0.2] = -9999
+    path = write_tif(tmp_path / "dsm.tif", heights, nodata=-9999, **blocks)
+    dom = map_of(130, 90)
+    xy = rng.uniform((-3, -3), (133, 93), (5000, 2))
+    xy[::97] = NAN
+    whole = lift(xy, dom, path, workers=1)
+    assert min(whole.counts()[name] for name in ("LIFTED", "NO_HEIGHT", "NOT_FINITE")) > 0
+    for pixels, points, workers in ((1 << 18, 512, 2), (1000, 77, 1), (256, 5000, 3), (1, 64, 2)):
+        monkeypatch.setattr(lifting, "_BLOCK_PIXELS", pixels)
+        monkeypatch.setattr(lifting, "_POINTS", points)
+        again = lift(xy, dom, path, workers=workers)
+        assert again.points.tobytes() == whole.points.tobytes()
+        assert again.status.tobytes() == whole.status.tobytes()
+    order = rng.permutation(len(xy))
+    assert lift(xy[order], dom, path, workers=2).points.tobytes() == whole.points[order].tobytes()
+
+
+def test_only_the_windows_needed_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    heights = np.zeros((400, 600), np.float32)
+    path = write_tif(tmp_path / "d.tif", heights, tiled=True, blockxsize=32, blockysize=32)
+    read: list[int] = []
+    plain = lifting.read_metres
+
+    def spy(dataset: Any, window: Any) -> Any:
+        read.append(window.width * window.height)
+        return plain(dataset, window)
+
+    monkeypatch.setattr(lifting, "read_metres", spy)
+    monkeypatch.setattr(lifting, "_BLOCK_PIXELS", 1 << 10)
+    xy = [(10.2, 20.7), (12.9, 21.0), (500.5, 300.5)]
+    assert lift(xy, map_of(600, 400), path, workers=2).valid.all()
+    assert sum(read) <= 4 * 3 + 2 * 2
+
+
+def test_all_nodata_is_dropped_and_counted(tmp_path: Path) -> None:
+    path = write_tif(tmp_path / "dsm.tif", np.full((4, 4), -9999, np.float32), nodata=-9999)
+    lifted = lift([(1.0, 1.0), (2.5, 3.5)], map_of(4, 4), path, workers=1)
+    assert lifted.counts() == {
+        "LIFTED": 0,
+        "OUTSIDE_MAP": 0,
+        "OUTSIDE_DSM": 0,
+        "NO_HEIGHT": 2,
+        "NOT_FINITE": 0,
+    }
+    assert np.isnan(lifted.points).all()
+
+
+def test_no_matches_and_no_matches_at_all(tmp_path: Path) -> None:
+    path = write_tif(tmp_path / "dsm.tif", np.zeros((4, 4), np.float32))
+    assert lift(np.empty((0, 2)), map_of(4, 4), path, workers=2).points.shape == (0, 3)
+    with pytest.raises(PredictionError, match=r"shape \(3,\)"):
+        lift(np.zeros(3), map_of(4, 4), path, workers=1)
+    with pytest.raises(RasterError, match="no such file"):
+        lift(np.zeros((1, 2)), map_of(4, 4), tmp_path / "none.tif", workers=1)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_nodata_is_what_gdal_takes_for_it(tmp_path: Path, dtype: str) -> None:
+    # Numbers next to the nodata value: GDAL has a tolerance of its own.
+    nodata = np.array(-9999, dtype)
+    row = [nodata, np.nextafter(nodata, 0), nodata + 0.0005, nodata + 0.003, nodata + 0.06, -9998]
+    path = write_tif(tmp_path / "d.tif", np.array([row, [1] * 6], dtype), nodata=-9999)
+    with rasterio.open(path) as dataset:
+        band = dataset.read(1, masked=True)
+    xy = [(column + 0.5, 0.5) for column in range(6)]
+    lifted = lift(xy, map_of(6, 2), path, workers=1)
+    assert np.array_equal(lifted.valid, ~band.mask[0])
+    assert np.array_equal(lifted.points[lifted.valid, 2], band[0].compressed())
+
+
+def test_masks_and_scaled_integers(tmp_path: Path) -> None:
+    heights = np.array([[-50, 120], [7, 9]], np.int16)
+    path = write_tif(tmp_path / "d.tif", heights)
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(path, "r+") as dataset:
+        dataset.scales, dataset.offsets = (0.1,), (100.0,)
+        dataset.write_mask(np.array([[255, 0], [255, 255]], np.uint8))
+    lifted = lift([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)], map_of(2, 2), path, workers=1)
+    np.testing.assert_allclose(lifted.points[:, 2], (95.0, NAN, 100.7), atol=1e-9)
+
+
+def test_through_a_real_photo_and_back(brighton: Path) -> None:
+    dom, field = open_info(brighton / "dom_10cm.tif"), HeightField.read(brighton / "dsm_10cm.tif")
+    scene = json.loads((brighton / "poses.json").read_text())
+    xy = np.random.default_rng(0).uniform((0, 0), (dom.width, dom.height), (20_000, 2))
+    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", workers=2)
+    # 44 % of the surface model have a height.
+    assert 0.4 < lifted.valid.mean() < 0.6
+    assert lifted.points[lifted.valid, 2].min() > 150
+    for name in ("DJI_0022.JPG", "DJI_0030.JPG"):
+        camera = Cameras.from_matrices([scene["K"]], 4000, 2250, np.array([scene["dist_k1k2p1p2"]]))
+        image = scene["images"][name]
+        pose = Poses.from_centres([image["R_w2c"]], [image["center_utm"]])
+        pixels = project(camera, world_to_camera(pose, lifted.points[lifted.valid][None]))
+        seen = ((pixels[0] >= 0) & (pixels[0] <= (4000, 2250))).all(axis=-1)
+        rays = rays_to_world(pose, back_project(camera, pixels[:, seen]))
+        hits = intersect_heightfield(pose.centres, rays, field, 200.0)
+        back = world_to_pixel(dom.transform, hits.points[0, :, :2])
+        off = np.linalg.norm(back - xy[lifted.valid][seen], axis=-1)
+        assert seen.sum() > 500
+        # Beside gaps the surface has walls, that hide what is behind them.
+        assert np.mean(off < 1e-5) > 0.8
+
+
+def test_real_map_and_photo_show_the_same(brighton: Path) -> None:
+    from PIL import Image
+
+    dom = open_info(brighton / "dom_10cm.tif")
+    scene = json.loads((brighton / "poses.json").read_text())
+    image = scene["images"]["DJI_0030.JPG"]
+    pose = Poses.from_centres([image["R_w2c"]], [image["center_utm"]])
+    lens = np.array([scene["dist_k1k2p1p2"]])
+    camera = Cameras.from_matrices([scene["K"]], 4000, 2250, lens).scaled(1000, 562)
+    with Image.open(brighton / "images" / "DJI_0030.JPG") as photo:
+        grey = np.asarray(photo.convert("L").resize((1000, 562)), np.float64)
+    xy = np.random.default_rng(0).uniform((0, 0), (dom.width, dom.height), (20_000, 2))
+    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", workers=1)
+    pixels = project(camera, world_to_camera(pose, lifted.points[None]))[0]
+    seen = ((pixels >= 0) & (pixels < (1000, 562))).all(axis=-1)
+    column, row = pixels[seen].astype(int).T
+    on_map = xy[seen].astype(int)
+    colours = read_rgb(brighton / "dom_10cm.tif").mean(axis=-1)[on_map[:, 1], on_map[:, 0]]
+    assert np.corrcoef(grey[row, column], colours)[0, 1] > 0.6

@@ -1,0 +1,158 @@
+"""Benchmark folders: found by name, held to their checksums and to the protocol."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.benchmark import (
+    Benchmark,
+    benchmark_folders,
+    data_root,
+    find_benchmark,
+    read_table,
+)
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.files import write_npz
+from airzoo_bench.protocol import Protocol
+from airzoo_bench.retrieval.truth import read_truth, write_truth
+from tests.support import MadeScene, made_protocol, made_truth, write_benchmark
+
+
+def test_found_by_name_or_as_itself(data: Path) -> None:
+    for place in (data, data / "made"):
+        benchmark = find_benchmark("made", place)
+        assert benchmark.folder == data / "made"
+        assert benchmark.scene("west").crs == "EPSG:4547"
+        assert benchmark.scene_folder("west") == data / "made" / "scenes" / "west"
+    assert benchmark_folders(data) == {"made": data / "made"}
+    with pytest.raises(BenchmarkError, match=r"benchmark other is not there[\s\S]*found: made"):
+        find_benchmark("other", data)
+    with pytest.raises(BenchmarkError, match="holds benchmark made, not other"):
+        find_benchmark("other", data / "made")
+
+
+def test_places_are_relative_or_absolute(data: Path, tmp_path: Path) -> None:
+    benchmark = Benchmark.open(data / "made")
+    assert benchmark.resolve("data/dom.tif") == data / "made" / "data" / "dom.tif"
+    assert benchmark.resolve(str(tmp_path / "dom.tif")) == tmp_path / "dom.tif"
+
+
+def test_the_data_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", "~/benchmarks")
+    assert data_root() == Path.home() / "benchmarks"
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", "")
+    assert data_root().name == "data"
+
+
+@pytest.mark.parametrize("name", ["queries.csv", "tiles.parquet", "positives.npz", "excluded.csv"])
+def test_every_file_of_the_truth_is_held_to_its_checksum(name: str, data: Path) -> None:
+    path = data / "made" / "scenes" / "west" / name
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(BenchmarkError, match=f"{name}: a file of the benchmark was changed"):
+        Benchmark.open(data / "made")
+    path.unlink()
+    with pytest.raises(BenchmarkError, match=f"{name}: a file of the benchmark is missing"):
+        Benchmark.open(data / "made")
+
+
+def test_what_the_computer_leaves_in_folders_is_not_truth(data: Path) -> None:
+    (data / "made" / "scenes" / "west" / ".DS_Store").touch()
+    (data / "made" / "scenes" / "notes.txt").touch()
+    Benchmark.open(data / "made")
+    (data / "made" / "scenes" / "west" / "more.csv").touch()
+    with pytest.raises(BenchmarkError, match=r"more\.csv: has no checksum in benchmark\.toml"):
+        Benchmark.open(data / "made")
+
+
+def test_another_protocol_s_settings_are_all_named(data: Path, scenes: list[MadeScene]) -> None:
+    benchmark, chosen = Benchmark.open(data / "made"), made_protocol(scenes)
+    benchmark.check_fits(chosen)
+    values = chosen.model_dump(by_alias=True)
+    values["gallery"]["overlap"] = 0.25
+    values["ground_truth"] |= {"rule": "iou", "iou_above": 0.39}
+    with pytest.raises(BenchmarkError) as caught:
+        benchmark.check_fits(Protocol.model_validate(values))
+    message = str(caught.value)
+    assert "gallery.overlap: 0.5 in the folder, 0.25 in the protocol" in message
+    assert "ground_truth.rule: plane in the folder, iou in the protocol" in message
+    assert "ground_truth.iou_above: None in the folder, 0.39 in the protocol" in message
+    # Scores are computed anew and may differ from those that the folder was made with.
+    values = chosen.model_dump(by_alias=True)
+    values["scores"]["recall_at"] = (1, 10)
+    benchmark.check_fits(Protocol.model_validate(values))
+
+
+def test_a_table_that_is_none(tmp_path: Path) -> None:
+    for name, content in (
+        ("a.csv", b""),
+        ("a.csv", b'a,b\n"1'),
+        ("a.csv", b"a\n1,2\n1,2,3\n"),
+        ("a.csv", b"\xff\xfe"),
+        ("a.parquet", b"PAR1"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(BenchmarkError, match=rf"{name}: (not a readable table: .|lacks the)"):
+            read_table(tmp_path / name, ("id",))
+    (tmp_path / "a.csv").write_text("id,image\n1,2\n")
+    with pytest.raises(BenchmarkError, match=r"lacks the columns reason\n  expected: id, reason"):
+        read_table(tmp_path / "a.csv", ("id", "reason"))
+    with pytest.raises(BenchmarkError, match="no truth here"):
+        read_table(tmp_path / "none.csv", ("id",))
+
+
+def test_ids_stay_text(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("id,image,weather\n01/007,nan,\n01/null,NA,rain\n")
+    table = read_table(tmp_path / "a.csv", ("id", "image"))
+    assert table["id"].tolist() == ["01/007", "01/null"]
+    assert table["image"].iloc[1] == "NA"
+
+
+def test_truth_both_ways(tmp_path: Path) -> None:
+    scene = MadeScene("s", [[0, 2], [], [1]], 4, {"weather": ["rain", "sun", "fog"]})
+    truth = made_truth(scene)
+    write_truth(tmp_path, truth, truth.positives)
+    read = read_truth(tmp_path, "s")
+    assert read.fingerprint == truth.fingerprint
+    assert [read.positives.of(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
+    pd.testing.assert_frame_equal(read.conditions, truth.conditions)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"offsets": [0, 1, 2]}, "tiles"),
+        ({"offsets": [0, 1], "tiles": [0]}, "offsets have shape"),
+        ({"offsets": [0, 1, 1, 1], "tiles": [9]}, "a tile is not in the gallery"),
+        ({"offsets": [0, 2, 1, 2], "tiles": [0, 1]}, "do not rise"),
+        ({"offsets": [0.0, 1, 1, 1], "tiles": [0]}, "not integers"),
+        (None, "positives.npz"),
+    ],
+)
+def test_damaged_positives(
+    arrays: dict[str, list[float]] | None, message: str, tmp_path: Path
+) -> None:
+    truth = made_truth(MadeScene("s", [[0, 2], [], [1]], 4))
+    write_truth(tmp_path, truth, truth.positives)
+    path = tmp_path / "positives.npz"
+    if arrays is None:
+        path.write_bytes(path.read_bytes()[:-30])
+    else:
+        write_npz(path, {name: np.array(values) for name, values in arrays.items()})
+    with pytest.raises(BenchmarkError, match=message):
+        read_truth(tmp_path, "s")
+
+
+def test_the_same_truth_gives_the_same_bytes(tmp_path: Path, scenes: list[MadeScene]) -> None:
+    chosen = made_protocol(scenes)
+    for name in ("a", "b"):
+        write_benchmark(tmp_path / name, chosen, scenes)
+    for path in (tmp_path / "a").rglob("*"):
+        if path.is_file():
+            other = tmp_path / "b" / path.relative_to(tmp_path / "a")
+            assert path.read_bytes() == other.read_bytes(), path

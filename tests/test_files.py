@@ -1,0 +1,186 @@
+"""Files and folders appear whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.errors import ProtocolError, UsageError, UserError
+from airzoo_bench.files import (
+    atomic_folder,
+    atomic_write,
+    canonical_json,
+    check_output_folder,
+    fingerprint,
+    read_text,
+    sha256_of,
+    write_npz,
+)
+from tests.support import files_below
+
+
+def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.txt"
+    with atomic_write(path, "w") as stream:
+        stream.write("ü\n")
+        assert not path.exists()
+    assert path.read_bytes() == "ü\n".encode()
+    assert files_below(tmp_path) == {"new", "new/a.txt"}
+    plain = tmp_path / "plain"
+    plain.touch()
+    assert path.stat().st_mode == plain.stat().st_mode
+
+
+@pytest.mark.parametrize("fault", [ValueError, KeyboardInterrupt, SystemExit])
+def test_a_fault_leaves_the_old_file_and_nothing_else(
+    fault: type[BaseException], tmp_path: Path
+) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def write_half() -> None:
+        with atomic_write(path) as stream:
+            stream.write(b"half")
+            raise fault
+
+    with pytest.raises(fault):
+        write_half()
+    assert path.read_text() == "old"
+    assert files_below(tmp_path) == {"a.txt"}
+
+
+def test_a_file_where_a_folder_should_be(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(UserError, match=r"cannot be written: .*\n  to mend"),
+        atomic_write(tmp_path / "file" / "a.txt"),
+    ):
+        pass
+    with pytest.raises(UsageError, match="file: a file, not a folder"):
+        check_output_folder(tmp_path / "file" / "deep" / "out", ())
+    assert files_below(tmp_path) == {"file"}
+
+
+def test_a_folder_where_a_file_should_be(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="a folder, not a file"), atomic_write(tmp_path):
+        pass
+    (tmp_path / "out" / "a.txt").mkdir(parents=True)
+    with pytest.raises(UsageError, match=r"a\.txt: a folder, not a file"):
+        check_output_folder(tmp_path / "out", ("b.txt", "a.txt"))
+    check_output_folder(tmp_path / "out", ("b.txt",))
+    check_output_folder(tmp_path / "none" / "deep", ("b.txt",))
+
+
+def test_a_full_disk_is_the_user_s_to_mend(tmp_path: Path) -> None:
+    with (
+        pytest.raises(UserError, match="cannot be written: No space left on device\n  to mend"),
+        atomic_write(tmp_path / "a"),
+    ):
+        raise OSError(28, "No space left on device")
+    assert files_below(tmp_path) == set()
+
+
+def test_a_folder_appears_when_it_is_complete(tmp_path: Path) -> None:
+    with atomic_folder(tmp_path / "new" / "f") as folder:
+        (folder / "a").touch()
+        assert not (tmp_path / "new" / "f").exists()
+    assert files_below(tmp_path) == {"new", "new/f", "new/f/a"}
+
+
+@pytest.mark.parametrize("fault", [ValueError, KeyboardInterrupt])
+def test_a_fault_leaves_the_old_folder(fault: type[BaseException], tmp_path: Path) -> None:
+    (tmp_path / "f").mkdir()
+    (tmp_path / "f" / "benchmark.toml").touch()
+
+    def fill_half() -> None:
+        with atomic_folder(tmp_path / "f", replace=True) as folder:
+            (folder / "a").touch()
+            raise fault
+
+    with pytest.raises(fault):
+        fill_half()
+    assert files_below(tmp_path) == {"f", "f/benchmark.toml"}
+
+
+def test_a_swap_that_fails_puts_the_old_folder_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "f").mkdir()
+    (tmp_path / "f" / "benchmark.toml").touch()
+    replace = Path.replace
+
+    def interrupted(self: Path, target: Path) -> Path:
+        if target == tmp_path / "f" and self.name != "old":
+            raise KeyboardInterrupt
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "f", replace=True):
+        pass
+    assert files_below(tmp_path) == {"f", "f/benchmark.toml"}
+
+
+def test_only_a_benchmark_folder_is_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "f"
+    folder.mkdir()
+    (folder / "thesis.tex").touch()
+    with pytest.raises(UsageError, match=r"exists already.*\n.*--force"), atomic_folder(folder):
+        pass
+    with (
+        pytest.raises(UsageError, match="not a benchmark folder, and so is not replaced"),
+        atomic_folder(folder, replace=True),
+    ):
+        pass
+    assert files_below(folder) == {"thesis.tex"}
+    (folder / "benchmark.toml").touch()
+    with atomic_folder(folder, replace=True) as staged:
+        (staged / "new").touch()
+    assert files_below(tmp_path) == {"f", "f/new"}
+
+
+def test_hashes(tmp_path: Path) -> None:
+    content = bytes(range(256)) * 10_000
+    (tmp_path / "a").write_bytes(content)
+    assert sha256_of(tmp_path / "a") == hashlib.sha256(content).hexdigest()
+    assert canonical_json({"b": [1, 2.5], "a": None}) == '{"a":null,"b":[1,2.5]}'
+    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
+    assert fingerprint({"a": 1}) != fingerprint({"a": 1.5})
+    with pytest.raises(ValueError, match="JSON compliant"):
+        canonical_json(float("nan"))
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_npz_is_numpy_s_and_the_same_to_the_last_byte(compress: bool, tmp_path: Path) -> None:
+    arrays = {"a": np.arange(5), "b": np.array(["x", "ü"]), "file": np.array(1.5)}
+    one, other = io.BytesIO(), io.BytesIO()
+    write_npz(one, arrays, compress=compress)
+    write_npz(other, arrays, compress=compress)
+    assert one.getvalue() == other.getvalue()
+    one.seek(0)
+    with np.load(one, allow_pickle=False) as loaded:
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(loaded[name], array)
+
+
+def test_npz_never_pickles(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="pickle"):
+        write_npz(io.BytesIO(), {"a": np.array([{}], dtype=object)})
+
+
+def test_text_that_a_person_wrote(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes("ü".encode())
+    assert read_text(path, ProtocolError, "protocol file") == "ü"
+    with pytest.raises(ProtocolError, match=r"too large for a protocol file\n.*at most 1 bytes"):
+        read_text(path, ProtocolError, "protocol file", limit_bytes=1)
+    path.write_bytes(b"abc\xff")
+    with pytest.raises(ProtocolError, match="not text: byte 3 is not UTF-8"):
+        read_text(path, ProtocolError, "protocol file")
+    with pytest.raises(ProtocolError, match="no such protocol file"):
+        read_text(tmp_path / "b", ProtocolError, "protocol file")
+    with pytest.raises(ProtocolError, match="a folder, not a protocol file"):
+        read_text(tmp_path, ProtocolError, "protocol file")

@@ -1,0 +1,205 @@
+"""Protocol files: what is in them, what is refused, and what the fingerprint sees."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+
+from airzoo_bench.errors import ProtocolError
+from airzoo_bench.protocol import (
+    find_protocol,
+    load_protocol,
+    protocol_files,
+    protocol_for,
+    shipped_protocols,
+)
+
+RETRIEVAL = ("airzoo-real-retrieval", "photos-retrieval", "uav-visloc-retrieval")
+
+
+def base() -> dict[str, Any]:
+    return tomllib.loads(shipped_protocols()["photos-retrieval"].read_text())
+
+
+def written(path: Path, edit: Callable[[dict[str, Any]], object]) -> Path:
+    values = base()
+    edit(values)
+    path.write_text(tomli_w.dumps(values))
+    return path
+
+
+def under(*keys: str, **changes: Any) -> Callable[[dict[str, Any]], None]:
+    def edit(values: dict[str, Any]) -> None:
+        for key in keys:
+            values = values[key]
+        values.update(changes)
+
+    return edit
+
+
+@pytest.mark.parametrize("name", RETRIEVAL)
+def test_shipped_protocols_load_under_their_own_name(name: str, tmp_path: Path) -> None:
+    assert find_protocol(name, tmp_path).name == name
+    assert find_protocol(str(shipped_protocols()[name]), tmp_path).name == name
+
+
+def test_scene_counts_of_the_paper() -> None:
+    real = load_protocol(shipped_protocols()["airzoo-real-retrieval"])
+    assert {scene.title: scene.queries for scene in real.scenes} == {"City": 161, "Rural": 190}
+
+
+REFUSED: dict[str, tuple[Callable[[dict[str, Any]], object], list[str]]] = {
+    "unknown key": (
+        under(sumary="x"),
+        ["unknown key 'sumary' (did you mean 'summary'?)"],
+    ),
+    "unknown key below": (
+        under("scores", recal_at=[1]),
+        ["unknown key 'scores.recal_at' (did you mean 'recall_at'"],
+    ),
+    "unknown key of a scene": (
+        lambda v: v["scenes"][0].update(quereis=3),
+        ["unknown key 'scenes.0.quereis' (did you mean 'queries'?)"],
+    ),
+    "missing key": (lambda v: v["gallery"].pop("overlap"), ["key 'gallery.overlap' is missing"]),
+    "missing table": (lambda v: v.pop("scores"), ["key 'scores' is missing"]),
+    "text for a number": (
+        under("gallery", overlap="half"),
+        ["key 'gallery.overlap' is 'half'", "valid number"],
+    ),
+    "number as text": (under(version="1"), ["key 'version' is '1'", "valid integer"]),
+    "truth value for a number": (under("scores", ap_at=True), ["key 'scores.ap_at' is True"]),
+    "float for an integer": (under("scores", ap_at=5.0), ["key 'scores.ap_at' is 5.0"]),
+    "overlap of 1": (
+        under("gallery", overlap=1.0),
+        ["key 'gallery.overlap' is 1.0", "less than 1"],
+    ),
+    "NaN": (under("gallery", overlap=float("nan")), ["key 'gallery.overlap' is nan"]),
+    "infinite": (
+        under("ground_truth", max_range_m=float("inf")),
+        ["key 'ground_truth.max_range_m' is inf", "finite"],
+    ),
+    "negative": (under("scores", pdm_steepness=-1.0), ["greater than 0"]),
+    "anchors cross": (under("ground_truth", anchor_inset=0.5), ["anchor_inset", "less than 0.5"]),
+    "sizes twice": (under("gallery", tile_sizes_px=[512, 512]), ["each tile size once"]),
+    "no sizes": (under("gallery", tile_sizes_px=[]), ["gallery.tile_sizes_px", "at least 1"]),
+    "ranks not ascending": (under("scores", recall_at=[5, 1]), ["ascending, without repeats"]),
+    "ranks too few": (under("scores", ranks_kept=4), ["must reach the deepest score, 10"]),
+    "rule": (under("ground_truth", rule="magic"), ["rule' is 'magic'", "'plane', 'dsm' or 'iou'"]),
+    "metric": (under("scores", descriptor_metric="l1"), ["'l2', 'cosine' or 'inner_product'"]),
+    "threshold without rule": (under("ground_truth", iou_above=0.3), ["rule = 'iou'"]),
+    "rule without threshold": (under("ground_truth", rule="iou"), ["rule = 'iou'"]),
+    "scene id climbs": (
+        lambda v: v["scenes"][0].update(id="../x"),
+        ["key 'scenes.0.id' is '../x'"],
+    ),
+    "scene twice": (lambda v: v["scenes"].append(v["scenes"][0]), ["each scene id once"]),
+    "name with a line's end": (under(name="photos\n"), [r"key 'name' is 'photos\n'"]),
+    "of another version": (under(schema=2), ["key 'schema' is 2", "1"]),
+}
+
+
+@pytest.mark.parametrize("case", list(REFUSED))
+def test_refused(case: str, tmp_path: Path) -> None:
+    edit, fragments = REFUSED[case]
+    path = written(tmp_path / "mine.toml", edit)
+    with pytest.raises(ProtocolError) as caught:
+        load_protocol(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "to mend:  correct the protocol file" in message
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_many_findings_are_cut_short(tmp_path: Path) -> None:
+    path = written(tmp_path / "mine.toml", under(**{f"key{i}": 1 for i in range(20)}))
+    with pytest.raises(ProtocolError, match=r"unknown key 'key4'\n    and 15 more"):
+        load_protocol(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["name = ", "a = 1\na = 2", "x = " + "[" * 10_000, "version = " + "9" * 5000, "\x00", "[[["],
+    ids=["cut off", "twice", "too deep", "too many digits", "NUL", "brackets"],
+)
+def test_not_toml(text: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(ProtocolError, match=r"mine.toml: not valid TOML: .*\n  expected"):
+        load_protocol(tmp_path / "mine.toml")
+
+
+def test_unknown_names_offer_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(ProtocolError, match="did you mean 'uav-visloc-retrieval'"):
+        find_protocol("uav-visloc-retreival", tmp_path)
+    with pytest.raises(
+        ProtocolError, match=r"unknown protocol 'x'\n  expected: .*photos-retrieval"
+    ):
+        find_protocol("x", tmp_path)
+    with pytest.raises(ProtocolError, match=r"^unknown protocol 'y{80}'\n"):
+        find_protocol("y" * 10**6, tmp_path)
+
+
+def test_protocols_of_prepared_folders_are_found_but_never_shadow(tmp_path: Path) -> None:
+    for name in ("mine", "photos-retrieval"):
+        path = tmp_path / "park" / "protocols" / f"{name}.toml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        written(path, under(name=name, title="Changed"))
+    assert find_protocol("mine", tmp_path).title == "Changed"
+    assert find_protocol("mine", tmp_path / "park").title == "Changed"
+    assert find_protocol("photos-retrieval", tmp_path).title != "Changed"
+    assert set(protocol_files(tmp_path / "none")) == set(shipped_protocols())
+
+
+def test_the_fingerprint_sees_what_changes_scores_and_nothing_else(tmp_path: Path) -> None:
+    plain = load_protocol(written(tmp_path / "a.toml", under()))
+
+    def changed(edit: Callable[[dict[str, Any]], object]) -> bool:
+        other = load_protocol(written(tmp_path / "b.toml", edit))
+        return other.fingerprint != plain.fingerprint
+
+    assert not changed(under(title="T", summary="S"))
+    assert not changed(lambda v: v["scenes"][0].update(title="T", queries=7))
+    for edit in (
+        under(version=2),
+        under(name="other"),
+        lambda v: v["scenes"][0].update(id="other"),
+        under("gallery", overlap=0.25),
+        under("gallery", tile_sizes_px=[512, 1024]),
+        under("ground_truth", rule="dsm"),
+        under("ground_truth", without_positive="miss"),
+        under("scores", ap="min"),
+        under("scores", sdm_scale_per_m=0.002),
+    ):
+        assert changed(edit)
+
+
+def test_a_protocol_for_own_data() -> None:
+    photos = load_protocol(shipped_protocols()["photos-retrieval"])
+    mine = protocol_for(photos, "park", tile_sizes_px=(256, 128))
+    assert (mine.name, mine.benchmark, mine.version) == ("park-retrieval", "park", 1)
+    assert [scene.id for scene in mine.scenes] == ["park"]
+    assert mine.gallery.tile_sizes_px == (256, 128)
+    assert mine.scores == photos.scores
+    assert mine.ground_truth == photos.ground_truth
+    iou = protocol_for(photos, "park", rule="iou", iou_above=0.39)
+    assert (iou.ground_truth.rule, iou.ground_truth.iou_above) == ("iou", 0.39)
+    # A base that has the rule already takes a threshold alone, and loses it with another rule.
+    assert protocol_for(iou, "lake", iou_above=0.14).ground_truth.iou_above == 0.14
+    assert protocol_for(iou, "lake", rule="iou").ground_truth.iou_above == 0.39
+    with pytest.raises(ProtocolError, match="iou_above is given with rule = 'iou', and only then"):
+        protocol_for(photos, "park", iou_above=0.3)
+    with pytest.raises(ProtocolError, match="would make a second protocol photos-retrieval"):
+        protocol_for(photos, "photos")
+
+
+def test_a_base_with_iou_can_go_back_to_the_plane() -> None:
+    photos = load_protocol(shipped_protocols()["photos-retrieval"])
+    iou = protocol_for(photos, "park", rule="iou", iou_above=0.39)
+    plane = protocol_for(iou, "lake", rule="plane")
+    assert (plane.ground_truth.rule, plane.ground_truth.iou_above) == ("plane", None)

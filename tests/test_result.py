@@ -1,0 +1,157 @@
+"""Results as JSON, both ways, and held to their checksum."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from airzoo_bench.errors import ResultError
+from airzoo_bench.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    ScoreColumn,
+    TruthUsed,
+    read_result,
+    versions,
+    write_result,
+)
+
+
+def result(method: str = "Method", **overall: float) -> Result:
+    values = {"recall@1": 0.1 + 0.2, "distance_m": math.inf} | overall
+    columns = (
+        ScoreColumn(
+            key="recall@1",
+            title="R@1",
+            unit="share",
+            higher_is_better=True,
+            average="mean",
+            headline=True,
+        ),
+        ScoreColumn(
+            key="distance_m",
+            title="Distance",
+            unit="m",
+            higher_is_better=False,
+            average="median",
+            headline=False,
+        ),
+    )
+    return Result(
+        track="retrieval",
+        protocol=ProtocolUsed(name="p", version=1, fingerprint="f", settings={"k": [1, None]}),
+        truth=TruthUsed(benchmark="b", version=1, fingerprint="t", scene_titles={"s": "Scene"}),
+        predictions=PredictionsUsed(file="p.npz", sha256="0", kind="ranked_ids", method=method),
+        versions={"airzoo-bench": "1"},
+        columns=columns,
+        counts={"s": {"queries": 3}},
+        extra_queries=0,
+        notes=("A note.",),
+        scenes={"s": values},
+        overall=values,
+        pooled=values,
+    ).sealed()
+
+
+def test_both_ways_to_the_last_digit(tmp_path: Path) -> None:
+    made = result('Mé\u202ethod \\ " <b> \x1b[0m', **{"recall@1": 1 / 3})
+    write_result(tmp_path / "result.json", made)
+    read = read_result(tmp_path / "result.json")
+    assert read == made
+    assert read.overall["recall@1"] == 1 / 3
+    assert read.overall["distance_m"] == math.inf
+    assert read.predictions.method == 'Mé\ufffdthod \\ " <b> \ufffd[0m'
+
+
+def test_it_is_json_that_every_reader_takes(tmp_path: Path) -> None:
+    write_result(tmp_path / "result.json", result())
+
+    def refuse(name: str) -> Any:
+        raise AssertionError(f"{name} is no JSON")
+
+    content = json.loads((tmp_path / "result.json").read_text(), parse_constant=refuse)
+    assert content["overall"] == {"recall@1": 0.1 + 0.2, "distance_m": "Infinity"}
+    assert content["schema"] == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"Method"', '"method"'),
+        ("0.30000000000000004", "0.30000000000000010"),
+        ('"A note."', '"Another."'),
+        ('"queries": 3', '"queries": 4'),
+        ('"fingerprint": "f"', '"fingerprint": "g"'),
+        ('"checksum": "', '"checksum": "0'),
+    ],
+)
+def test_every_change_is_noticed(old: str, new: str, tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    write_result(path, result())
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ResultError, match="changed after it was written"):
+        read_result(path)
+
+
+def test_layout_is_no_content(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    write_result(path, result())
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(dict(reversed(content.items()))))
+    assert read_result(path) == result()
+
+
+def without(*keys: str) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(result().model_dump_json(by_alias=True))
+    part = content
+    for key in keys[:-1]:
+        part = part[key]
+    del part[keys[-1]]
+    return content
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (without("track"), "key 'track' is missing"),
+        (without("protocol", "fingerprint"), r"key 'protocol\.fingerprint' is missing"),
+        (without("counts", "s"), "counts, titles and scores are not of the same scenes"),
+        (without("truth", "scene_titles", "s"), "not of the same scenes"),
+        (without("counts", "s", "queries"), "no count of queries"),
+        (without("versions", "airzoo-bench"), "version of airzoo-bench is not given"),
+        (without("scenes", "s", "recall@1"), r"do not fit the columns: \['recall@1'\]"),
+        (without("pooled", "distance_m"), r"do not fit the columns: \['distance_m'\]"),
+    ],
+)
+def test_parts_that_do_not_fit(content: dict[str, Any], message: str, tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=message):
+        read_result(tmp_path / "result.json")
+
+
+@pytest.mark.parametrize("value", [math.nan, -math.nan])
+def test_a_score_is_never_nan(value: float) -> None:
+    with pytest.raises(ValueError, match="never NaN"):
+        result(distance_m=value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "null", "[]", '{"schema": 2}', "[" * 100_000, '"\\ud800"', '{"track": "\\ud800"}'],
+)
+def test_what_is_no_result(text: str, tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text(text)
+    with pytest.raises(ResultError, match="not a result of this version"):
+        read_result(tmp_path / "result.json")
+
+
+def test_versions_name_what_numbers_depend_on() -> None:
+    assert {"airzoo-bench", "numpy", "pyproj", "faiss-cpu"} <= set(versions())
+    assert all(version[0].isdigit() for version in versions().values())
