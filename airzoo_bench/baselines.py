@@ -14,15 +14,18 @@ from airzoo_bench.datasets.images import read_grey
 from airzoo_bench.datasets.tiles import read_tile
 from airzoo_bench.errors import UsageError
 from airzoo_bench.files import atomic_write, write_npz
+from airzoo_bench.matching.baseline import SiftSettings, Task, match_photos, plan
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.protocol import find_protocol
+from airzoo_bench.protocol import MatchingProtocol, RetrievalProtocol, protocol_of_track
 from airzoo_bench.retrieval.baseline import Reader, VladSettings, describe
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["retrieval_baseline"]
+__all__ = ["matching_baseline", "retrieval_baseline"]
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as in the grey of photos
 
@@ -59,9 +62,8 @@ def retrieval_baseline(
     UserError
         The protocol, the benchmark folder or a picture is not as it must be.
     """
-    if out.suffix != ".npz":
-        raise UsageError("predictions are written as .npz", where=out, mend=f"name it {out}.npz")
-    chosen = find_protocol(protocol, data)
+    _check_npz(out)
+    chosen = protocol_of_track(protocol, data, RetrievalProtocol)
     benchmark = find_benchmark(chosen.benchmark, data)
     benchmark.check_fits(chosen)
     parts: dict[str, list[NDArray[np.generic]]] = {}
@@ -79,6 +81,82 @@ def retrieval_baseline(
     arrays = {key: np.concatenate(rows) for key, rows in parts.items()}
     with atomic_write(out) as stream:
         write_npz(stream, {"protocol": np.array(chosen.name), **arrays})
+
+
+def matching_baseline(
+    protocol: str,
+    out: Path,
+    *,
+    data: Path,
+    settings: SiftSettings,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> None:
+    """Match every query of a benchmark to its crop and write a prediction file.
+
+    Parameters
+    ----------
+    protocol : str
+        Name or path.
+    out : Path
+        The ``.npz`` to write.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    settings : SiftSettings
+    jobs : int
+        Processes; the file does not depend on it.
+    progress : Progress
+
+    Raises
+    ------
+    UserError
+        The protocol, the benchmark folder or a picture is not as it must be.
+    """
+    _check_npz(out)
+    chosen = protocol_of_track(protocol, data, MatchingProtocol)
+    benchmark = find_benchmark(chosen.benchmark, data)
+    benchmark.check_fits(chosen)
+    ids: list[str] = []
+    matches: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+    for scene in chosen.scenes:
+        truth = read_matching_truth(benchmark, scene.id)
+        ids += truth.queries["id"].tolist()
+        tasks = _matching_tasks(benchmark, truth)
+        matches += match_photos(tasks, settings, workers=jobs, progress=progress)
+    offsets = np.concatenate([[0], np.cumsum([len(query_xy) for query_xy, _ in matches])])
+    arrays = {
+        "protocol": np.array(chosen.name),
+        "query_ids": np.array(ids, dtype=str),
+        "offsets": offsets.astype(np.int64),
+        "query_xy": np.concatenate([np.zeros((0, 2)), *(query_xy for query_xy, _ in matches)]),
+        "map_xy": np.concatenate([np.zeros((0, 2)), *(map_xy for _, map_xy in matches)]),
+    }
+    with atomic_write(out) as stream:
+        write_npz(stream, arrays)
+
+
+def _matching_tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
+    scene = benchmark.scene(truth.scene)
+    images, cameras, priors = benchmark.resolve(scene.images), truth.cameras, truth.priors
+    return [
+        plan(
+            images / name,
+            cameras.take(row),
+            priors.take(row),
+            scene.crs,
+            truth.dom,
+            (int(x), int(y), int(width), int(height)),
+            ground_height_m=scene.plane_height_m,
+        )
+        for row, (name, (x, y, width, height)) in enumerate(
+            zip(truth.queries["image"], truth.crops, strict=True)
+        )
+    ]
+
+
+def _check_npz(out: Path) -> None:
+    if out.suffix != ".npz":
+        raise UsageError("predictions are written as .npz", where=out, mend=f"name it {out}.npz")
 
 
 def _readers(

@@ -4,7 +4,8 @@
 
     benchmark.toml              name, version, settings of the truth, scenes, checksums
     protocols/<name>.toml       the protocol that the truth was made for
-    scenes/<scene>/...          tables and truth, one folder a scene
+    scenes/<scene>/queries.csv  a row a photo: camera, pose, prior, conditions
+    scenes/<scene>/<track>/...  the truth of a track
 
 Images and rasters may stand in the folder or where the user keeps them; the truth is always inside
 and every file of it is held to its checksum.
@@ -16,14 +17,16 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import sha256_of
-from airzoo_bench.protocol import SAFE_NAME, Gallery, GroundTruth, Protocol, parse_toml
+from airzoo_bench.protocol import Protocol
+from airzoo_bench.settings import SAFE_NAME
+from airzoo_bench.validation import read_toml, validated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,6 +43,7 @@ __all__ = [
 ]
 
 DATA_VARIABLE = "AIRZOO_BENCH_DATA"
+TRACKS = ("retrieval", "matching")
 
 
 class _Model(BaseModel):
@@ -56,21 +60,23 @@ class SceneFile(_Model):
     title: str
     crs: str
     plane_height_m: Annotated[float, Field(allow_inf_nan=False)]
-    without_ground_point: int
     images: str
     dom: str
     dsm: str | None = None
+    dsm_sha256: str | None = None
 
 
 class BenchmarkFile(_Model):
-    """The content of benchmark.toml."""
+    """The content of benchmark.toml.
+
+    `tracks` holds, by track, section and key, the settings that the truth was made by.
+    """
 
     schema_version: Literal[1] = Field(alias="schema")
     name: Annotated[str, Field(pattern=SAFE_NAME)]
     version: Annotated[int, Field(ge=1)]
     title: str
-    gallery: Gallery
-    ground_truth: GroundTruth
+    tracks: dict[str, dict[str, dict[str, Any]]]
     scenes: tuple[SceneFile, ...]
     checksums: dict[str, str]
 
@@ -99,7 +105,8 @@ class Benchmark:
                 expected="a folder with benchmark.toml, as `airzoo-bench prepare` writes it",
                 mend=f"name it with --data, or set {DATA_VARIABLE} to the folder that holds it",
             )
-        file = parse_toml(path, BenchmarkFile, BenchmarkError, "benchmark file")
+        data = read_toml(path, BenchmarkError, "benchmark file")
+        file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
         _verify(folder, file)
         return cls(folder, file)
 
@@ -135,10 +142,14 @@ class Benchmark:
                 where=self.folder,
                 mend="prepare them, or choose the protocol that the folder was made for",
             )
-        differences = [
-            *_differences("gallery", self.file.gallery, protocol.gallery),
-            *_differences("ground_truth", self.file.ground_truth, protocol.ground_truth),
-        ]
+        have = self.file.tracks.get(protocol.track)
+        if have is None:
+            raise BenchmarkError(
+                f"has no truth for {protocol.track}, only for {', '.join(self.file.tracks)}",
+                where=self.folder,
+                mend="prepare it with a protocol of that track",
+            )
+        differences = _differences(have, protocol.truth_settings())
         if differences:
             raise BenchmarkError(
                 f"its truth was made with other settings than protocol {protocol.name}:\n    "
@@ -245,7 +256,9 @@ def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
 
 
 def _truth_files(folder: Path) -> list[str]:
-    files = (path for path in sorted((folder / "scenes").glob("*/*")) if path.is_file())
+    scenes = folder / "scenes"
+    found = sorted([*scenes.glob("*/*"), *(p for t in TRACKS for p in scenes.glob(f"*/{t}/*"))])
+    files = (path for path in found if path.is_file())
     return [path.relative_to(folder).as_posix() for path in files if path.name[0] != "."]
 
 
@@ -277,10 +290,11 @@ def _verify(folder: Path, file: BenchmarkFile) -> None:
             )
 
 
-def _differences(section: str, have: BaseModel, want: BaseModel) -> list[str]:
-    ours, theirs = have.model_dump(), want.model_dump()
+def _differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:
     return [
-        f"{section}.{key}: {ours[key]} in the folder, {theirs[key]} in the protocol"
-        for key in ours
-        if ours[key] != theirs[key]
+        f"{section}.{key}: {ours.get(key)} in the folder, {theirs.get(key)} in the protocol"
+        for section in want
+        for ours, theirs in [(have.get(section, {}), want[section])]
+        for key in sorted({*ours, *theirs})
+        if ours.get(key) != theirs.get(key)
     ]

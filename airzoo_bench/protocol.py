@@ -1,89 +1,43 @@
 """Protocols: what is measured, in files that people read, write and cite.
 
-A protocol file states every value that can change a score; the models below have no defaults,
-so nothing is decided in code. Its fingerprint covers all of that and nothing else: a title may be
-reworded without changing it.
+A protocol file states every value that can change a score; the models have no defaults, so nothing
+is decided in code. Its fingerprint covers all of that and nothing else: a title may be reworded
+without changing it.
 """
 
 from __future__ import annotations
 
-import difflib
-import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, ValidationError, field_validator
 
-from airzoo_bench.errors import ProtocolError, UserError
-from airzoo_bench.files import fingerprint, read_text
+from airzoo_bench.errors import ProtocolError
+from airzoo_bench.files import fingerprint
+from airzoo_bench.matching.settings import Crop, MatchingScores, Prior, Solver
+from airzoo_bench.retrieval.settings import Gallery, GroundTruth, RetrievalScores
+from airzoo_bench.settings import Name, Strict
+from airzoo_bench.validation import nearest, read_toml, validated, validation_message
 
 __all__ = [
-    "SAFE_NAME",
-    "ApVariant",
-    "Gallery",
-    "GroundTruth",
+    "MatchingProtocol",
     "Protocol",
     "ProtocolScene",
-    "RetrievalScores",
+    "RetrievalProtocol",
     "find_protocol",
     "load_protocol",
-    "parse_toml",
     "protocol_files",
     "protocol_for",
+    "protocol_of_track",
     "shipped_protocols",
-    "validation_message",
 ]
 
-SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
-"""Names that become folders, parts of ids and cells of tables."""
+
+P = TypeVar("P", bound="Protocol")
 
 
-def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
-    if list(values) != sorted(set(values)):
-        raise ValueError("must be ascending, without repeats")
-    return values
-
-
-M = TypeVar("M", bound=BaseModel)
-
-_SHOWN = 5
-
-Name = Annotated[str, Field(pattern=SAFE_NAME)]
-Ranks = Annotated[
-    tuple[Annotated[int, Field(ge=1, le=1000)], ...],
-    Field(min_length=1, max_length=16),
-    AfterValidator(_ascending),
-]
-Limits = Annotated[
-    tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...],
-    Field(min_length=1, max_length=16),
-    AfterValidator(_ascending),
-]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-ApVariant = Literal["precision", "min", "trec", "hits"]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _arrays_are_tuples(cls, data: Any) -> Any:
-        # TOML has arrays only; strict validation asks for the tuples that keep models immutable.
-        if not isinstance(data, dict):
-            return data
-        return {key: tuple(v) if isinstance(v, list) else v for key, v in data.items()}
-
-
-class ProtocolScene(_Strict):
+class ProtocolScene(Strict):
     """A scene of the benchmark and, where it is published, its number of queries."""
 
     id: Name
@@ -91,71 +45,11 @@ class ProtocolScene(_Strict):
     queries: Annotated[int, Field(ge=1)] | None = None
 
 
-class Gallery(_Strict):
-    """How the georeferenced map is cut into tiles."""
+class Protocol(Strict):
+    """What is measured on one track of one benchmark; a class a track adds its sections."""
 
-    tile_sizes_px: Annotated[
-        tuple[Annotated[int, Field(ge=16, le=8192)], ...], Field(min_length=1, max_length=8)
-    ]
-    overlap: Annotated[float, Field(ge=0, lt=1)]
-    gsd_m: Positive | Literal["any"]
-    gsd_tolerance: Annotated[float, Field(gt=0, lt=1)]
-
-    @field_validator("tile_sizes_px")
-    @classmethod
-    def _sizes_differ(cls, sizes: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(sizes)) != len(sizes):
-            raise ValueError("each tile size once")
-        return sizes
-
-
-class GroundTruth(_Strict):
-    """Which tiles answer a query, from rays cast through four anchor pixels."""
-
-    rule: Literal["plane", "dsm", "iou"]
-    anchor_inset: Annotated[float, Field(ge=0, lt=0.5)]
-    max_range_m: Positive
-    iou_above: Annotated[float, Field(ge=0, lt=1)] | None = None
-    without_positive: Literal["exclude", "miss"]
-
-    @model_validator(mode="after")
-    def _threshold_belongs_to_iou(self) -> GroundTruth:
-        if (self.rule == "iou") != (self.iou_above is not None):
-            raise ValueError("iou_above is given with rule = 'iou', and only then")
-        return self
-
-
-class RetrievalScores(_Strict):
-    """What is computed from a ranked gallery."""
-
-    descriptor_metric: Literal["l2", "cosine", "inner_product"]
-    ranks_kept: Annotated[int, Field(ge=1, le=1000)]
-    recall_at: Ranks
-    ap_at: Annotated[int, Field(ge=1, le=1000)]
-    ap: ApVariant
-    ndcg_at: Ranks
-    distance_below_m: Limits
-    sdm_at: Ranks
-    sdm_scale_per_m: Positive
-    pdm_at: Ranks
-    pdm_steepness: Positive
-    pdm_tolerance_tiles: Positive
-
-    @model_validator(mode="after")
-    def _kept_ranks_suffice(self) -> RetrievalScores:
-        deepest = max(*self.recall_at, self.ap_at, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
-        if self.ranks_kept < deepest:
-            raise ValueError(f"ranks_kept must reach the deepest score, {deepest}")
-        return self
-
-    @property
-    def depth(self) -> int:
-        """The deepest rank that a headline score (recall, AP) reads."""
-        return max(*self.recall_at, self.ap_at)
-
-
-class Protocol(_Strict):
-    """What is measured on one track of one benchmark."""
+    # The sections that the truth in a benchmark folder is made by.
+    truth_sections: ClassVar[tuple[str, ...]] = ()
 
     schema_version: Literal[1] = Field(alias="schema")
     name: Name
@@ -163,11 +57,8 @@ class Protocol(_Strict):
     title: Annotated[str, Field(min_length=1, max_length=120)]
     summary: Annotated[str, Field(min_length=1)]
     benchmark: Name
-    track: Literal["retrieval"]
+    track: str
     scenes: Annotated[tuple[ProtocolScene, ...], Field(min_length=1)]
-    gallery: Gallery
-    ground_truth: GroundTruth
-    scores: RetrievalScores
 
     @field_validator("scenes")
     @classmethod
@@ -183,10 +74,44 @@ class Protocol(_Strict):
         values = self.model_dump(mode="json", exclude=texts, by_alias=True)
         return values | {"scenes": [scene.id for scene in self.scenes]}
 
+    def truth_settings(self) -> dict[str, dict[str, Any]]:
+        """Return the values that the truth is made by, by section and key."""
+        values = self.model_dump(mode="json", exclude_none=True)
+        return {section: values[section] for section in self.truth_sections}
+
     @property
     def fingerprint(self) -> str:
         """SHA-256 over `settings`."""
         return fingerprint(self.settings())
+
+
+class RetrievalProtocol(Protocol):
+    """A protocol of aerial image retrieval."""
+
+    truth_sections: ClassVar[tuple[str, ...]] = ("gallery", "ground_truth")
+
+    track: Literal["retrieval"]
+    gallery: Gallery
+    ground_truth: GroundTruth
+    scores: RetrievalScores
+
+
+class MatchingProtocol(Protocol):
+    """A protocol of cross-view matching."""
+
+    truth_sections: ClassVar[tuple[str, ...]] = ("crop", "prior")
+
+    track: Literal["matching"]
+    crop: Crop
+    prior: Prior
+    solver: Solver
+    scores: MatchingScores
+
+
+_TRACKS: dict[str, type[Protocol]] = {
+    "retrieval": RetrievalProtocol,
+    "matching": MatchingProtocol,
+}
 
 
 def load_protocol(path: Path) -> Protocol:
@@ -198,65 +123,16 @@ def load_protocol(path: Path) -> Protocol:
         The file is missing, is not TOML, or has an unknown key, a wrong type or an impossible
         value; the message names file, key and expectation.
     """
-    return parse_toml(path, Protocol, ProtocolError, "protocol file")
-
-
-def parse_toml(path: Path, model: type[M], kind: type[UserError], what: str) -> M:
-    """Read a TOML file into a pydantic model, or say what is wrong with it."""
-    try:
-        data = tomllib.loads(read_text(path, kind, what))
-    except (ValueError, RecursionError) as error:  # the latter of values nested too deep
-        raise kind(
-            f"not valid TOML: {error}",
+    data = read_toml(path, ProtocolError, "protocol file")
+    track = data.get("track")
+    if track not in _TRACKS:
+        raise ProtocolError(
+            "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
             where=path,
-            expected=f"a {what}",
-            mend="correct that place",
-        ) from error
-    try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        raise kind(validation_message(error, model), where=path, mend=f"correct the {what}") from (
-            error
+            expected="one of " + ", ".join(_TRACKS),
+            mend="correct the protocol file",
         )
-
-
-def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
-    """Put pydantic's findings into lines that name key, value and expectation."""
-    found = error.errors()
-    more = [f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
-    return "\n    ".join([*(_finding(item, model) for item in found[:_SHOWN]), *more])
-
-
-def _finding(item: Any, model: type[BaseModel]) -> str:
-    key = ".".join(str(part) for part in item["loc"])
-    if item["type"] == "extra_forbidden":
-        return f"unknown key '{key}'{_nearest(str(item['loc'][-1]), _known_keys(model))}"
-    if item["type"] == "json_invalid":
-        return f"not valid JSON: {item['ctx']['error']}"
-    if item["type"] == "missing":
-        return f"key '{key}' is missing"
-    if not item["loc"]:
-        return str(item["msg"]).removeprefix("Value error, ")
-    if isinstance(item["input"], dict) and item["type"] == "value_error":
-        return f"key '{key}': {item['msg'].removeprefix('Value error, ')}"
-    given = repr(item["input"])
-    shown = given if len(given) <= 60 else given[:57] + "..."
-    return f"key '{key}' is {shown}: {item['msg'].removeprefix('Value error, ')}"
-
-
-def _known_keys(model: type[BaseModel]) -> list[str]:
-    keys: list[str] = []
-    for name, field in model.model_fields.items():
-        keys.append(field.alias or name)
-        for part in (field.annotation, *getattr(field.annotation, "__args__", ())):
-            if isinstance(part, type) and issubclass(part, BaseModel):
-                keys += _known_keys(part)
-    return keys
-
-
-def _nearest(name: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
-    return f" (did you mean {' or '.join(repr(n) for n in near)}?)" if near else ""
+    return validated(data, _TRACKS[track], ProtocolError, path, "protocol file")
 
 
 def shipped_protocols() -> dict[str, Path]:
@@ -292,10 +168,29 @@ def find_protocol(name: str, data_root: Path) -> Protocol:
     if name in known:
         return load_protocol(known[name])
     raise ProtocolError(
-        f"unknown protocol {name[:80]!r}{_nearest(name[:80], list(known))}",
+        f"unknown protocol {name[:80]!r}{nearest(name[:80], list(known))}",
         expected="a .toml file or one of: " + ", ".join(known),
         mend="`airzoo-bench protocols` lists them; `--protocol` overrides the file's own",
     )
+
+
+def protocol_of_track(name: str, data_root: Path, model: type[P]) -> P:
+    """Find a protocol that must be of one track.
+
+    Raises
+    ------
+    ProtocolError
+        See `find_protocol`; or it is of another track.
+    """
+    chosen = find_protocol(name, data_root)
+    if not isinstance(chosen, model):
+        wanted = next(track for track, kind in _TRACKS.items() if kind is model)
+        raise ProtocolError(
+            f"protocol {chosen.name} is of the {chosen.track} track",
+            expected=f"one of the {wanted} track",
+            mend="`airzoo-bench protocols` lists them with their tracks",
+        )
+    return chosen
 
 
 def protocol_files(data_root: Path) -> dict[str, Path]:
@@ -310,24 +205,17 @@ def protocol_files(data_root: Path) -> dict[str, Path]:
     return {path.stem: path for path in prepared} | shipped_protocols()
 
 
-def protocol_for(
-    base: Protocol,
-    name: str,
-    *,
-    tile_sizes_px: tuple[int, ...] | None = None,
-    rule: str | None = None,
-    iou_above: float | None = None,
-) -> Protocol:
+def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -> P:
     """Derive the protocol of own data from another one.
 
     Parameters
     ----------
     base : Protocol
-        Where all values come from that are not given.
+        Where all values come from that are not changed.
     name : str
         Of the benchmark and its one scene.
-    tile_sizes_px, rule, iou_above
-        Values to change.
+    changes : mapping of str to mapping
+        New values by section and key, such as ``{"gallery": {"tile_sizes_px": (256,)}}``.
 
     Raises
     ------
@@ -343,18 +231,14 @@ def protocol_for(
             expected="a name that no shipped protocol has",
             mend="choose another --name",
         )
-    if tile_sizes_px is not None:
-        values["gallery"]["tile_sizes_px"] = tile_sizes_px
-    truth = base.ground_truth
-    chosen = rule or truth.rule
-    if iou_above is None and chosen == "iou":
-        iou_above = truth.iou_above
-    values["ground_truth"] |= {"rule": chosen, "iou_above": iou_above}
+    for section, keys in changes.items():
+        values[section] |= keys
+    model = type(base)
     try:
-        return Protocol.model_validate(values)
+        return model.model_validate(values)
     except ValidationError as error:
         raise ProtocolError(
-            validation_message(error, Protocol),
+            validation_message(error, model),
             where=f"the protocol for {name[:80]!r}",
             mend="correct the option, or the protocol that --protocol names",
         ) from error

@@ -25,8 +25,8 @@ from pydantic import (
 import airzoo_bench
 from airzoo_bench.errors import ResultError
 from airzoo_bench.files import atomic_write, fingerprint, read_text
-from airzoo_bench.protocol import validation_message
 from airzoo_bench.scores import Score, Summary
+from airzoo_bench.validation import validation_message
 
 __all__ = [
     "PredictionsUsed",

@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.protocol import Protocol, load_protocol, shipped_protocols
+from airzoo_bench.protocol import RetrievalProtocol, load_protocol, shipped_protocols
+from airzoo_bench.queries import write_queries
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
 
@@ -48,13 +49,13 @@ class MadeScene:
         return [self.tile(t) for t in range(self.n_tiles)]
 
 
-def protocol(**changes: Any) -> Protocol:
+def protocol(**changes: Any) -> RetrievalProtocol:
     """Return the shipped protocol of UAV-VisLoc with some top-level values changed."""
     base = load_protocol(shipped_protocols()["uav-visloc-retrieval"])
-    return Protocol.model_validate(base.model_dump(by_alias=True) | changes)
+    return RetrievalProtocol.model_validate(base.model_dump(by_alias=True) | changes)
 
 
-def made_protocol(scenes: list[MadeScene], name: str = "made") -> Protocol:
+def made_protocol(scenes: list[MadeScene], name: str = "made") -> RetrievalProtocol:
     """Return a protocol for made scenes."""
     return protocol(
         name=f"{name}-retrieval",
@@ -63,10 +64,11 @@ def made_protocol(scenes: list[MadeScene], name: str = "made") -> Protocol:
     )
 
 
-def write_benchmark(folder: Path, chosen: Protocol, scenes: list[MadeScene]) -> Path:
+def write_benchmark(folder: Path, chosen: RetrievalProtocol, scenes: list[MadeScene]) -> Path:
     """Write a benchmark folder whose tiles lie in a row along a parallel."""
     for scene in scenes:
         truth = made_truth(scene)
+        write_queries(folder / "scenes" / scene.id, truth.queries)
         write_truth(folder / "scenes" / scene.id, truth, truth.positives)
     protocols = folder / "protocols"
     protocols.mkdir(parents=True, exist_ok=True)
@@ -80,7 +82,6 @@ def write_benchmark(folder: Path, chosen: Protocol, scenes: list[MadeScene]) -> 
             title=scene.id,
             crs="EPSG:4547",
             plane_height_m=50.0,
-            without_ground_point=0,
             images="images",
             dom="dom.tif",
         )
@@ -91,8 +92,7 @@ def write_benchmark(folder: Path, chosen: Protocol, scenes: list[MadeScene]) -> 
         name=chosen.benchmark,
         version=1,
         title=chosen.title,
-        gallery=chosen.gallery,
-        ground_truth=chosen.ground_truth,
+        tracks={chosen.track: chosen.truth_settings()},
         scenes=entries,
         checksums={},
     )
@@ -123,16 +123,17 @@ def made_truth(scene: MadeScene) -> RetrievalTruth:
         {
             "id": scene.query_ids,
             "image": [f"q{q:05d}.jpg" for q in range(n)],
-            "footprint_lon": 113 + TILE_SIZE_DEG / 2,
-            "footprint_lat": 28 + TILE_SIZE_DEG / 2,
             **scene.conditions,
         }
+    )
+    footprints = queries[["id"]].assign(
+        footprint_lon=113 + TILE_SIZE_DEG / 2, footprint_lat=28 + TILE_SIZE_DEG / 2
     )
     counts = np.array([len(found) for found in scene.positives], dtype=np.int64)
     flat = np.array([t for found in scene.positives for t in sorted(found)], dtype=np.int32)
     excluded = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
     positives = Positives(offsets_of(counts), flat)
-    return RetrievalTruth(scene.id, queries, tiles, positives, excluded)
+    return RetrievalTruth(scene.id, queries, footprints, tiles, positives, excluded)
 
 
 def write_predictions(path: Path, name: str, **arrays: Any) -> Path:

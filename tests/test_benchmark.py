@@ -17,7 +17,8 @@ from airzoo_bench.benchmark import (
 )
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import write_npz
-from airzoo_bench.protocol import Protocol
+from airzoo_bench.protocol import RetrievalProtocol
+from airzoo_bench.queries import write_queries
 from airzoo_bench.retrieval.truth import read_truth, write_truth
 from tests.support import MadeScene, made_protocol, made_truth, write_benchmark
 
@@ -48,7 +49,10 @@ def test_the_data_root(monkeypatch: pytest.MonkeyPatch) -> None:
     assert data_root().name == "data"
 
 
-@pytest.mark.parametrize("name", ["queries.csv", "tiles.parquet", "positives.npz", "excluded.csv"])
+@pytest.mark.parametrize(
+    "name",
+    ["queries.csv", "retrieval/tiles.parquet", "retrieval/positives.npz", "retrieval/excluded.csv"],
+)
 def test_every_file_of_the_truth_is_held_to_its_checksum(name: str, data: Path) -> None:
     path = data / "made" / "scenes" / "west" / name
     content = bytearray(path.read_bytes())
@@ -77,7 +81,7 @@ def test_another_protocol_s_settings_are_all_named(data: Path, scenes: list[Made
     values["gallery"]["overlap"] = 0.25
     values["ground_truth"] |= {"rule": "iou", "iou_above": 0.39}
     with pytest.raises(BenchmarkError) as caught:
-        benchmark.check_fits(Protocol.model_validate(values))
+        benchmark.check_fits(RetrievalProtocol.model_validate(values))
     message = str(caught.value)
     assert "gallery.overlap: 0.5 in the folder, 0.25 in the protocol" in message
     assert "ground_truth.rule: plane in the folder, iou in the protocol" in message
@@ -85,7 +89,7 @@ def test_another_protocol_s_settings_are_all_named(data: Path, scenes: list[Made
     # Scores are computed anew and may differ from those that the folder was made with.
     values = chosen.model_dump(by_alias=True)
     values["scores"]["recall_at"] = (1, 10)
-    benchmark.check_fits(Protocol.model_validate(values))
+    benchmark.check_fits(RetrievalProtocol.model_validate(values))
 
 
 def test_a_table_that_is_none(tmp_path: Path) -> None:
@@ -116,6 +120,7 @@ def test_ids_stay_text(tmp_path: Path) -> None:
 def test_truth_both_ways(tmp_path: Path) -> None:
     scene = MadeScene("s", [[0, 2], [], [1]], 4, {"weather": ["rain", "sun", "fog"]})
     truth = made_truth(scene)
+    write_queries(tmp_path, truth.queries)
     write_truth(tmp_path, truth, truth.positives)
     read = read_truth(tmp_path, "s")
     assert read.fingerprint == truth.fingerprint
@@ -138,8 +143,9 @@ def test_damaged_positives(
     arrays: dict[str, list[float]] | None, message: str, tmp_path: Path
 ) -> None:
     truth = made_truth(MadeScene("s", [[0, 2], [], [1]], 4))
+    write_queries(tmp_path, truth.queries)
     write_truth(tmp_path, truth, truth.positives)
-    path = tmp_path / "positives.npz"
+    path = tmp_path / "retrieval" / "positives.npz"
     if arrays is None:
         path.write_bytes(path.read_bytes()[:-30])
     else:

@@ -179,27 +179,31 @@ def test_the_fingerprint_sees_what_changes_scores_and_nothing_else(tmp_path: Pat
         assert changed(edit)
 
 
+def truth(**values: object) -> dict[str, dict[str, object]]:
+    return {"ground_truth": values}
+
+
 def test_a_protocol_for_own_data() -> None:
     photos = load_protocol(shipped_protocols()["photos-retrieval"])
-    mine = protocol_for(photos, "park", tile_sizes_px=(256, 128))
+    mine = protocol_for(photos, "park", {"gallery": {"tile_sizes_px": (256, 128)}})
     assert (mine.name, mine.benchmark, mine.version) == ("park-retrieval", "park", 1)
     assert [scene.id for scene in mine.scenes] == ["park"]
     assert mine.gallery.tile_sizes_px == (256, 128)
     assert mine.scores == photos.scores
     assert mine.ground_truth == photos.ground_truth
-    iou = protocol_for(photos, "park", rule="iou", iou_above=0.39)
+    iou = protocol_for(photos, "park", truth(rule="iou", iou_above=0.39))
     assert (iou.ground_truth.rule, iou.ground_truth.iou_above) == ("iou", 0.39)
-    # A base that has the rule already takes a threshold alone, and loses it with another rule.
-    assert protocol_for(iou, "lake", iou_above=0.14).ground_truth.iou_above == 0.14
-    assert protocol_for(iou, "lake", rule="iou").ground_truth.iou_above == 0.39
+    # A base that has the rule already takes a threshold alone.
+    assert protocol_for(iou, "lake", truth(iou_above=0.14)).ground_truth.iou_above == 0.14
+    assert protocol_for(iou, "lake", {}).ground_truth.iou_above == 0.39
     with pytest.raises(ProtocolError, match="iou_above is given with rule = 'iou', and only then"):
-        protocol_for(photos, "park", iou_above=0.3)
+        protocol_for(photos, "park", truth(iou_above=0.3))
     with pytest.raises(ProtocolError, match="would make a second protocol photos-retrieval"):
-        protocol_for(photos, "photos")
+        protocol_for(photos, "photos", {})
 
 
 def test_a_base_with_iou_can_go_back_to_the_plane() -> None:
     photos = load_protocol(shipped_protocols()["photos-retrieval"])
-    iou = protocol_for(photos, "park", rule="iou", iou_above=0.39)
-    plane = protocol_for(iou, "lake", rule="plane")
+    iou = protocol_for(photos, "park", truth(rule="iou", iou_above=0.39))
+    plane = protocol_for(iou, "lake", truth(rule="plane", iou_above=None))
     assert (plane.ground_truth.rule, plane.ground_truth.iou_above) == ("plane", None)

@@ -17,8 +17,14 @@ from airzoo_bench.retrieval.truth import read_truth
 
 @pytest.fixture(scope="module")
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from airzoo_bench.datasets.photos import PhotoSources, prepare_photos
-    from airzoo_bench.protocol import find_protocol, protocol_for
+    from airzoo_bench.datasets.photos import prepare_photos
+    from airzoo_bench.datasets.sources import PhotoSources
+    from airzoo_bench.protocol import (
+        MatchingProtocol,
+        RetrievalProtocol,
+        protocol_for,
+        protocol_of_track,
+    )
 
     root = tmp_path_factory.mktemp("data")
     sources = PhotoSources(
@@ -27,9 +33,14 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         brighton / "dom_10cm.tif",
         brighton / "dsm_10cm.tif",
     )
-    base = find_protocol("photos-retrieval", root)
-    chosen = protocol_for(base, "brighton", tile_sizes_px=(256, 128))
-    prepare_photos(sources, chosen, root / "brighton")
+    retrieval = protocol_of_track("photos-retrieval", root, RetrievalProtocol)
+    matching = protocol_of_track("photos-matching", root, MatchingProtocol)
+    prepare_photos(
+        sources,
+        protocol_for(retrieval, "brighton", {"gallery": {"tile_sizes_px": (256, 128)}}),
+        protocol_for(matching, "brighton", {}),
+        root / "brighton",
+    )
     return root
 
 
@@ -42,7 +53,9 @@ def test_every_photo_is_a_query_and_sees_its_own_place(prepared: Path) -> None:
     assert (truth.queries["pitch_deg"] > 80).all()
     # The tile that overlaps the footprint most lies about its middle: tiles have sides of 26 and
     # 13 m, footprints of some 60 and 30.
-    with np.load(prepared / "brighton" / "scenes" / "brighton" / "overlaps.npz") as overlaps:
+    with np.load(
+        prepared / "brighton" / "scenes" / "brighton" / "retrieval" / "overlaps.npz"
+    ) as overlaps:
         offsets, tiles, ratios = overlaps["offsets"], overlaps["tiles"], overlaps["overlap"]
     best = [tiles[start + ratios[start:stop].argmax()] for start, stop in pairwise(offsets)]
     middles = (truth.boxes[best, :2] + truth.boxes[best, 2:]) / 2

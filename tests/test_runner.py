@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.result import read_result
-from airzoo_bench.runner import Evaluation, evaluate_retrieval, save, write_template
+from airzoo_bench.runner.common import Evaluation, save
+from airzoo_bench.runner.retrieval import evaluate_retrieval, write_template
 from tests.support import MadeScene, write_predictions
 
 MEMORY = 1 << 30

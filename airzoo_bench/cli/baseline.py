@@ -11,6 +11,8 @@ from airzoo_bench.cli.common import DataOption, JobsOption, progress, resolve_da
 
 __all__ = ["app"]
 
+_PEAK_THRESHOLD = 0.02 / 3  # pycolmap's own
+
 app = typer.Typer(help="Run a plain method that needs no weights.", no_args_is_help=True)
 
 
@@ -46,3 +48,42 @@ def retrieval(
     )
     say(f"wrote {out}")
     say(f"next: airzoo-bench eval retrieval {out}")
+
+
+@app.command(epilog="Example: airzoo-bench baseline matching brighton-matching --out matches.npz")
+def matching(
+    protocol: Annotated[str, typer.Argument(help="Name or .toml file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .npz to write.")] = Path(
+        "sift-matches.npz"
+    ),
+    data: DataOption = None,
+    features: Annotated[int, typer.Option(min=4, help="SIFT features of a photo.")] = 8192,
+    map_features: Annotated[int, typer.Option(min=4, help="SIFT features of a crop.")] = 16384,
+    ratio: Annotated[
+        float, typer.Option(min=0.01, max=1.0, help="Of the nearest to the second distance.")
+    ] = 0.8,
+    long_side: Annotated[
+        int, typer.Option(min=64, help="Pictures are made this small, px.")
+    ] = 2000,
+    jobs: JobsOption = 2,
+) -> None:
+    """Match photos to their crops by SIFT, mutual neighbours and ratio test."""
+    from airzoo_bench.baselines import matching_baseline
+    from airzoo_bench.matching.baseline import SiftSettings
+
+    matching_baseline(
+        protocol,
+        out,
+        data=resolve_data(data),
+        settings=SiftSettings(
+            max_features=features,
+            max_map_features=map_features,
+            peak_threshold=_PEAK_THRESHOLD,
+            ratio=ratio,
+            max_side_px=long_side,
+        ),
+        jobs=jobs,
+        progress=progress,
+    )
+    say(f"wrote {out}")
+    say(f"next: airzoo-bench eval matching {out}")

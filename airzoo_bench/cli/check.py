@@ -21,15 +21,15 @@ __all__ = ["check"]
 
 
 def check(
-    predictions: Annotated[Path, typer.Argument(help="An .npz or .parquet prediction file.")],
+    predictions: Annotated[Path, typer.Argument(help="A prediction file of any track.")],
     protocol: ProtocolOption = None,
     data: DataOption = None,
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Say what is wrong with a prediction file; needs no truth. Exit code 1 if anything is."""
-    from airzoo_bench.runner import check_retrieval
+    from airzoo_bench.runner.checks import check_predictions
 
-    found = check_retrieval(
+    found = check_predictions(
         predictions,
         data=resolve_data(data),
         protocol=protocol,

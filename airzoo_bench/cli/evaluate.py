@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,7 +23,16 @@ from airzoo_bench.cli.common import (
     show,
 )
 
+if TYPE_CHECKING:
+    from airzoo_bench.result import Result
+
 __all__ = ["app"]
+
+OutOption = Annotated[Path | None, typer.Option(help="Folder for result.json and records.csv.")]
+MethodOption = Annotated[
+    str | None, typer.Option(help="The method's name in tables [default: the file's name].")
+]
+AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 
 app = typer.Typer(help="Score predictions and print the per-scene table.", no_args_is_help=True)
 
@@ -40,23 +49,17 @@ def retrieval(
     predictions: Annotated[Path, typer.Argument(help="An .npz or .parquet prediction file.")],
     protocol: ProtocolOption = None,
     data: DataOption = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for result.json and records.csv.")
-    ] = None,
-    method: Annotated[
-        str | None, typer.Option(help="The method's name in tables [default: the file's name].")
-    ] = None,
+    out: OutOption = None,
+    method: MethodOption = None,
     form: FormatOption = Format.TERMINAL,
-    every_score: Annotated[
-        bool, typer.Option("--all", help="Print every score, not the paper's only.")
-    ] = False,
+    every_score: AllOption = False,
     jobs: JobsOption = 1,
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."""
     from airzoo_bench.files import check_output_folder
-    from airzoo_bench.runner import evaluate_retrieval, save
-    from airzoo_bench.tables.build import scenes_table
+    from airzoo_bench.runner.common import save
+    from airzoo_bench.runner.retrieval import evaluate_retrieval
 
     if out is not None:
         check_output_folder(out, ("result.json", "records.csv"))
@@ -71,11 +74,71 @@ def retrieval(
     )
     if out is not None:
         save(evaluation, out)
+    _print_result(evaluation.result, form, every_score=every_score)
+    _print_next(out)
+
+
+@app.command(
+    epilog="Example: airzoo-bench eval matching matches.npz --out results/mymethod --figures",
+)
+def matching(
+    predictions: Annotated[
+        Path, typer.Argument(help="An .npz of matches, 2D-3D pairs or poses, or a .txt of poses.")
+    ],
+    protocol: ProtocolOption = None,
+    data: DataOption = None,
+    out: OutOption = None,
+    method: MethodOption = None,
+    form: FormatOption = Format.TERMINAL,
+    every_score: AllOption = False,
+    figures: Annotated[
+        bool, typer.Option("--figures", help="Draw error curves, matches and maps into --out.")
+    ] = False,
+    jobs: JobsOption = 2,
+    max_memory: MemoryOption = "2G",
+) -> None:
+    """Score cross-view matching: translation and pose recall, median error, for each scene."""
+    from airzoo_bench.errors import UsageError
+    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.runner.common import save
+    from airzoo_bench.runner.matching import evaluate_matching, save_timings
+
+    if figures and out is None:
+        raise UsageError("--figures needs a folder to draw into", mend="add --out DIR")
+    if out is not None:
+        check_output_folder(out, ("result.json", "records.csv", "timings.csv"))
+    scored = evaluate_matching(
+        predictions,
+        data=resolve_data(data),
+        protocol=protocol,
+        method=method,
+        memory_bytes=memory_bytes(max_memory),
+        jobs=jobs,
+        progress=progress,
+    )
+    if out is not None:
+        save(scored.evaluation, out)
+        save_timings(scored, out)
+    if out is not None and figures:
+        from airzoo_bench.runner.matching_figures import draw_figures
+
+        drawn = draw_figures(scored, resolve_data(data), out / "figures", progress)
+        say(f"drew {drawn} pictures into {out / 'figures'}")
+    _print_result(scored.evaluation.result, form, every_score=every_score)
+    _print_next(out)
+
+
+def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
+    from airzoo_bench.tables.build import scenes_table
+
     if form is Format.JSON:
-        content = json.loads(evaluation.result.model_dump_json(by_alias=True))
+        content = json.loads(result.model_dump_json(by_alias=True))
         put(json.dumps(content, indent=1) + "\n")
     else:
-        show(scenes_table(evaluation.result, every_score=every_score), form)
+        show(scenes_table(result, every_score=every_score), form)
+
+
+def _print_next(out: Path | None) -> None:
     if out is not None:
         say(f"wrote {out / 'result.json'} and {out / 'records.csv'}")
         say(f"next: airzoo-bench table {out / 'result.json'} --format latex")

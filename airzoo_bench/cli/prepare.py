@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -55,8 +55,11 @@ def photos(
         str | None, typer.Option(help="CRS of the poses [default: what their file says].")
     ] = None,
     protocol: Annotated[
-        str, typer.Option(help="Protocol to start from, a name or .toml file.")
+        str, typer.Option(help="Retrieval protocol to start from, a name or .toml file.")
     ] = "photos-retrieval",
+    matching_protocol: Annotated[
+        str, typer.Option(help="Matching protocol to start from, a name or .toml file.")
+    ] = "photos-matching",
     tile_size: Annotated[
         list[int] | None,
         typer.Option(help="Side of a tile in map pixels; repeat it [default: the protocol's]."),
@@ -76,11 +79,21 @@ def photos(
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the folder.")] = False,
 ) -> None:
-    """Make a benchmark folder out of photos, their poses, a map and a surface model."""
+    """Make a benchmark folder out of photos, their poses, a map and a surface model.
+
+    It serves retrieval, and matching where the photos' metadata hold GPS and gimbal angles.
+    """
     from airzoo_bench.benchmark import data_root
-    from airzoo_bench.datasets.photos import PhotoSources, prepare_photos
+    from airzoo_bench.datasets.photos import prepare_photos
+    from airzoo_bench.datasets.sources import PhotoSources
     from airzoo_bench.errors import UsageError
-    from airzoo_bench.protocol import SAFE_NAME, find_protocol, protocol_for
+    from airzoo_bench.protocol import (
+        MatchingProtocol,
+        RetrievalProtocol,
+        protocol_for,
+        protocol_of_track,
+    )
+    from airzoo_bench.settings import SAFE_NAME
 
     if not re.fullmatch(SAFE_NAME, name) or len(name) > _LONGEST_NAME:
         raise UsageError(
@@ -88,16 +101,21 @@ def photos(
             expected="letters, digits, '.', '_' and '-', beginning with a letter or digit, at most "
             f"{_LONGEST_NAME} characters",
         )
-    chosen = protocol_for(
-        find_protocol(protocol, data_root()),
-        name,
-        tile_sizes_px=tuple(tile_size) if tile_size else None,
-        rule=rule.value if rule else None,
-        iou_above=iou_above,
-    )
+    root = data_root()
+    base = protocol_of_track(protocol, root, RetrievalProtocol)
+    matching = protocol_of_track(matching_protocol, root, MatchingProtocol)
+    truth = base.ground_truth
+    changes: dict[str, dict[str, Any]] = {
+        "gallery": {"tile_sizes_px": tuple(tile_size)} if tile_size else {},
+        "ground_truth": {
+            "rule": rule.value if rule else truth.rule,
+            "iou_above": _threshold(truth.iou_above, rule, iou_above),
+        },
+    }
     prepared = prepare_photos(
         PhotoSources(images, poses, dom, dsm, crs),
-        chosen,
+        protocol_for(base, name, changes),
+        protocol_for(matching, name, {}),
         out or data_root() / name,
         tiles_on_disk=tiles is Tiles.FILES,
         copy=copy,
@@ -107,15 +125,31 @@ def photos(
     _report(prepared, out)
 
 
+def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:
+    """Return the overlap to use: what was given, else the protocol's, if it goes by overlap."""
+    goes_by_overlap = rule is Rule.IOU or (rule is None and base is not None)
+    return base if given is None and goes_by_overlap else given
+
+
 def _report(prepared: Prepared, out: Path | None) -> None:
     truth = prepared.scene.truth
     counts = truth.positives.counts
     put(f"{prepared.folder}\n")
-    put(f"  queries   {len(truth.queries)}\n")
-    put(f"  tiles     {len(truth.tiles)}\n")
-    put(f"  positives {counts.min()} to {counts.max()} a query, mean {counts.mean():.1f}\n")
-    put(f"  left out  {len(truth.excluded)} photos (excluded.csv says why)\n")
+    put(f"  retrieval  {len(truth.queries)} queries, {len(truth.tiles)} tiles, ")
+    put(f"{counts.min()} to {counts.max()} positives a query, mean {counts.mean():.1f}\n")
+    _report_left_out(len(truth.excluded))
+    if prepared.matching is not None:
+        put(f"  matching   {len(prepared.matching.queries)} queries with a prior\n")
+        _report_left_out(len(prepared.matching.excluded))
+    else:
+        put("  matching   no: no photo has GPS position and gimbal angles in its metadata\n")
     if prepared.without_pose:
         say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
     where = f" --data {prepared.folder}" if out else ""
-    say(f"next: airzoo-bench baseline retrieval {prepared.protocol}{where} --out sift.npz")
+    name = prepared.protocols[0]
+    say(f"next: airzoo-bench baseline retrieval {name}{where} --out sift.npz")
+
+
+def _report_left_out(count: int) -> None:
+    if count:
+        put(f"             {count} photos left out; excluded.csv says why\n")

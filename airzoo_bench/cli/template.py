@@ -33,7 +33,7 @@ def template(
 
     Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
     """
-    from airzoo_bench.runner import write_template
+    from airzoo_bench.runner.retrieval import write_template
 
     write_template(
         protocol,

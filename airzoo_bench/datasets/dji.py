@@ -70,6 +70,11 @@ class PhotoPrior:
     roll_deg: float | None
     relative_altitude_m: float | None
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether position, altitude and attitude are all there."""
+        return None not in _required(self)
+
 
 def read_prior(path: Path) -> PhotoPrior:
     """Read a photo's position and attitude from its EXIF and DJI's XMP.

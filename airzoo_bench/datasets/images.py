@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import BenchmarkError
 
-__all__ = ["SUFFIXES", "photo_size", "read_grey"]
+__all__ = ["SUFFIXES", "photo_size", "read_grey", "read_rgb_photo"]
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 """Endings of files that are photos, in lower case."""
@@ -62,14 +62,32 @@ def read_grey(path: Path, long_side: int) -> NDArray[np.uint8]:
     BenchmarkError
         It is not there or not readable.
     """
+    return _read(path, long_side, "L")
+
+
+def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
+    """Read a photo in colour (height, width, 3), made smaller so that its long side fits.
+
+    Raises
+    ------
+    BenchmarkError
+        It is not there or not readable.
+    """
+    return _read(path, long_side, "RGB")
+
+
+def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
     from PIL import Image
 
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             scale = min(1.0, long_side / max(image.size))
             size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
-            image.draft("L", size)  # lets libjpeg skip what is thrown away
-            return np.asarray(image.convert("L").resize(size, Image.Resampling.LANCZOS))
+            # libjpeg skips what is thrown away. It rounds sizes up, so that the last row and
+            # column may reach beyond the photo: the box is the photo's part of what it gives.
+            reduced = image.draft(mode, size)
+            box = reduced[1] if reduced else None
+            return np.asarray(image.convert(mode).resize(size, Image.Resampling.LANCZOS, box))
     except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
         raise BenchmarkError(
             f"not a readable photo: {_brief(error, path)}",

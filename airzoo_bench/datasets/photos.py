@@ -2,65 +2,39 @@
 
 from __future__ import annotations
 
-import shutil
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import tomli_w
+import numpy as np
 
-from airzoo_bench.benchmark import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.datasets.images import SUFFIXES, photo_size
-from airzoo_bench.datasets.poses import PosedPhotos, read_poses
-from airzoo_bench.datasets.tiles import write_tiles
-from airzoo_bench.errors import (
-    BenchmarkError,
-    CameraError,
-    RasterError,
-    UsageError,
-    UserError,
-    first_of,
+from airzoo_bench.benchmark import SceneFile
+from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
+from airzoo_bench.datasets.folder import copied, left_in_place, write_folder_files
+from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.datasets.sources import (
+    PhotoSources,
+    check_names,
+    check_target,
+    metric_crs,
+    photo_sizes,
 )
-from airzoo_bench.files import atomic_folder, check_new_folder
-from airzoo_bench.geometry.frames import horizontal_crs
+from airzoo_bench.datasets.tiles import write_tiles
+from airzoo_bench.errors import BenchmarkError, UserError
+from airzoo_bench.files import atomic_folder, sha256_of
 from airzoo_bench.geometry.medians import median_height
-from airzoo_bench.geometry.rasters import check_same_crs, describe_crs, open_info
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.matching.prepare import build_truth as build_matching_truth
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.protocol import Protocol, ProtocolScene
-from airzoo_bench.retrieval.prepare import PreparedScene, SceneInputs, build_truth
+from airzoo_bench.protocol import MatchingProtocol, RetrievalProtocol
+from airzoo_bench.queries import write_queries
+from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
 from airzoo_bench.retrieval.truth import write_truth
+from airzoo_bench.scene_inputs import SceneInputs, photo_table
 
-if TYPE_CHECKING:
-    from pyproj import CRS
-
-__all__ = ["PhotoSources", "Prepared", "prepare_photos"]
-
-_LONGEST_PATH = 180  # so that ids are no longer than prediction files may have them
-_MOST_DSM_BANDS = 2  # heights, and perhaps a mask
-
-
-@dataclass(frozen=True)
-class PhotoSources:
-    """Where the parts of a scene lie.
-
-    Attributes
-    ----------
-    images : Path
-        Folder of the photos, searched with its subfolders.
-    poses : Path
-        JSON file or COLMAP model.
-    dom, dsm : Path
-        Map and surface model, as GeoTIFF; the surface model is in the CRS of the poses.
-    crs : str or None
-        CRS of the poses, where their file does not name it.
-    """
-
-    images: Path
-    poses: Path
-    dom: Path
-    dsm: Path
-    crs: str | None = None
+__all__ = ["Prepared", "prepare_photos"]
 
 
 @dataclass(frozen=True)
@@ -71,22 +45,27 @@ class Prepared:
     ----------
     folder : Path
         The benchmark folder.
-    protocol : str
-        The name of the protocol in it.
+    protocols : tuple of str
+        The names of the protocols in it.
     scene : PreparedScene
+        The truth of the retrieval track.
+    matching : MatchingTruth or None
+        That of the matching track; None where no photo has a prior.
     without_pose : tuple of str
         Photos that the pose file lacks.
     """
 
     folder: Path
-    protocol: str
+    protocols: tuple[str, ...]
     scene: PreparedScene
+    matching: MatchingTruth | None
     without_pose: tuple[str, ...]
 
 
 def prepare_photos(
     sources: PhotoSources,
-    protocol: Protocol,
+    retrieval: RetrievalProtocol,
+    matching: MatchingProtocol,
     folder: Path,
     *,
     tiles_on_disk: bool = False,
@@ -94,13 +73,14 @@ def prepare_photos(
     replace: bool = False,
     progress: Progress = silent,
 ) -> Prepared:
-    """Make a benchmark folder with one scene.
+    """Make a benchmark folder with one scene, for retrieval and for matching.
 
     Parameters
     ----------
     sources : PhotoSources
-    protocol : Protocol
-        With one scene; its benchmark's name becomes the folder's content.
+    retrieval, matching : RetrievalProtocol, MatchingProtocol
+        Of the same benchmark, with one scene. Without a prior in any photo (GPS position and
+        gimbal angles in the metadata) there is no truth for matching.
     folder : Path
         Appears when it is complete.
     tiles_on_disk : bool
@@ -116,116 +96,70 @@ def prepare_photos(
     UserError
         A source is missing or wrong, or no photo can be answered.
     """
-    scene = protocol.scenes[0]
-    _check_target(sources, folder, replace=replace)
-    sizes = _photo_sizes(sources.images, progress)
-    photos = read_poses(sources.poses, sizes)
-    _check_stems(photos.names, sources.images)
-    inputs = _inputs(sources, photos, scene)
-    prepared = build_truth(inputs, protocol.gallery, protocol.ground_truth)
+    scene = retrieval.scenes[0]
+    check_target(sources, folder, replace=replace)
+    sizes = photo_sizes(sources.images, progress)
+    inputs = _inputs(sources, scene.id, sizes, progress)
+    prepared = build_truth(inputs, retrieval.gallery, retrieval.ground_truth)
+    matched = _matching_truth(inputs, matching)
     if prepared.truth.queries.empty:
         raise _nothing_to_ask(prepared, sources)
+    protocols = (retrieval, matching) if matched else (retrieval,)
+    images = tuple(inputs.photos["image"])
     with atomic_folder(folder, replace=replace) as staged:
-        write_truth(staged / "scenes" / scene.id, prepared.truth, prepared.overlaps)
+        home = staged / "scenes" / scene.id
+        write_queries(home, inputs.photos)
+        write_truth(home, prepared.truth, prepared.overlaps)
+        if matched:
+            write_matching_truth(home, matched)
         if tiles_on_disk:
-            write_tiles(
-                staged / "scenes" / scene.id / "tiles", prepared.truth.tiles, sources.dom, progress
-            )
-        places = _copied(staged, scene.id, sources, photos.names) if copy else _left(sources)
-        entry = _scene_entry(scene, inputs, prepared, places)
-        _write_files(staged, protocol, entry)
-    without = tuple(sorted(set(sizes) - set(photos.names)))
-    return Prepared(folder, protocol.name, prepared, without)
-
-
-def _check_target(sources: PhotoSources, folder: Path, *, replace: bool) -> None:
-    check_new_folder(folder, replace=replace)
-    target = folder.resolve()
-    for source in (sources.images, sources.poses, sources.dom, sources.dsm):
-        if target in (source.resolve(), *source.resolve().parents):
-            raise UsageError(
-                f"the folder to make holds {source}, which it is made from",
-                where=folder,
-                mend="name another --out",
-            )
-
-
-def _photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
-    if not folder.is_dir():
-        raise UsageError("no such folder of photos", where=folder)
-    paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
-    if not paths:
-        raise BenchmarkError(
-            "holds no photo", where=folder, expected="files ending in " + ", ".join(SUFFIXES)
+            write_tiles(home / "retrieval" / "tiles", prepared.truth.tiles, sources.dom, progress)
+        places = copied(staged, scene.id, sources, images) if copy else left_in_place(sources)
+        entry = SceneFile(
+            id=scene.id,
+            title=scene.title,
+            crs=inputs.crs,
+            plane_height_m=inputs.plane_height_m,
+            dsm_sha256=sha256_of(sources.dsm),
+            **places,
         )
-    shown = progress(paths, "photos", len(paths))
-    return {path.relative_to(folder).as_posix(): photo_size(path) for path in shown}
+        write_folder_files(staged, protocols, entry)
+    without = tuple(sorted(set(sizes) - set(images)))
+    return Prepared(folder, tuple(p.name for p in protocols), prepared, matched, without)
 
 
-def _check_stems(names: tuple[str, ...], folder: Path) -> None:
-    odd = [repr(name) for name in names if not name.isprintable() or len(name) > _LONGEST_PATH]
-    if odd:
-        raise BenchmarkError(
-            f"names that cannot become ids: {first_of(odd, len(names))}",
-            where=folder,
-            expected=f"printable characters, at most {_LONGEST_PATH}",
-            mend="rename these photos",
-        )
-    stems = [Path(name).with_suffix("").as_posix() for name in names]
-    twice = sorted(stem for stem, count in Counter(stems).items() if count > 1)
-    if twice:
-        raise BenchmarkError(
-            f"photos that differ in their ending only: {first_of(twice, len(names))}",
-            where=folder,
-            mend="keep one of each; ids are names without the ending",
-        )
+def _inputs(
+    sources: PhotoSources, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
+) -> SceneInputs:
+    photos = read_poses(sources.poses, sizes)
+    check_names(photos.names, sources.images)
+    crs = metric_crs(sources, photos).to_string()
+    dom = open_info(sources.dom)
+    plane = median_height(sources.dsm)
+    shown = progress(photos.names, "metadata", len(photos.names))
+    priors = _priors({name: read_prior(sources.images / name) for name in shown}, crs)
+    table = photo_table(scene, photos.names, photos.cameras, photos.poses, priors, plane)
+    return SceneInputs(scene, table, crs, dom, sources.dsm, plane)
 
 
-def _inputs(sources: PhotoSources, photos: PosedPhotos, scene: ProtocolScene) -> SceneInputs:
-    dom, dsm = open_info(sources.dom), open_info(sources.dsm)
-    named = sources.crs or photos.crs
-    if named is None:
-        raise UsageError(
-            "the CRS of the poses is not known",
-            where=sources.poses,
-            expected="a projected CRS in metres",
-            mend="add the key 'crs' to the file, or give --crs EPSG:...",
-        )
-    crs = _metric_crs(named, sources)
-    check_same_crs(crs, dsm.crs, f"the poses ({sources.poses}) and the DSM ({sources.dsm})")
-    if dsm.bands > _MOST_DSM_BANDS:
-        raise RasterError(
-            f"has {dsm.bands} bands",
-            where=sources.dsm,
-            expected="one band of heights",
-            mend="look whether --dom and --dsm are the wrong way round",
-        )
-    return SceneInputs(
-        scene.id,
-        photos.names,
-        photos.cameras,
-        photos.poses,
-        crs.to_string(),
-        dom,
-        sources.dsm,
-        median_height(sources.dsm),
-    )
+def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
+    """Return a prior for each photo, NaN where its metadata have none; None where none has any."""
+    whole = {name: prior for name, prior in metadata.items() if prior.is_complete}
+    if not whole:
+        return None
+    found = priors_to_poses(whole, crs)
+    rows = np.array([prior.is_complete for prior in metadata.values()])
+    rotation = np.full((len(metadata), 3, 3), np.nan)
+    centres = np.full((len(metadata), 3), np.nan)
+    rotation[rows], centres[rows] = found.rotation, found.centres
+    return Poses(rotation=rotation, centres=centres)
 
 
-def _metric_crs(named: str, sources: PhotoSources) -> CRS:
-    place = f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
-    try:
-        crs = horizontal_crs(named)
-    except UserError as error:
-        raise error.inside(place) from error
-    if not crs.is_projected or any(axis.unit_conversion_factor != 1 for axis in crs.axis_info):
-        raise CameraError(
-            f"poses are in {describe_crs(crs)}, which is not in metres",
-            where=place,
-            expected="a projected CRS in metres, such as UTM",
-            mend="transform the camera centres, rotations and the DSM to one",
-        )
-    return crs
+def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> MatchingTruth | None:
+    if "prior_x" not in inputs.photos.columns:
+        return None
+    truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
+    return None if truth.queries.empty else truth
 
 
 def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources) -> UserError:
@@ -238,52 +172,3 @@ def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources) -> UserError
         expected="photos over the map, with poses in the CRS of the DSM",
         mend="look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera",
     )
-
-
-def _left(sources: PhotoSources) -> dict[str, str]:
-    return {key: str(getattr(sources, key).resolve()) for key in ("images", "dom", "dsm")}
-
-
-def _copied(
-    folder: Path, scene: str, sources: PhotoSources, names: tuple[str, ...]
-) -> dict[str, str]:
-    home = Path("data") / scene
-    for name in names:
-        target = folder / home / "images" / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(sources.images / name, target)
-    for key in ("dom", "dsm"):
-        shutil.copyfile(getattr(sources, key), folder / home / f"{key}.tif")
-    kept = {"images": home / "images", "dom": home / "dom.tif", "dsm": home / "dsm.tif"}
-    return {key: path.as_posix() for key, path in kept.items()}
-
-
-def _scene_entry(
-    scene: ProtocolScene, inputs: SceneInputs, prepared: PreparedScene, places: dict[str, str]
-) -> SceneFile:
-    return SceneFile(
-        id=scene.id,
-        title=scene.title,
-        crs=inputs.crs,
-        plane_height_m=inputs.plane_height_m,
-        without_ground_point=prepared.without_ground_point,
-        **places,
-    )
-
-
-def _write_files(folder: Path, protocol: Protocol, entry: SceneFile) -> None:
-    values = protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
-    target = folder / "protocols" / f"{protocol.name}.toml"
-    target.parent.mkdir()
-    target.write_text(tomli_w.dumps(values), encoding="utf-8")
-    file = BenchmarkFile(
-        schema=1,
-        name=protocol.benchmark,
-        version=1,
-        title=protocol.title,
-        gallery=protocol.gallery,
-        ground_truth=protocol.ground_truth,
-        scenes=(entry,),
-        checksums={},
-    )
-    write_benchmark_file(folder, file)

@@ -15,7 +15,7 @@ from airzoo_bench.errors import CameraError, first_of
 from airzoo_bench.files import read_text
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
-from airzoo_bench.protocol import validation_message
+from airzoo_bench.validation import validation_message
 
 __all__ = ["PosedPhotos", "read_poses"]
 

@@ -17,7 +17,7 @@ import numpy as np
 import rasterio
 from numpy.typing import NDArray
 from pyproj import CRS
-from rasterio.enums import ColorInterp
+from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
@@ -205,7 +205,10 @@ def describe_crs(crs: CRS) -> str:
 
 
 def read_rgb(
-    path: str | Path, window: tuple[int, int, int, int] | None = None
+    path: str | Path,
+    window: tuple[int, int, int, int] | None = None,
+    *,
+    long_side_px: int | None = None,
 ) -> NDArray[np.uint8]:
     """Read colours: grey is repeated, alpha dropped.
 
@@ -214,6 +217,8 @@ def read_rgb(
     path : str or Path
     window : (column, row, width, height), optional
         In whole pixels; all of the raster where left out.
+    long_side_px : int, optional
+        Averaged down so far that the longer side is no longer than this.
 
     Returns
     -------
@@ -236,7 +241,13 @@ def read_rgb(
                 expected=f"a part of {dataset.width} x {dataset.height} px",
             )
         bands = _rgb_bands(dataset, path)
-        pixels = dataset.read(bands, window=Window(column, row, width, height))
+        scale = min(1.0, (long_side_px or max(width, height)) / max(width, height))
+        pixels = dataset.read(
+            bands,
+            window=Window(column, row, width, height),
+            out_shape=(3, max(1, round(height * scale)), max(1, round(width * scale))),
+            resampling=Resampling.average,
+        )
     return np.ascontiguousarray(np.moveaxis(pixels, 0, -1))
 
 

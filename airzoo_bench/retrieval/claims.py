@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,37 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.protocol import RetrievalScores
+from airzoo_bench.ids import scene_of
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
     RankedIds,
     RetrievalPredictions,
-    scene_of,
 )
 from airzoo_bench.retrieval.ranking import Ranking, rank_by_descriptors, rank_by_ids
+from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["assign_queries", "rank_scene"]
-
-
-def assign_queries(
-    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
-) -> tuple[list[NDArray[np.intp]], int]:
-    """Find the row of the predictions that answers each query.
-
-    Returns
-    -------
-    rows : list of (Q,) int
-        For each scene the row of each query, -1 where the predictions lack it.
-    extra : int
-        How many ids of the predictions are no query of any scene.
-    """
-    import pandas as pd
-
-    given = pd.Index(predictions.query_ids)
-    rows = [given.get_indexer(pd.Index(truth.queries["id"])) for truth in truths]
-    return rows, len(given) - sum(int((found >= 0).sum()) for found in rows)
+__all__ = ["rank_scene"]
 
 
 def rank_scene(
@@ -60,7 +40,7 @@ def rank_scene(
     truth : RetrievalTruth
         With Q queries.
     rows : (Q,) int
-        From `assign_queries`.
+        From `ids.assign_queries`.
     settings : RetrievalScores
         The protocol's.
     memory_bytes, workers : int

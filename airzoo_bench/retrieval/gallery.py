@@ -11,7 +11,7 @@ from airzoo_bench.errors import RasterError
 from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
-from airzoo_bench.protocol import Gallery
+from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.protocol import ApVariant
+from airzoo_bench.retrieval.settings import ApVariant
 
 __all__ = [
     "average_precision",

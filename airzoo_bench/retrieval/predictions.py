@@ -16,26 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.ids import check_ids, scene_of
 
 __all__ = [
-    "FIELDS",
     "Descriptors",
     "RankedIds",
     "RetrievalPredictions",
     "deep_faults",
     "faults",
-    "scene_of",
 ]
-
-FIELDS = (
-    "protocol",
-    "query_ids",
-    "ranked_ids",
-    "scores",
-    "query_descriptors",
-    "gallery_ids",
-    "gallery_descriptors",
-)
 
 Texts = NDArray[np.str_]
 
@@ -100,11 +89,6 @@ class RetrievalPredictions:
         return "ranked_ids" if isinstance(self.claim, RankedIds) else "descriptors"
 
 
-def scene_of(ids: Texts) -> Texts:
-    """Return the scene part of ids ``scene/name``."""
-    return np.char.partition(ids, "/")[..., 0]
-
-
 def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[PredictionError]:
     """Yield everything that is wrong with predictions and can be seen without truth.
 
@@ -116,7 +100,8 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
         How many ranks the protocol's scores read.
     """
     claim = predictions.claim
-    checks = [partial(_check_ids, predictions, "query_ids")]
+    where = f"{predictions.path}, field '%s_ids'"
+    checks = [partial(check_ids, predictions.query_ids, where % "query")]
     if isinstance(claim, RankedIds):
         checks.append(partial(_check_depth, predictions, claim, ranks_needed))
         checks += [
@@ -124,7 +109,7 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
             for check in (_check_gaps, _check_repeats, _check_scores)
         ]
     else:
-        checks.append(partial(_check_ids, predictions, "gallery_ids"))
+        checks.append(partial(check_ids, claim.gallery_ids, where % "gallery"))
         checks.append(partial(_check_descriptors, predictions, claim))
     yield from _raised(checks)
 
@@ -151,36 +136,6 @@ def _raised(checks: Sequence[Callable[[], None]]) -> Iterator[PredictionError]:
             check()
         except PredictionError as error:
             yield error
-
-
-def _check_ids(predictions: RetrievalPredictions, field: str) -> None:
-    claim = predictions.claim
-    ids = predictions.query_ids
-    if field == "gallery_ids" and isinstance(claim, Descriptors):
-        ids = claim.gallery_ids
-    where = f"{predictions.path}, field '{field}'"
-    if not ids.size:
-        raise PredictionError(
-            "holds no id", where=where, expected="ids such as City/DJI_0001", mend="fill the file"
-        )
-    place = np.char.find(ids, "/")
-    unscened = np.flatnonzero((place <= 0) | (place == np.char.str_len(ids) - 1))
-    if unscened.size:
-        listed = [repr(str(name)) for name in ids[unscened]]
-        raise PredictionError(
-            f"ids without a scene or a name: {first_of(listed, len(ids))}",
-            where=where,
-            expected="scene/name, such as City/DJI_0001",
-            mend="put the scene before each name",
-        )
-    unique, counts = np.unique(ids, return_counts=True)
-    if unique.size < ids.size:
-        raise PredictionError(
-            f"ids more than once: {first_of(unique[counts > 1], len(unique))}",
-            where=where,
-            expected="each id once",
-            mend="keep one row of each",
-        )
 
 
 def _check_depth(predictions: RetrievalPredictions, claim: RankedIds, needed: int) -> None:

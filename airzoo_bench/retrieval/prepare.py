@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
-from airzoo_bench.geometry.rasters import RasterInfo
-from airzoo_bench.protocol import Gallery, GroundTruth
+from airzoo_bench.queries import cameras_of, poses_of
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 from airzoo_bench.retrieval.gallery import cut_gallery
 from airzoo_bench.retrieval.pairs import Positives
@@ -23,61 +19,29 @@ from airzoo_bench.retrieval.positives import (
     positives_from_iou,
     positives_from_points,
 )
+from airzoo_bench.retrieval.settings import Gallery, GroundTruth
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     BOX_COLUMNS,
-    CENTRE_COLUMNS,
-    DISTORTION_COLUMNS,
     FOOTPRINT_COLUMNS,
-    INTRINSICS_COLUMNS,
-    QUATERNION_COLUMNS,
+    NO_GROUND_POINT,
+    NO_TILE,
     RetrievalTruth,
 )
+from airzoo_bench.scene_inputs import SceneInputs
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PreparedScene", "SceneInputs", "build_truth"]
-
-
-@dataclass(frozen=True)
-class SceneInputs:
-    """What the truth of a scene is made from.
-
-    Attributes
-    ----------
-    scene : str
-    images : (N,) str
-        File names, relative to the photos' folder; their stems become the queries' ids.
-    cameras, poses : Cameras, Poses
-        Of the N photos.
-    crs : str
-        Projected CRS of poses and surface model, in metres.
-    dom : RasterInfo
-        The map that the gallery is cut from, in any CRS.
-    dsm : Path
-        The surface model.
-    plane_height_m : float
-        z0, the median of the valid heights.
-    """
-
-    scene: str
-    images: tuple[str, ...]
-    cameras: Cameras
-    poses: Poses
-    crs: str
-    dom: RasterInfo
-    dsm: Path
-    plane_height_m: float
+__all__ = ["PreparedScene", "build_truth"]
 
 
 @dataclass(frozen=True)
 class PreparedScene:
-    """The truth of a scene, the overlap of all pairs, and how many photos see no ground."""
+    """The truth of a scene, and the overlap of all pairs."""
 
     truth: RetrievalTruth
     overlaps: Positives
-    without_ground_point: int
 
 
 def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> PreparedScene:
@@ -98,20 +62,18 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
     boxes = tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
     footprints = _footprints(inputs, rules)
     positives = _positives(footprints, boxes, rules)
-    queries = _query_table(inputs, footprints)
     answerable = positives.counts > 0
     kept = answerable if rules.without_positive == "exclude" else np.ones_like(answerable)
-    order = np.argsort(queries["id"].to_numpy(str), kind="stable")
-    chosen = order[kept[order]]
+    rows = np.flatnonzero(kept)
     truth = RetrievalTruth(
         inputs.scene,
-        queries.iloc[chosen].reset_index(drop=True),
+        inputs.photos.iloc[rows].reset_index(drop=True),
+        _footprint_table(inputs, footprints).iloc[rows].reset_index(drop=True),
         tiles,
-        positives.take(chosen),
-        _excluded(queries, footprints, order[~kept[order]]),
+        positives.take(rows),
+        _excluded(inputs, footprints, ~kept),
     )
-    all_pairs = overlaps(footprints.lonlat, boxes).take(chosen)
-    return PreparedScene(truth, all_pairs, int(footprints.without_ground_point.sum()))
+    return PreparedScene(truth, overlaps(footprints.lonlat, boxes).take(rows))
 
 
 def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
@@ -119,8 +81,8 @@ def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
     if rules.rule == "dsm":
         ground = HeightField.read(inputs.dsm)
     return cast_footprints(
-        inputs.cameras,
-        inputs.poses,
+        cameras_of(inputs.photos),
+        poses_of(inputs.photos),
         inputs.crs,
         ground,
         inset=rules.anchor_inset,
@@ -136,41 +98,15 @@ def _positives(footprints: Footprints, boxes: NDArray[np.float64], rules: Ground
     return Positives(found.offsets, found.tiles, ratios)
 
 
-def _query_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFrame:
-    import pandas as pd
-
-    cameras, poses = inputs.cameras, inputs.poses
-    numbers = {
-        "width": cameras.width,
-        "height": cameras.height,
-        **_named(INTRINSICS_COLUMNS, np.hstack([cameras.focal, cameras.principal_point])),
-        **_named(DISTORTION_COLUMNS, cameras.distortion),
-        **_named(QUATERNION_COLUMNS, matrix_to_quaternion(poses.rotation)),
-        **_named(CENTRE_COLUMNS, poses.centres),
-        **_named(ANCHOR_COLUMNS, footprints.lonlat.reshape(-1, 8)),
-        **_named(FOOTPRINT_COLUMNS, footprints.centres),
-        "altitude_m": np.round(poses.centres[:, 2] - inputs.plane_height_m, 3),
-        "pitch_deg": np.round(_pitch_deg(poses), 3),
-    }
-    ids = [f"{inputs.scene}/{Path(name).with_suffix('').as_posix()}" for name in inputs.images]
-    return pd.DataFrame({"id": ids, "image": list(inputs.images), **numbers})
-
-
-def _named(names: tuple[str, ...], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    return dict(zip(names, values.T, strict=True))
-
-
-def _pitch_deg(poses: Poses) -> NDArray[np.float64]:
-    """Return how far the optical axis points below the horizon: 90 degrees is nadir."""
-    axis_z = poses.rotation[:, 2, 2]
-    return np.degrees(np.arcsin(np.clip(-axis_z, -1, 1)))
+def _footprint_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFrame:
+    anchors = zip(ANCHOR_COLUMNS, footprints.lonlat.reshape(-1, 8).T, strict=True)
+    centres = zip(FOOTPRINT_COLUMNS, footprints.centres.T, strict=True)
+    return inputs.photos[["id"]].assign(**dict(anchors), **dict(centres))
 
 
 def _excluded(
-    queries: pd.DataFrame, footprints: Footprints, rows: NDArray[np.intp]
+    inputs: SceneInputs, footprints: Footprints, left_out: NDArray[np.bool_]
 ) -> pd.DataFrame:
-    excluded = queries.iloc[rows][["id", "image"]].reset_index(drop=True)
-    blind = footprints.without_ground_point[rows]
-    return excluded.assign(
-        reason=np.where(blind, "no ray meets the ground", "the footprint meets no tile")
-    )
+    photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
+    blind = footprints.without_ground_point[left_out]
+    return photos.assign(reason=np.where(blind, NO_GROUND_POINT, NO_TILE))

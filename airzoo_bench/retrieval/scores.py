@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from airzoo_bench.protocol import ApVariant, RetrievalScores
+from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
 from airzoo_bench.scores import Score
 
 __all__ = ["AP_VARIANTS", "ap_name", "retrieval_scores"]

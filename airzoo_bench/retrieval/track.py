@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.frames import geodesic_distance_m
-from airzoo_bench.protocol import RetrievalScores
 from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
 from airzoo_bench.retrieval.hits import hit_matrix
 from airzoo_bench.retrieval.metrics import (
@@ -21,6 +20,7 @@ from airzoo_bench.retrieval.metrics import (
 )
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scores import AP_VARIANTS, ap_name
+from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark import read_table
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import write_npz
+from airzoo_bench.queries import conditions_of, read_queries
 from airzoo_bench.retrieval.pairs import Positives
 
 if TYPE_CHECKING:
@@ -22,33 +23,19 @@ if TYPE_CHECKING:
 __all__ = [
     "ANCHOR_COLUMNS",
     "BOX_COLUMNS",
-    "CENTRE_COLUMNS",
-    "DISTORTION_COLUMNS",
     "FOOTPRINT_COLUMNS",
-    "INTRINSICS_COLUMNS",
-    "QUATERNION_COLUMNS",
+    "NO_GROUND_POINT",
+    "NO_TILE",
     "RetrievalTruth",
     "read_truth",
     "write_truth",
 ]
 
 BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
-INTRINSICS_COLUMNS = ("fx", "fy", "cx", "cy")
-DISTORTION_COLUMNS = ("k1", "k2", "p1", "p2", "k3")
-QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
-CENTRE_COLUMNS = ("x", "y", "z")
 ANCHOR_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
 FOOTPRINT_COLUMNS = ("footprint_lon", "footprint_lat")
-_QUERY_COLUMNS = ("id", "image", *FOOTPRINT_COLUMNS)
-_NOT_CONDITIONS = {
-    *("id", "image", "width", "height"),
-    *INTRINSICS_COLUMNS,
-    *DISTORTION_COLUMNS,
-    *QUATERNION_COLUMNS,
-    *CENTRE_COLUMNS,
-    *ANCHOR_COLUMNS,
-    *FOOTPRINT_COLUMNS,
-}
+NO_GROUND_POINT = "no ray meets the ground"
+NO_TILE = "the footprint meets no tile"
 _TILE_COLUMNS = ("id", "size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS)
 
 
@@ -61,7 +48,9 @@ class RetrievalTruth:
     scene : str
         The scene's id.
     queries : DataFrame
-        A row a query, sorted by ``id``; with the footprint's centre and the conditions.
+        A row a query, sorted by ``id``.
+    footprints : DataFrame
+        A row a query: its anchor points on the ground and the footprint's centre, in degrees.
     tiles : DataFrame
         A row a tile, sorted by ``id``; the row's number is the tile's index.
     positives : Positives
@@ -72,6 +61,7 @@ class RetrievalTruth:
 
     scene: str
     queries: pd.DataFrame
+    footprints: pd.DataFrame
     tiles: pd.DataFrame
     positives: Positives
     excluded: pd.DataFrame
@@ -84,13 +74,18 @@ class RetrievalTruth:
     @property
     def footprint_centres(self) -> NDArray[np.float64]:
         """Footprint centres (Q, 2): lon, lat in degrees; NaN without a ground point."""
-        return self.queries[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64)
+        return self.footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64)
 
     @property
     def conditions(self) -> pd.DataFrame:
         """The columns of the queries that are neither identity nor geometry."""
-        names = [name for name in self.queries.columns if name not in _NOT_CONDITIONS]
-        return self.queries[names].reset_index(drop=True)
+        return conditions_of(self.queries)
+
+    @property
+    def without_ground_point(self) -> int:
+        """How many photos of the scene have no ground point, left out or not."""
+        blind = np.isnan(self.footprint_centres).any(axis=1).sum()
+        return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
 
     @property
     def fingerprint(self) -> str:
@@ -106,7 +101,7 @@ class RetrievalTruth:
 
 
 def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> None:
-    """Write a scene's truth.
+    """Write a scene's truth below its folder, beside ``queries.csv``.
 
     Parameters
     ----------
@@ -117,12 +112,13 @@ def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> Non
     overlaps : Positives
         The overlap ratio of every query-tile pair that overlaps, for those who train with it.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    truth.queries.to_csv(folder / "queries.csv", index=False, lineterminator="\n")
-    truth.excluded.to_csv(folder / "excluded.csv", index=False, lineterminator="\n")
-    truth.tiles.to_parquet(folder / "tiles.parquet", index=False)
-    _save_sparse(folder / "positives.npz", truth.positives)
-    _save_sparse(folder / "overlaps.npz", overlaps)
+    home = folder / "retrieval"
+    home.mkdir(parents=True, exist_ok=True)
+    for name in ("footprints", "excluded"):
+        getattr(truth, name).to_csv(home / f"{name}.csv", index=False, lineterminator="\n")
+    truth.tiles.to_parquet(home / "tiles.parquet", index=False)
+    _save_sparse(home / "positives.npz", truth.positives)
+    _save_sparse(home / "overlaps.npz", overlaps)
 
 
 def read_truth(folder: Path, scene: str) -> RetrievalTruth:
@@ -133,11 +129,19 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     BenchmarkError
         A file is missing, lacks a column, or the positives do not fit the tables.
     """
-    queries = read_table(folder / "queries.csv", _QUERY_COLUMNS)
-    tiles = read_table(folder / "tiles.parquet", _TILE_COLUMNS)
-    excluded = read_table(folder / "excluded.csv", ("id", "image", "reason"))
-    positives = _load_sparse(folder / "positives.npz", len(queries), len(tiles))
-    return RetrievalTruth(scene, queries, tiles, positives, excluded)
+    home = folder / "retrieval"
+    excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
+    queries = read_queries(folder, excluded)
+    footprints = read_table(home / "footprints.csv", ("id", *FOOTPRINT_COLUMNS))
+    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS)
+    if footprints["id"].tolist() != queries["id"].tolist():
+        raise BenchmarkError(
+            "the footprints are not those of queries.csv",
+            where=home / "footprints.csv",
+            mend="prepare the benchmark again",
+        )
+    positives = _load_sparse(home / "positives.npz", len(queries), len(tiles))
+    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded)
 
 
 def _save_sparse(path: Path, pairs: Positives) -> None:

@@ -339,7 +339,7 @@ def test_stopping_leaves_nothing_half_written(
 
     place = make_place(tmp_path / "sources")
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    monkeypatch.setattr("airzoo_bench.datasets.photos.write_benchmark_file", stop)
+    monkeypatch.setattr("airzoo_bench.datasets.folder.write_benchmark_file", stop)
     before = files_below(tmp_path / "sources")
     assert run_main(*place.arguments(), *extra) == 130
     assert "stopped; nothing was left half-written" in capsys.readouterr().err

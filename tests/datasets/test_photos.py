@@ -18,7 +18,8 @@ from rasterio import Affine
 
 from airzoo_bench.benchmark import Benchmark
 from airzoo_bench.datasets.images import photo_size, read_grey
-from airzoo_bench.datasets.photos import PhotoSources, Prepared, prepare_photos
+from airzoo_bench.datasets.photos import Prepared, prepare_photos
+from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.protocol import load_protocol, protocol_for, shipped_protocols
@@ -43,11 +44,13 @@ def prepared(
     if changes:
         ground_truth = base.ground_truth.model_copy(update=changes)
         base = base.model_copy(update={"ground_truth": ground_truth})
-    chosen = protocol_for(base, "park", tile_sizes_px=options.pop("tile_sizes_px", (64,)))
+    sizes = options.pop("tile_sizes_px", (64,))
+    chosen = protocol_for(base, "park", {"gallery": {"tile_sizes_px": sizes}})
+    matching = protocol_for(load_protocol(shipped_protocols()["photos-matching"]), "park", {})
     sources = PhotoSources(
         place.images, place.poses, place.dom, place.dsm, options.pop("crs", None)
     )
-    return prepare_photos(sources, chosen, folder, **options)
+    return prepare_photos(sources, chosen, matching, folder, **options)
 
 
 def truth_in(folder: Path) -> RetrievalTruth:
@@ -129,7 +132,7 @@ def test_tiles_as_files_are_the_windows_of_the_map(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     prepared(place, tmp_path / "park", tiles_on_disk=True)
     tiles = truth_in(tmp_path / "park").tiles
-    folder = tmp_path / "park" / "scenes" / "park" / "tiles"
+    folder = tmp_path / "park" / "scenes" / "park" / "retrieval" / "tiles"
     assert len(list(folder.iterdir())) == len(tiles)
     for _, tile in tiles.iloc[[0, 10, -1]].iterrows():
         with Image.open(folder / f"{tile['id'].split('/')[1]}.png") as image:
@@ -151,13 +154,13 @@ def test_photos_that_nothing_answers_are_listed_with_the_reason(tmp_path: Path) 
     result = prepared(outside(tmp_path), tmp_path / "park")
     truth = truth_in(tmp_path / "park")
     assert truth.queries["id"].tolist() == ["park/a"]
-    listed = pd.read_csv(tmp_path / "park" / "scenes" / "park" / "excluded.csv")
+    listed = pd.read_csv(tmp_path / "park" / "scenes" / "park" / "retrieval" / "excluded.csv")
     assert listed.to_dict("records") == [
         {"id": "park/far", "image": "far.jpg", "reason": "the footprint meets no tile"},
         {"id": "park/up", "image": "up.jpg", "reason": "no ray meets the ground"},
     ]
     assert result.without_pose == ("unposed.jpg",)
-    assert Benchmark.open(tmp_path / "park").scene("park").without_ground_point == 1
+    assert truth_in(tmp_path / "park").without_ground_point == 1
 
 
 def test_or_counted_as_a_miss(tmp_path: Path) -> None:
@@ -180,7 +183,7 @@ def test_the_dsm_rule_sees_a_hill(tmp_path: Path) -> None:
     plane, dsm = truth_in(tmp_path / "plane"), truth_in(tmp_path / "dsm")
     columns = ["anchor0_lon", "anchor1_lon"]
     width = {
-        name: np.ptp(truth.queries.set_index("id").loc["park/a", columns].to_numpy(float))
+        name: np.ptp(truth.footprints.set_index("id").loc["park/a", columns].to_numpy(float))
         for name, truth in (("plane", plane), ("dsm", dsm))
     }
     assert width["dsm"] == pytest.approx(width["plane"] / 2, rel=1e-4)
@@ -276,7 +279,7 @@ def test_a_folder_is_replaced_when_asked(tmp_path: Path) -> None:
         "park",
         *(f"park/{name}" for name in files_below(tmp_path / "park")),
     }
-    assert not (tmp_path / "park" / "scenes" / "park" / "tiles").exists()
+    assert not (tmp_path / "park" / "scenes" / "park" / "retrieval" / "tiles").exists()
 
 
 def test_from_photos_to_a_score(
@@ -286,7 +289,7 @@ def test_from_photos_to_a_score(
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     assert run_main(*place.arguments()) == 0
     said = capsys.readouterr()
-    assert "queries   4" in said.out
+    assert "retrieval  4 queries" in said.out
     assert "next: airzoo-bench baseline retrieval park-retrieval" in said.err
     out = tmp_path / "t.npz"
     assert run_main("template", "park-retrieval", "--out", out, "--kind", "descriptors") == 0
@@ -305,10 +308,11 @@ def test_the_protocol_in_the_folder_is_the_one_that_was_used(tmp_path: Path) -> 
         f"scenes/park/{name}"
         for name in (
             "queries.csv",
-            "tiles.parquet",
-            "positives.npz",
-            "overlaps.npz",
-            "excluded.csv",
+            "retrieval/tiles.parquet",
+            "retrieval/positives.npz",
+            "retrieval/overlaps.npz",
+            "retrieval/footprints.csv",
+            "retrieval/excluded.csv",
         )
     }
 
@@ -376,7 +380,7 @@ def test_a_file_name_that_is_no_text(
     assert run_main(*place.arguments()) == 0
     said = capsys.readouterr()
     assert "1 photos have no pose, such as \\xdcff.jpg" in said.err
-    assert "queries   3" in said.out
+    assert "retrieval  3 queries" in said.out
 
 
 def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
@@ -387,8 +391,9 @@ def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
         brighton / "dsm_10cm.tif",
     )
     base = load_protocol(shipped_protocols()["photos-retrieval"])
-    chosen = protocol_for(base, "park", tile_sizes_px=(512,))
-    result = prepare_photos(sources, chosen, tmp_path / "park")
+    chosen = protocol_for(base, "park", {"gallery": {"tile_sizes_px": (512,)}})
+    matching = protocol_for(load_protocol(shipped_protocols()["photos-matching"]), "park", {})
+    result = prepare_photos(sources, chosen, matching, tmp_path / "park")
     truth = truth_in(tmp_path / "park")
     assert len(truth.queries) + len(truth.excluded) == 18
     assert len(truth.queries) > 0

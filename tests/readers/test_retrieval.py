@@ -118,7 +118,7 @@ def test_other_ids_are_refused(name: str, field: str, tmp_path: Path) -> None:
 
 
 def test_ids_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("airzoo_bench.readers.retrieval._BLOCK_CODES", 20)
+    monkeypatch.setattr("airzoo_bench.readers.arrays._BLOCK_CODES", 20)
     ids = [f"e/{i:03}" for i in range(100)]
     ids[97] = "e/\t"
     with pytest.raises(PredictionError, match=r"do not print in 1 of 100 \(97\)"):

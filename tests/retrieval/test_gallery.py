@@ -14,8 +14,8 @@ from rasterio.transform import Affine
 
 from airzoo_bench.errors import RasterError
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.protocol import Gallery
 from airzoo_bench.retrieval.gallery import cut_gallery, tile_starts
+from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 
 

@@ -1,0 +1,145 @@
+"""The parts of a scene where the user keeps them: found, measured, held to what is needed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airzoo_bench.datasets.images import SUFFIXES, photo_size
+from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.errors import (
+    BenchmarkError,
+    CameraError,
+    RasterError,
+    UsageError,
+    UserError,
+    first_of,
+)
+from airzoo_bench.files import check_new_folder
+from airzoo_bench.geometry.frames import horizontal_crs
+from airzoo_bench.geometry.rasters import check_same_crs, describe_crs, open_info
+from airzoo_bench.progress import Progress
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+__all__ = ["PhotoSources", "check_names", "check_target", "metric_crs", "photo_sizes"]
+
+_LONGEST_PATH = 180  # so that ids are no longer than prediction files may have them
+_MOST_DSM_BANDS = 2  # heights, and perhaps a mask
+
+
+@dataclass(frozen=True)
+class PhotoSources:
+    """Where the parts of a scene lie.
+
+    Attributes
+    ----------
+    images : Path
+        Folder of the photos, searched with its subfolders.
+    poses : Path
+        JSON file or COLMAP model.
+    dom, dsm : Path
+        Map and surface model, as GeoTIFF; the surface model is in the CRS of the poses.
+    crs : str or None
+        CRS of the poses, where their file does not name it.
+    """
+
+    images: Path
+    poses: Path
+    dom: Path
+    dsm: Path
+    crs: str | None = None
+
+
+def check_target(sources: PhotoSources, folder: Path, *, replace: bool) -> None:
+    """Refuse a folder that may not be made, above all one that holds the sources."""
+    check_new_folder(folder, replace=replace)
+    target = folder.resolve()
+    for source in (sources.images, sources.poses, sources.dom, sources.dsm):
+        if target in (source.resolve(), *source.resolve().parents):
+            raise UsageError(
+                f"the folder to make holds {source}, which it is made from",
+                where=folder,
+                mend="name another --out",
+            )
+
+
+def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
+    """Read width and height of every photo below a folder, by name relative to it."""
+    if not folder.is_dir():
+        raise UsageError("no such folder of photos", where=folder)
+    paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    if not paths:
+        raise BenchmarkError(
+            "holds no photo", where=folder, expected="files ending in " + ", ".join(SUFFIXES)
+        )
+    shown = progress(paths, "photos", len(paths))
+    return {path.relative_to(folder).as_posix(): photo_size(path) for path in shown}
+
+
+def check_names(names: tuple[str, ...], folder: Path) -> None:
+    """Refuse photos whose names cannot become ids, or become the same."""
+    odd = [repr(name) for name in names if not name.isprintable() or len(name) > _LONGEST_PATH]
+    if odd:
+        raise BenchmarkError(
+            f"names that cannot become ids: {first_of(odd, len(names))}",
+            where=folder,
+            expected=f"printable characters, at most {_LONGEST_PATH}",
+            mend="rename these photos",
+        )
+    stems = [Path(name).with_suffix("").as_posix() for name in names]
+    twice = sorted(stem for stem, count in Counter(stems).items() if count > 1)
+    if twice:
+        raise BenchmarkError(
+            f"photos that differ in their ending only: {first_of(twice, len(names))}",
+            where=folder,
+            mend="keep one of each; ids are names without the ending",
+        )
+
+
+def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
+    """Return the CRS of the poses, which must be projected, in metres, and that of the DSM.
+
+    Raises
+    ------
+    UserError
+        It is not known, not metric or not the DSM's; or the DSM looks like a map.
+    """
+    named = sources.crs or photos.crs
+    if named is None:
+        raise UsageError(
+            "the CRS of the poses is not known",
+            where=sources.poses,
+            expected="a projected CRS in metres",
+            mend="add the key 'crs' to the file, or give --crs EPSG:...",
+        )
+    crs = _in_metres(named, sources)
+    dsm = open_info(sources.dsm)
+    check_same_crs(crs, dsm.crs, f"the poses ({sources.poses}) and the DSM ({sources.dsm})")
+    if dsm.bands > _MOST_DSM_BANDS:
+        raise RasterError(
+            f"has {dsm.bands} bands",
+            where=sources.dsm,
+            expected="one band of heights",
+            mend="look whether --dom and --dsm are the wrong way round",
+        )
+    return crs
+
+
+def _in_metres(named: str, sources: PhotoSources) -> CRS:
+    place = f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
+    try:
+        crs = horizontal_crs(named)
+    except UserError as error:
+        raise error.inside(place) from error
+    if not crs.is_projected or any(axis.unit_conversion_factor != 1 for axis in crs.axis_info):
+        raise CameraError(
+            f"poses are in {describe_crs(crs)}, which is not in metres",
+            where=place,
+            expected="a projected CRS in metres, such as UTM",
+            mend="transform the camera centres, rotations and the DSM to one",
+        )
+    return crs

@@ -1,0 +1,217 @@
+"""Holding a claim against the truth: which rows answer which query, and can they be meant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.geometry.poses import (
+    Poses,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rotation_angle_deg,
+)
+from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions, PoseClaim
+from airzoo_bench.matching.truth import MatchingTruth
+
+__all__ = ["SceneClaim", "claim_of_scene"]
+
+Floats = NDArray[np.float64]
+
+# Coordinates may lie this far outside a picture: sub-pixel refinement oversteps its border.
+_SLACK_PX = 1.0
+# Poses are taken for inverted where that brings most of them this many times nearer to the priors.
+_TIMES_NEARER = 10.0
+# Rotations are taken for another convention where they are this far from the IMU's, and that
+# convention is this near. Yaw may be wrong by 180 degrees in a few photos: medians do not mind.
+_FAR_DEG, _NEAR_DEG = 60.0, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class SceneClaim:
+    """The claim about the Q queries of one scene.
+
+    Attributes
+    ----------
+    answered : (Q,) bool
+        Whether the predictions have the query.
+    offsets : (Q + 1,) int64
+        Query q has the rows ``offsets[q]:offsets[q + 1]``; a missing query has none.
+    query_xy : (M, 2) float64
+    map_xy : (M, 2) float64 or None
+        Pixels of the whole map.
+    points : (M, 3) float64
+        Of the scene; they count where `map_xy` is None.
+    poses : Poses or None
+        Instead of all of these, NaN where there is none.
+    """
+
+    answered: NDArray[np.bool_]
+    offsets: NDArray[np.int64]
+    query_xy: Floats
+    map_xy: Floats | None
+    points: Floats
+    poses: Poses | None
+
+    def parts(self) -> list[slice]:
+        """Return the rows of each query."""
+        return [
+            slice(int(start), int(stop))
+            for start, stop in zip(self.offsets[:-1], self.offsets[1:], strict=True)
+        ]
+
+
+def claim_of_scene(
+    predictions: MatchingPredictions, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> SceneClaim:
+    """Pick the claim about one scene, and refuse what cannot be meant as it stands.
+
+    Parameters
+    ----------
+    predictions : MatchingPredictions
+    truth : MatchingTruth
+        With Q queries.
+    rows : (Q,) int
+        The row of the predictions that answers each query, -1 for none.
+
+    Raises
+    ------
+    PredictionError
+        Pixels outside the picture or the crop, another image size, poses that look
+        camera-to-world.
+    """
+    claim = predictions.claim
+    try:
+        if isinstance(claim, PoseClaim):
+            return _pose_claim(claim, truth, rows)
+        return _correspondence_claim(claim, truth, rows)
+    except PredictionError as error:
+        raise error.inside(predictions.path) from error
+
+
+def _pose_claim(claim: PoseClaim, truth: MatchingTruth, rows: NDArray[np.intp]) -> SceneClaim:
+    answered = rows >= 0
+    there = answered & claim.found[rows]
+    rotation = np.where(there[:, None, None], claim.poses.rotation[rows], np.nan)
+    centres = np.where(there[:, None], claim.poses.centres[rows], np.nan)
+    poses = Poses(rotation=rotation, centres=centres)
+    _refuse_inverted(poses, truth, there)
+    nothing = np.zeros((0, 2))
+    return SceneClaim(
+        answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses
+    )
+
+
+def _refuse_inverted(poses: Poses, truth: MatchingTruth, there: NDArray[np.bool_]) -> None:
+    """Refuse poses whose translation, not whose centre, lies where the camera was."""
+    if not there.any():
+        return
+    given, priors = poses.take(there), truth.priors.take(there)
+    as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
+    inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
+    if np.mean(inverted * _TIMES_NEARER < as_given) > 0.5:
+        raise PredictionError(
+            f"the poses look camera-to-world: taken so, cameras lie {np.median(inverted):.1f} m "
+            f"from their GPS positions; as world-to-camera, {np.median(as_given):.1f} m",
+            where="field 'poses'",
+            expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
+            mend="invert them: R.T and -R.T @ t",
+        )
+    _refuse_turned(given, priors)
+
+
+def _refuse_turned(given: Poses, priors: Poses) -> None:
+    """Refuse rotations that agree with the IMU only when they are read in another way."""
+    quaternions = matrix_to_quaternion(given.rotation)
+    ways = {
+        "camera-to-world": np.swapaxes(given.rotation, 1, 2),
+        "quaternions in the order x y z w": quaternion_to_matrix(np.roll(quaternions, 1, axis=1)),
+    }
+    off = float(np.median(rotation_angle_deg(given.rotation, priors.rotation)))
+    for way, rotation in ways.items():
+        other = float(np.median(rotation_angle_deg(rotation, priors.rotation)))
+        if off > _FAR_DEG and other < _NEAR_DEG:
+            raise PredictionError(
+                f"the rotations look like {way}: they differ from the IMU's by {off:.0f} degrees, "
+                f"read so by {other:.0f}",
+                where="the poses",
+                expected="world-to-camera rotations, x_cam = R X + t, quaternions as w x y z",
+                mend="convert them before you write the file",
+            )
+
+
+def _correspondence_claim(
+    claim: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> SceneClaim:
+    answered = rows >= 0
+    counts = np.where(answered, np.diff(claim.offsets)[rows], 0)
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    query = np.repeat(np.arange(len(rows)), counts)
+    taken = np.repeat(claim.offsets[rows], counts) + np.arange(offsets[-1]) - offsets[query]
+    query_xy = claim.query_xy[taken]
+    _check_image_size(claim, truth, rows)
+    _check_query_pixels(query_xy, truth, query)
+    map_xy = None if claim.map_xy is None else claim.map_xy[taken]
+    if map_xy is not None and claim.map_frame == "crop":
+        _check_crop_pixels(map_xy, truth, query)
+        map_xy = map_xy + truth.crops[query, :2]
+    points = np.zeros((0, 3)) if claim.points3d is None else claim.points3d[taken]
+    return SceneClaim(answered, offsets, query_xy, map_xy, points, None)
+
+
+def _check_image_size(claim: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]) -> None:
+    if claim.image_size is None:
+        return
+    cameras = truth.cameras
+    true = np.stack([cameras.width, cameras.height], axis=1)
+    said = claim.image_size[rows]
+    bad = np.flatnonzero((rows >= 0) & (said != true).any(axis=1))
+    if bad.size:
+        first = bad[0]
+        raise PredictionError(
+            f"matches in another image size than the query's: {_named(truth, bad)} queries; the "
+            f"first is {true[first, 0]}x{true[first, 1]} px, its matches are for "
+            f"{said[first, 0]}x{said[first, 1]}",
+            where="field 'image_size'",
+            mend="multiply x and y by the ratio of the widths and of the heights",
+        )
+
+
+def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64]) -> None:
+    cameras = truth.cameras
+    size = np.stack([cameras.width, cameras.height], axis=1)[query]
+    outside = ((query_xy < -_SLACK_PX) | (query_xy > size + _SLACK_PX)).any(axis=1)
+    if outside.any():
+        worst = query_xy[outside].max(axis=0)
+        rows = np.unique(query[outside])
+        width, height = size[outside][0]
+        raise PredictionError(
+            f"{int(outside.sum())} pixels outside the photo, in {_named(truth, rows)} queries; "
+            f"the first photo is {width}x{height} px, pixels go up to ({worst[0]:.1f}, "
+            f"{worst[1]:.1f})",
+            where="field 'query_xy'",
+            expected="pixels of the photo at its full size, the corner being (0, 0)",
+            mend="scale them from the size that the method worked in",
+        )
+
+
+def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64]) -> None:
+    size = truth.crops[query, 2:]
+    outside = ((map_xy < -_SLACK_PX) | (map_xy > size + _SLACK_PX)).any(axis=1)
+    if outside.any():
+        worst, rows = map_xy[outside][0], np.unique(query[outside])
+        width, height = size[outside][0]
+        raise PredictionError(
+            f"{int(outside.sum())} map pixels outside the crop, in {_named(truth, rows)} queries; "
+            f"the first is ({worst[0]:.1f}, {worst[1]:.1f}) in a crop of {width}x{height} px",
+            where="field 'map_xy'",
+            expected="pixels of the query's crop, the corner being (0, 0)",
+            mend="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
+        )
+
+
+def _named(truth: MatchingTruth, rows: NDArray[np.intp]) -> str:
+    return first_of(truth.queries["id"].iloc[rows], len(truth.queries))

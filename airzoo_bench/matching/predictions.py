@@ -1,0 +1,161 @@
+"""What a matching method claims: matches, 2D-3D pairs, or finished poses.
+
+The checks here need no truth; they are what ``airzoo-bench check`` runs and what ``eval`` runs
+first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.ids import check_ids
+
+__all__ = ["FIELDS", "Correspondences", "MatchingPredictions", "PoseClaim", "faults"]
+
+FIELDS = (
+    "protocol",
+    "query_ids",
+    "offsets",
+    "query_xy",
+    "map_xy",
+    "map_frame",
+    "points3d",
+    "image_size",
+    "poses",
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """Matches or 2D-3D pairs of Q queries, by offsets.
+
+    Attributes
+    ----------
+    offsets : (Q + 1,) int64
+        Query q has the rows ``offsets[q]:offsets[q + 1]``.
+    query_xy : (M, 2) float64
+        Pixels of the query at its full size; the image's corner is (0, 0).
+    map_xy : (M, 2) float64 or None
+        Pixels of the map or of the query's crop.
+    map_frame : {"map", "crop"}
+        Which of the two.
+    points3d : (M, 3) float64 or None
+        Instead of `map_xy`: points in the scene's CRS.
+    image_size : (Q, 2) int64 or None
+        Width and height that the pixels of each query belong to, where the file says so.
+    """
+
+    offsets: Ints
+    query_xy: Floats
+    map_xy: Floats | None
+    map_frame: Literal["map", "crop"]
+    points3d: Floats | None
+    image_size: Ints | None
+
+    def of(self, row: int) -> slice:
+        """Return the rows of one query."""
+        return slice(int(self.offsets[row]), int(self.offsets[row + 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseClaim:
+    """Finished poses.
+
+    Attributes
+    ----------
+    found : (Q,) bool
+        Whether there is a pose.
+    poses : Poses
+        World-to-camera, in the scene's CRS; meaningless where there is none.
+    """
+
+    found: NDArray[np.bool_]
+    poses: Poses
+
+
+@dataclass(frozen=True, eq=False)
+class MatchingPredictions:
+    """A prediction file of the matching track, as read.
+
+    Attributes
+    ----------
+    path : Path
+    protocol : str or None
+        The protocol that the file names.
+    query_ids : (Q,) str
+        ``scene/name``.
+    claim : Correspondences or PoseClaim
+    """
+
+    path: Path
+    protocol: str | None
+    query_ids: NDArray[np.str_]
+    claim: Correspondences | PoseClaim
+
+    @property
+    def kind(self) -> str:
+        """What the claim is, for results: matches, pairs or poses."""
+        if isinstance(self.claim, PoseClaim):
+            return "poses"
+        return "matches" if self.claim.points3d is None else "pairs"
+
+
+def faults(predictions: MatchingPredictions) -> Iterator[PredictionError]:
+    """Yield everything that is wrong with predictions and can be seen without truth."""
+    claim = predictions.claim
+    checks = [partial(check_ids, predictions.query_ids, f"{predictions.path}, field 'query_ids'")]
+    if isinstance(claim, Correspondences):
+        checks += [
+            partial(_check_offsets, predictions, claim),
+            partial(_check_finite, predictions, claim),
+        ]
+    for check in checks:
+        try:
+            check()
+        except PredictionError as error:
+            yield error
+
+
+def _check_offsets(predictions: MatchingPredictions, claim: Correspondences) -> None:
+    offsets, rows = claim.offsets, len(claim.query_xy)
+    sound = len(offsets) and offsets[0] == 0 and offsets[-1] == rows
+    if not sound or (np.diff(offsets) < 0).any():
+        falling = np.flatnonzero(np.diff(offsets) < 0)
+        first = (
+            f", falling first at query {predictions.query_ids[falling[0]]}" if falling.size else ""
+        )
+        ends = f"from {offsets[0]} to {offsets[-1]}" if len(offsets) else "empty"
+        raise PredictionError(
+            f"the offsets do not add up: {ends}{first}",
+            where=f"{predictions.path}, field 'offsets'",
+            expected=f"rising from 0 to {rows}, the number of rows of query_xy",
+            mend="np.concatenate([[0], np.cumsum(number of matches of each query)])",
+        )
+
+
+def _check_finite(predictions: MatchingPredictions, claim: Correspondences) -> None:
+    for name in ("query_xy", "map_xy", "points3d"):
+        values = getattr(claim, name)
+        if values is None:
+            continue
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if bad.size:
+            queries = np.unique(np.searchsorted(claim.offsets, bad, side="right") - 1)
+            named = predictions.query_ids[np.clip(queries, 0, len(predictions.query_ids) - 1)]
+            raise PredictionError(
+                f"{len(bad)} rows are NaN or infinite, of {first_of(named)} queries",
+                where=f"{predictions.path}, field '{name}'",
+                expected="finite coordinates; leave out what was not matched",
+            )

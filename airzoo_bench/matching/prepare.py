@@ -1,0 +1,91 @@
+"""Making the truth of one scene for matching: which photos have a prior, and their crops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.files import sha256_of
+from airzoo_bench.matching.crops import CropStatus, crop_windows
+from airzoo_bench.matching.settings import Crop, Prior
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_of, poses_of
+from airzoo_bench.scene_inputs import SceneInputs
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["build_truth"]
+
+_NO_PRIOR = "no GPS position or gimbal angles in the metadata"
+_NO_CROP = {
+    CropStatus.OFF_MAP: "by the prior pose, it does not see the map",
+    CropStatus.NO_RAY: "by the prior pose, no corner of the image has a ray",
+}
+
+
+def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
+    """Find the crop of each photo that has a prior; the others are left out, with the reason.
+
+    Parameters
+    ----------
+    inputs : SceneInputs
+    crop, prior : Crop, Prior
+        The protocol's.
+
+    Raises
+    ------
+    BenchmarkError
+        The priors equal the truth, and the protocol does not say so.
+    RasterError
+        The surface model is not in metres, or cannot be read.
+    """
+    photos = inputs.photos
+    columns = PRIOR_COLUMNS if prior.source == "metadata" else POSE_COLUMNS
+    there = np.isfinite(photos[list(columns)].to_numpy(np.float64)).all(axis=1)
+    asked = photos[there].reset_index(drop=True)
+    if prior.source == "metadata":
+        _refuse_truth_as_prior(asked)
+    windows = crop_windows(
+        cameras_of(asked),
+        poses_of(asked, columns),
+        inputs.dom,
+        inputs.dsm,
+        margin=crop.margin,
+        max_range_m=crop.max_range_m,
+    )
+    kept = windows.status == CropStatus.CROPPED
+    reasons = np.full(len(photos), _NO_PRIOR, dtype=object)
+    reasons[there] = [_NO_CROP.get(CropStatus(status), "") for status in windows.status]
+    left_out = ~there
+    left_out[there] = ~kept
+    boxes = np.stack([windows.x, windows.y, windows.width, windows.height], axis=1)
+    return MatchingTruth(
+        inputs.scene,
+        asked[kept].reset_index(drop=True),
+        boxes[kept],
+        inputs.dom,
+        inputs.dsm,
+        sha256_of(inputs.dsm),
+        _excluded(inputs, left_out, reasons),
+    )
+
+
+def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
+    same = photos[list(PRIOR_COLUMNS)].to_numpy() == photos[list(POSE_COLUMNS)].to_numpy()
+    if len(photos) and same.all():
+        raise BenchmarkError(
+            "the prior poses equal the ground truth",
+            expected="priors from the photos' own metadata",
+            mend="a protocol that means this says prior.source = 'truth'",
+        )
+
+
+def _excluded(
+    inputs: SceneInputs, left_out: NDArray[np.bool_], reasons: NDArray[np.object_]
+) -> pd.DataFrame:
+    photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
+    return photos.assign(reason=reasons[left_out])

@@ -1,0 +1,62 @@
+"""Which scores the matching track has, and their columns in the records."""
+
+from __future__ import annotations
+
+from airzoo_bench.matching.settings import MatchingScores
+from airzoo_bench.scores import Score
+
+__all__ = ["auc_column", "matching_scores", "pose_column", "translation_column"]
+
+
+def translation_column(limit_m: float) -> str:
+    """Name the column of translation recall."""
+    return f"within_{limit_m:g}m"
+
+
+def pose_column(limit_m: float, limit_deg: float) -> str:
+    """Name the column of pose recall."""
+    return f"within_{limit_m:g}m_{limit_deg:g}deg"
+
+
+def auc_column(limit_m: float) -> str:
+    """Name the column of the area under the error curve."""
+    return f"auc_{limit_m:g}m"
+
+
+def matching_scores(settings: MatchingScores) -> list[Score]:
+    """Return the scores that a protocol asks for.
+
+    Where the truth has no trusted orientation, there is no pose recall and the headline is the
+    paper's table of RTK positions: median and translation recall. Otherwise it is pose recall.
+
+    Returns
+    -------
+    list of Score
+        The columns are those of `airzoo_bench.matching.track.score_scene`.
+    """
+    trusted = settings.orientation_is_trusted
+    pose = [
+        _share(pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True)
+        for m, deg in (settings.pose_below_m_deg if trusted else ())
+    ]
+    median = Score(
+        "error_m", "Median", "m", higher_is_better=False, average="median", headline=True
+    )
+    within = [
+        _share(translation_column(m), f"@{m:g}m", headline=not trusted)
+        for m in settings.translation_below_m
+    ]
+    beyond = [
+        Score("horizontal_m", "Horizontal", "m", higher_is_better=False, average="median"),
+        Score("vertical_m", "Vertical", "m", higher_is_better=False, average="median"),
+    ]
+    if trusted:
+        beyond.append(
+            Score("rotation_deg", "Rotation", "deg", higher_is_better=False, average="median")
+        )
+    beyond += [_share(auc_column(m), f"AUC@{m:g}m") for m in settings.auc_up_to_m]
+    return [median, *pose, *within, *beyond]
+
+
+def _share(column: str, title: str, *, headline: bool = False) -> Score:
+    return Score(column, title, "share", higher_is_better=True, average="mean", headline=headline)

@@ -1,0 +1,154 @@
+"""From a file to the matching track's prediction type."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.geometry.poses import Poses, check_rotations
+from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions, PoseClaim
+from airzoo_bench.readers.arrays import (
+    Arrays,
+    check_fields,
+    check_length,
+    numbers,
+    open_arrays,
+    protocol_name,
+    texts,
+    wrong_type,
+)
+from airzoo_bench.readers.pose_list import read_pose_list
+
+__all__ = ["read_matching"]
+
+_COMMON = ("protocol", "query_ids")
+_MATCHES = ("offsets", "query_xy", "map_xy", "map_frame", "image_size")
+_PAIRS = ("offsets", "query_xy", "points3d", "image_size")
+_POSES = ("poses",)
+_EXPECTED = (
+    "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "
+    "points3d, or poses"
+)
+
+
+def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
+    """Read a prediction file of the matching track.
+
+    Parameters
+    ----------
+    path : Path
+        ``.npz``, or ``.txt`` with a pose a line: ``name qw qx qy qz tx ty tz``.
+    limit_bytes : int
+        The most that one array may take in memory.
+
+    Raises
+    ------
+    PredictionError
+        Another kind of file, a field is missing, or has a wrong type or shape.
+    """
+    if path.suffix == ".txt":
+        return read_pose_list(path)
+    arrays = open_arrays(path, limit_bytes)
+    names = arrays.names()
+    kinds = [name for name in ("map_xy", "points3d", "poses") if name in names]
+    if len(kinds) > 1:
+        raise PredictionError(
+            f"holds {' and '.join(kinds)}, and they could disagree",
+            where=path,
+            expected=_EXPECTED,
+            mend="keep one of them",
+        )
+    claim: Correspondences | PoseClaim
+    if kinds == ["poses"]:
+        check_fields(arrays, ("query_ids", *_POSES), (*_COMMON, *_POSES), _EXPECTED)
+        query_ids = texts(arrays, "query_ids", 1)
+        claim = _read_poses(arrays, query_ids)
+    else:
+        fields = _PAIRS if kinds == ["points3d"] else _MATCHES
+        check_fields(arrays, ("query_ids", *fields[:3]), (*_COMMON, *fields), _EXPECTED)
+        query_ids = texts(arrays, "query_ids", 1)
+        claim = _read_correspondences(arrays, len(query_ids))
+    return MatchingPredictions(path, protocol_name(arrays), query_ids, claim)
+
+
+def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
+    offsets = _integers(arrays, "offsets", (None,))
+    if len(offsets) != n_queries + 1:
+        raise PredictionError(
+            f"field 'offsets' has {len(offsets):,} entries for {n_queries:,} queries",
+            where=arrays.path,
+            expected=f"{n_queries + 1:,}, one more than there are queries",
+            mend="np.concatenate([[0], np.cumsum(number of matches of each query)])",
+        )
+    query_xy = numbers(arrays, "query_xy", (None, 2)).astype(np.float64)
+    map_xy = points = None
+    if "map_xy" in arrays.names():
+        map_xy = numbers(arrays, "map_xy", (None, 2)).astype(np.float64)
+    else:
+        points = numbers(arrays, "points3d", (None, 3)).astype(np.float64)
+    for name, values in (("map_xy", map_xy), ("points3d", points)):
+        if values is not None and len(values) != len(query_xy):
+            raise PredictionError(
+                f"field '{name}' has {len(values):,} rows, 'query_xy' has {len(query_xy):,}",
+                where=arrays.path,
+                expected="a row a match in both",
+                mend="write the two together",
+            )
+    size = None
+    if "image_size" in arrays.names():
+        size = _integers(arrays, "image_size", (None, 2))
+        check_length(arrays, "image_size", size, n_queries)
+    return Correspondences(offsets, query_xy, map_xy, _map_frame(arrays), points, size)
+
+
+def _map_frame(arrays: Arrays) -> Literal["map", "crop"]:
+    if "map_frame" not in arrays.names():
+        return "map"
+    value = arrays.read("map_frame")
+    frame = str(value.reshape(-1)[0]) if value.dtype.kind == "U" and value.size == 1 else ""
+    if frame == "crop":
+        return "crop"
+    if frame == "map":
+        return "map"
+    raise PredictionError(
+        f"field 'map_frame' is {frame[:80]!r}" if frame else "field 'map_frame' is not one text",
+        where=arrays.path,
+        expected="'map' (pixels of the whole map) or 'crop' (of the query's crop)",
+    )
+
+
+def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
+    values = numbers(arrays, "poses", (None, 3, 4)).astype(np.float64)
+    check_length(arrays, "poses", values, len(query_ids))
+    found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=(1, 2)))
+    half = ~found & np.isfinite(values).any(axis=(1, 2))
+    if half.any():
+        raise PredictionError(
+            f"{int(half.sum())} poses are NaN or infinite in part",
+            where=f"{arrays.path}, field 'poses'",
+            expected="a whole pose (3, 4), or NaN in all of it where there is none",
+        )
+    where = f"{arrays.path}, field 'poses'"
+    rotation = np.tile(np.eye(3), (len(values), 1, 1))
+    rotation[found] = check_rotations(values[found, :, :3], query_ids[found].tolist(), where)
+    translation = np.where(found[:, None], values[:, :, 3], 0.0)
+    return PoseClaim(found, Poses.from_translations(rotation, translation))
+
+
+def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.int64]:
+    values: NDArray[Any] = arrays.read(name)
+    fits = values.ndim == len(shape) and values.shape[1:] == shape[1:]
+    if values.dtype.kind not in "iu" or not fits:
+        sides = ", ".join("any" if want is None else str(want) for want in shape)
+        raise wrong_type(
+            arrays.path,
+            name,
+            values,
+            expected=f"integers of shape ({sides})",
+            mend=f"np.asarray({name}, dtype=np.int64)",
+        )
+    return values.astype(np.int64)

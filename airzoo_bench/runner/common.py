@@ -1,0 +1,227 @@
+"""What all tracks share on the way from files to a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.errors import PredictionError, ProtocolError, first_of
+from airzoo_bench.files import atomic_write, check_output_folder, fingerprint, sha256_of
+from airzoo_bench.ids import scene_of
+from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
+from airzoo_bench.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    TruthUsed,
+    score_columns,
+    versions,
+    with_summary,
+    write_result,
+)
+from airzoo_bench.scores import Score, summarise
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "Evaluation",
+    "Run",
+    "choose_protocol",
+    "common_notes",
+    "concatenate",
+    "make_result",
+    "other_benchmark",
+    "save",
+]
+
+P = TypeVar("P", bound=Protocol)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A result and the records that it was made from."""
+
+    result: Result
+    records: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class Run:
+    """What was run: predictions by a protocol on a benchmark.
+
+    Attributes
+    ----------
+    path : Path
+        Of the predictions.
+    method : str
+        What tables call them.
+    kind : str
+        What the predictions hold.
+    protocol : Protocol
+    benchmark : Benchmark
+    truths : dict of str to str
+        Fingerprints of the truth by scene.
+    """
+
+    path: Path
+    method: str
+    kind: str
+    protocol: Protocol
+    benchmark: Benchmark
+    truths: dict[str, str]
+
+
+def save(evaluation: Evaluation, folder: Path) -> None:
+    """Write ``result.json`` and ``records.csv`` into a folder, each whole or not at all."""
+    check_output_folder(folder, ("result.json", "records.csv"))
+    with atomic_write(folder / "records.csv", "w") as stream:
+        evaluation.records.to_csv(stream, index=False, lineterminator="\n")
+    write_result(folder / "result.json", evaluation.result)
+
+
+def choose_protocol(
+    path: Path, in_file: str | None, named: str | None, data: Path, model: type[P]
+) -> P:
+    """Return the protocol that was named, else the one that the file names.
+
+    Raises
+    ------
+    PredictionError
+        Neither names one, or it is of another track.
+    ProtocolError
+        It is unknown.
+    """
+    if named is not None:
+        chosen = find_protocol(named, data)
+    elif in_file is not None:
+        try:
+            chosen = find_protocol(in_file, data)
+        except ProtocolError as error:
+            raise error.inside(f"{path}, field 'protocol'") from error
+    else:
+        raise PredictionError(
+            "does not say which protocol it is for",
+            where=path,
+            expected="a field 'protocol', such as 'uav-visloc-retrieval'",
+            mend="add the field, or name it with --protocol",
+        )
+    if not isinstance(chosen, model):
+        raise PredictionError(
+            f"protocol {chosen.name} is of the {chosen.track} track",
+            where=path,
+            expected="a protocol of the track that was asked for",
+            mend=f"airzoo-bench eval {chosen.track} {path}",
+        )
+    return chosen
+
+
+def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Put the records of scenes under each other."""
+    import pandas as pd
+
+    return pd.concat(parts, ignore_index=True)
+
+
+def make_result(
+    run: Run,
+    records: pd.DataFrame,
+    scores: list[Score],
+    counts: dict[str, dict[str, int]],
+    extra: int,
+    notes: Sequence[str],
+) -> Result:
+    """Average records and put everything that is known of a run into a result.
+
+    Parameters
+    ----------
+    run : Run
+    records : DataFrame
+    scores : list of Score
+    counts : dict of str to dict of str to int
+        By scene.
+    extra : int
+        Ids of the predictions that are no queries.
+    notes : sequence of str
+        Of the track, after those that all tracks have.
+    """
+    protocol = run.protocol
+    return Result(
+        track=protocol.track,
+        protocol=ProtocolUsed(
+            name=protocol.name,
+            version=protocol.version,
+            fingerprint=protocol.fingerprint,
+            settings=protocol.settings(),
+        ),
+        truth=TruthUsed(
+            benchmark=run.benchmark.name,
+            version=run.benchmark.file.version,
+            fingerprint=fingerprint(run.truths),
+            scene_titles={scene.id: scene.title for scene in protocol.scenes},
+        ),
+        predictions=PredictionsUsed(
+            file=run.path.name, sha256=sha256_of(run.path), kind=run.kind, method=run.method
+        ),
+        versions=versions(),
+        columns=score_columns(scores),
+        counts=counts,
+        extra_queries=extra,
+        notes=(*common_notes(protocol, counts, extra), *notes),
+        **with_summary(summarise(records, scores, [scene.id for scene in protocol.scenes])),
+    ).sealed()
+
+
+def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: int) -> list[str]:
+    """Say what a reader of the numbers of any track must know."""
+    missing = sum(scene["missing"] for scene in counts.values())
+    notes = []
+    if missing:
+        notes.append(f"{missing} queries are missing from the predictions and score their worst")
+    if extra:
+        notes.append(f"{extra} ids of the predictions are no queries and were left aside")
+    for scene in protocol.scenes:
+        found = counts[scene.id]["queries"]
+        if scene.queries is not None and scene.queries != found:
+            notes.append(
+                f"scene {scene.title} has {found} queries here, {scene.queries} in the paper"
+            )
+    return notes
+
+
+def other_benchmark(
+    path: Path,
+    ids: NDArray[np.str_],
+    protocol: Protocol,
+    data: Path,
+    example: str | None = None,
+) -> PredictionError:
+    """Make the fault of predictions none of whose ids belongs to the benchmark."""
+    scenes = set(np.unique(scene_of(ids)))
+    alike = [
+        name
+        for name, path in protocol_files(data).items()
+        if name != protocol.name and scenes & _scenes_of(path)
+    ]
+    guess = f"they look like those of {' or '.join(alike)}" if alike else ""
+    expected = example or ", ".join(f"{scene.id}/..." for scene in protocol.scenes[:3])
+    return PredictionError(
+        f"none of its query ids belongs to {protocol.benchmark}: {first_of(ids, len(ids))}"
+        + (f"; {guess}" if guess else ""),
+        where=f"{path}, field 'query_ids'",
+        expected=f"ids such as {expected}",
+        mend="name the right protocol with --protocol; `airzoo-bench template` writes the ids",
+    )
+
+
+def _scenes_of(path: Path) -> set[str]:
+    try:
+        return {scene.id for scene in load_protocol(path).scenes}
+    except ProtocolError:  # another benchmark's fault is not this file's
+        return set()

@@ -1,0 +1,197 @@
+"""The matching track: from a prediction file to records and a result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from airzoo_bench.benchmark import find_benchmark
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.files import atomic_write
+from airzoo_bench.ids import assign_queries, scene_of
+from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
+from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim, faults
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.track import ScoredScene, score_scene
+from airzoo_bench.matching.truth import MatchingTruth, read_truth
+from airzoo_bench.progress import Progress, silent
+from airzoo_bench.protocol import MatchingProtocol
+from airzoo_bench.readers.matching import read_matching
+from airzoo_bench.runner.common import (
+    Evaluation,
+    Run,
+    choose_protocol,
+    concatenate,
+    make_result,
+    other_benchmark,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["MatchingEvaluation", "check_matching", "evaluate_matching", "save_timings"]
+
+# Pixels that all lie within this share of the photo are suspected, if there are enough of them.
+_ENOUGH_MATCHES = 100
+_CORNER = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class MatchingEvaluation:
+    """An evaluation, and what pictures need beside it; by scene."""
+
+    evaluation: Evaluation
+    protocol: MatchingProtocol
+    truths: list[MatchingTruth]
+    claims: list[SceneClaim]
+    scored: list[ScoredScene]
+
+
+def evaluate_matching(
+    path: Path,
+    *,
+    data: Path,
+    protocol: str | None = None,
+    method: str | None = None,
+    memory_bytes: int,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> MatchingEvaluation:
+    """Score a prediction file of the matching track.
+
+    Parameters
+    ----------
+    path : Path
+        The predictions: matches, 2D-3D pairs, or poses.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    protocol : str, optional
+        Name or path; by default the file's own.
+    method : str, optional
+        What tables call it; by default the file's stem.
+    memory_bytes : int
+        The most that one array of the file may take.
+    jobs : int
+        Threads for lifting and solving; the numbers do not depend on it.
+    progress : Progress
+        Shows poses as they are solved.
+
+    Raises
+    ------
+    UserError
+        The predictions, the protocol or the benchmark folder are not as they must be.
+    """
+    predictions = read_matching(path, memory_bytes)
+    chosen = choose_protocol(path, predictions.protocol, protocol, data, MatchingProtocol)
+    for fault in faults(predictions):
+        raise fault
+    benchmark = find_benchmark(chosen.benchmark, data)
+    benchmark.check_fits(chosen)
+    truths = [read_truth(benchmark, scene.id) for scene in chosen.scenes]
+    rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
+    if all((found < 0).all() for found in rows):
+        example = str(truths[0].queries["id"].iloc[0])
+        raise other_benchmark(path, predictions.query_ids, chosen, data, example)
+    pairs = list(zip(truths, rows, strict=True))
+    claims = [claim_of_scene(predictions, truth, found) for truth, found in pairs]
+    scored = [
+        score_scene(truth, claim, chosen.solver, chosen.scores, workers=jobs, progress=progress)
+        for truth, claim in zip(truths, claims, strict=True)
+    ]
+    records = concatenate([scene.records for scene in scored])
+    run = Run(
+        path,
+        method or path.stem,
+        predictions.kind,
+        chosen,
+        benchmark,
+        {truth.scene: truth.fingerprint for truth in truths},
+    )
+    counts = {truth.scene: _counts(truth, records) for truth in truths}
+    notes = [*_notes(records, predictions), *_scale_notes(predictions, truths)]
+    result = make_result(run, records, matching_scores(chosen.scores), counts, extra, notes)
+    return MatchingEvaluation(Evaluation(result, records), chosen, truths, claims, scored)
+
+
+def check_matching(
+    path: Path, *, data: Path, protocol: str | None, memory_bytes: int
+) -> list[PredictionError]:
+    """Return all that is wrong with a prediction file, without looking at truth.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read at all, or the protocol is unknown.
+    """
+    predictions = read_matching(path, memory_bytes)
+    chosen = choose_protocol(path, predictions.protocol, protocol, data, MatchingProtocol)
+    found = list(faults(predictions))
+    scenes = {scene.id for scene in chosen.scenes}
+    if not scenes & set(np.unique(scene_of(predictions.query_ids))):
+        found.append(other_benchmark(path, predictions.query_ids, chosen, data))
+    return found
+
+
+def save_timings(evaluation: MatchingEvaluation, folder: Path) -> None:
+    """Write ``timings.csv``: seconds of the solver for each query, which differ by run."""
+    parts = [
+        scene.records[["scene", "query"]].assign(seconds=np.round(scene.seconds, 6))
+        for scene in evaluation.scored
+    ]
+    with atomic_write(folder / "timings.csv", "w") as stream:
+        concatenate(parts).to_csv(stream, index=False, lineterminator="\n")
+
+
+def _counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int]:
+    rows = records[records["scene"] == truth.scene]
+    counts = {
+        "queries": len(rows),
+        "missing": int((~rows["answered"]).sum()),
+        "failed": int(rows["failed"].sum()),
+        "left_out": len(truth.excluded),
+    }
+    for name in ("matches", "lifted", "outside_map", "outside_dsm", "no_height"):
+        if name in rows.columns:
+            counts[name] = int(rows[name].sum())
+    return counts
+
+
+def _notes(records: pd.DataFrame, predictions: MatchingPredictions) -> list[str]:
+    notes = [f"scored from {predictions.kind}"]
+    failed = records[records["failed"] & records["answered"]]
+    if len(failed):
+        reasons = failed["status"].value_counts().sort_index()
+        listed = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+        notes.append(f"{len(failed)} answered queries have no pose ({listed}): infinite errors")
+    if "lifted" in records.columns:
+        notes += _lifting_notes(records)
+    return notes
+
+
+def _lifting_notes(records: pd.DataFrame) -> list[str]:
+    given, lifted = int(records["matches"].sum()), int(records["lifted"].sum())
+    notes = []
+    if lifted < given:
+        notes.append(f"{given - lifted} of {given} matches could not be lifted and were dropped")
+    blind = ((records["no_height"] > 0) & (records["lifted"] == 0)).sum()
+    if blind:
+        notes.append(f"the surface model has no height under any match of {blind} queries")
+    return notes
+
+
+def _scale_notes(predictions: MatchingPredictions, truths: list[MatchingTruth]) -> list[str]:
+    """Suspect pixels of a smaller image: they would all lie in a corner of the photo."""
+    claim = predictions.claim
+    if isinstance(claim, PoseClaim) or len(claim.query_xy) < _ENOUGH_MATCHES:
+        return []
+    size = np.array([[t.cameras.width.max(), t.cameras.height.max()] for t in truths]).max(axis=0)
+    reach = claim.query_xy.max(axis=0)
+    if (reach < _CORNER * size).all():
+        return [
+            f"no query pixel lies beyond ({reach[0]:.0f}, {reach[1]:.0f}) in photos of "
+            f"{size[0]}x{size[1]} px: are the matches in the size of a smaller image?"
+        ]
+    return []

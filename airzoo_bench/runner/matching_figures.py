@@ -1,0 +1,103 @@
+"""Pictures of a matching evaluation, drawn into its output folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from airzoo_bench.benchmark import find_benchmark
+from airzoo_bench.datasets.images import read_rgb_photo
+from airzoo_bench.geometry.grids import pixel_to_world
+from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.matching.claims import SceneClaim
+from airzoo_bench.matching.track import ScoredScene
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.progress import Progress
+from airzoo_bench.report.figures import save_figure
+from airzoo_bench.report.matching import draw_error_curves, draw_matches, draw_queries_on_map
+from airzoo_bench.runner.matching import MatchingEvaluation
+
+__all__ = ["draw_figures"]
+
+_LONG_SIDE_PX = 1200
+
+
+def draw_figures(
+    evaluation: MatchingEvaluation, data: Path, folder: Path, progress: Progress
+) -> int:
+    """Draw error curves of all scenes, and for each scene a map and every query's matches.
+
+    Parameters
+    ----------
+    evaluation : MatchingEvaluation
+    data : Path
+        Where the benchmark is found.
+    folder : Path
+        Made where it is missing.
+    progress : Progress
+
+    Returns
+    -------
+    int
+        The number of pictures.
+
+    Raises
+    ------
+    BenchmarkError
+        A photo is not there.
+    """
+    protocol, records = evaluation.protocol, evaluation.evaluation.records
+    titles = {scene.id: scene.title for scene in protocol.scenes}
+    limits = protocol.scores.translation_below_m
+    save_figure(draw_error_curves(records, titles, limits), folder / "errors.png")
+    drawn = 1
+    benchmark = find_benchmark(protocol.benchmark, data)
+    parts = zip(evaluation.truths, evaluation.claims, evaluation.scored, strict=True)
+    for truth, claim, scored in parts:
+        _draw_map(truth, scored, titles[truth.scene], folder / f"{truth.scene}_map.png")
+        images = benchmark.resolve(benchmark.scene(truth.scene).images)
+        rows = range(len(truth.queries) if claim.map_xy is not None else 0)
+        for row in progress(rows, "pictures", len(rows)):
+            _draw_query(truth, claim, scored, row, images, folder)
+        drawn += 1 + len(rows)
+    return drawn
+
+
+def _draw_map(truth: MatchingTruth, scored: ScoredScene, title: str, path: Path) -> None:
+    corners = pixel_to_world(truth.dom.transform, [(0, 0), (truth.dom.width, truth.dom.height)])
+    (left, top), (right, bottom) = corners
+    figure = draw_queries_on_map(
+        read_rgb(truth.dom.path, long_side_px=_LONG_SIDE_PX),
+        (left, right, bottom, top),
+        truth.poses.centres[:, :2],
+        scored.centres[:, :2],
+        title,
+    )
+    save_figure(figure, path)
+
+
+def _draw_query(
+    truth: MatchingTruth,
+    claim: SceneClaim,
+    scored: ScoredScene,
+    row: int,
+    images: Path,
+    folder: Path,
+) -> None:
+    query, part = truth.queries.iloc[row], claim.parts()[row]
+    x, y, width, height = (int(side) for side in truth.crops[row])
+    photo = read_rgb_photo(images / query["image"], _LONG_SIDE_PX)
+    crop = read_rgb(truth.dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
+    shrunk = np.array([photo.shape[1] / query["width"], photo.shape[0] / query["height"]])
+    map_xy = claim.map_xy if claim.map_xy is not None else np.zeros((0, 2))
+    figure = draw_matches(
+        photo,
+        crop,
+        claim.query_xy[part] * shrunk,
+        (map_xy[part] - (x, y)) * (crop.shape[1] / width, crop.shape[0] / height),
+        scored.inliers[row],
+        str(query["id"]),
+    )
+    name = str(query["id"]).replace("/", "_")
+    save_figure(figure, folder / f"{name}_matches.png")

@@ -1,0 +1,78 @@
+"""What the truth of a scene is made from, whatever the track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import RasterInfo
+from airzoo_bench.queries import query_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["SceneInputs", "photo_table"]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneInputs:
+    """Photos with poses, a map and a surface model.
+
+    Attributes
+    ----------
+    scene : str
+        The scene's id.
+    photos : DataFrame
+        A row a photo, sorted by id, as `photo_table` makes it.
+    crs : str
+        Projected CRS of poses and surface model, in metres.
+    dom : RasterInfo
+        The map, in any CRS.
+    dsm : Path
+        The surface model.
+    plane_height_m : float
+        z0, the median of the valid heights.
+    """
+
+    scene: str
+    photos: pd.DataFrame
+    crs: str
+    dom: RasterInfo
+    dsm: Path
+    plane_height_m: float
+
+
+def photo_table(
+    scene: str,
+    images: tuple[str, ...],
+    cameras: Cameras,
+    poses: Poses,
+    priors: Poses | None,
+    plane_height_m: float,
+) -> pd.DataFrame:
+    """Lay out a scene's photos, sorted by id, with altitude and pitch as conditions.
+
+    Parameters
+    ----------
+    scene : str
+    images : tuple of N str
+        File names, relative to the photos' folder; without their endings they become ids.
+    cameras, poses : Cameras, Poses
+    priors : Poses, optional
+        Poses from metadata; NaN where a photo has none.
+    plane_height_m : float
+        Altitudes are above it.
+    """
+    ids = [f"{scene}/{Path(name).with_suffix('').as_posix()}" for name in images]
+    axis_z = poses.rotation[:, 2, 2]
+    below_horizon = np.degrees(np.arcsin(np.clip(-axis_z, -1, 1)))
+    table = query_table(ids, images, cameras, poses, priors).assign(
+        altitude_m=np.round(poses.centres[:, 2] - plane_height_m, 3),
+        pitch_deg=np.round(below_horizon, 3),
+    )
+    return table.sort_values("id", kind="stable", ignore_index=True)
