@@ -185,13 +185,12 @@ def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[n
     size = np.stack([cameras.width, cameras.height], axis=1)[query]
     outside = ((query_xy < -_SLACK_PX) | (query_xy > size + _SLACK_PX)).any(axis=1)
     if outside.any():
-        worst = query_xy[outside].max(axis=0)
+        first = query_xy[outside][0]
         rows = np.unique(query[outside])
         width, height = size[outside][0]
         raise PredictionError(
             f"{int(outside.sum())} pixels outside the photo, in {_named(truth, rows)} queries; "
-            f"the first photo is {width}x{height} px, pixels go up to ({worst[0]:.1f}, "
-            f"{worst[1]:.1f})",
+            f"the first is ({first[0]:.1f}, {first[1]:.1f}) in a photo of {width}x{height} px",
             where="field 'query_xy'",
             expected="pixels of the photo at its full size, the corner being (0, 0)",
             mend="scale them from the size that the method worked in",
@@ -202,11 +201,11 @@ def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.i
     size = truth.crops[query, 2:]
     outside = ((map_xy < -_SLACK_PX) | (map_xy > size + _SLACK_PX)).any(axis=1)
     if outside.any():
-        worst, rows = map_xy[outside][0], np.unique(query[outside])
+        first, rows = map_xy[outside][0], np.unique(query[outside])
         width, height = size[outside][0]
         raise PredictionError(
             f"{int(outside.sum())} map pixels outside the crop, in {_named(truth, rows)} queries; "
-            f"the first is ({worst[0]:.1f}, {worst[1]:.1f}) in a crop of {width}x{height} px",
+            f"the first is ({first[0]:.1f}, {first[1]:.1f}) in a crop of {width}x{height} px",
             where="field 'map_xy'",
             expected="pixels of the query's crop, the corner being (0, 0)",
             mend="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",

@@ -109,14 +109,15 @@ def lift(
     with ExitStack() as stack:
         stack.enter_context(small_cache())
         datasets = [stack.enter_context(opened(ground.path))]
-        pool = stack.enter_context(ThreadPoolExecutor(workers))
         task = _Task.of(xy, dom, ground, window_shape(datasets[0], _BLOCK_PIXELS))
-        list(pool.map(task.locate, range(0, len(xy), _POINTS)))
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(task.locate, range(0, len(xy), _POINTS)))
         order, runs = task.runs()
         shares = [share for share in np.array_split(runs, workers) if share.size]
         # Opened here and not by the workers: `opened` sets warnings, which threads share.
         datasets += [stack.enter_context(opened(ground.path)) for _ in shares[1:]]
-        list(pool.map(partial(task.sample, order), datasets, shares))
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(partial(task.sample, order), datasets, shares))
     return Lifted(task.points, task.status)
 
 

@@ -131,8 +131,9 @@ def faults(predictions: MatchingPredictions) -> Iterator[PredictionError]:
 def _check_offsets(predictions: MatchingPredictions, claim: Correspondences) -> None:
     offsets, rows = claim.offsets, len(claim.query_xy)
     sound = len(offsets) and offsets[0] == 0 and offsets[-1] == rows
-    if not sound or (np.diff(offsets) < 0).any():
-        falling = np.flatnonzero(np.diff(offsets) < 0)
+    # Compared, not subtracted: the difference of two large integers may wrap around.
+    falling = np.flatnonzero(offsets[1:] < offsets[:-1])
+    if not sound or falling.size:
         first = (
             f", falling first at query {predictions.query_ids[falling[0]]}" if falling.size else ""
         )
@@ -153,9 +154,11 @@ def _check_finite(predictions: MatchingPredictions, claim: Correspondences) -> N
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if bad.size:
             queries = np.unique(np.searchsorted(claim.offsets, bad, side="right") - 1)
-            named = predictions.query_ids[np.clip(queries, 0, len(predictions.query_ids) - 1)]
+            # Offsets that do not add up, which is a fault of its own, may point beyond the ids.
+            known = (queries >= 0) & (queries < len(predictions.query_ids))
+            named = first_of(predictions.query_ids[queries[known]])
             raise PredictionError(
-                f"{len(bad)} rows are NaN or infinite, of {first_of(named)} queries",
+                f"{len(bad)} rows are NaN or infinite, in queries: {named}",
                 where=f"{predictions.path}, field '{name}'",
                 expected="finite coordinates; leave out what was not matched",
             )

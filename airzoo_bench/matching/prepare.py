@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import sha256_of
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.settings import Crop, Prior
-from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.truth import MatchingTruth, with_truth_as_prior
 from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_of, poses_of
 from airzoo_bench.scene_inputs import SceneInputs
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["build_truth"]
 
+# No GPS and no gimbal is as good as this.
+_SAME_M, _SAME_DEG = 1e-3, 1e-3
 _NO_PRIOR = "no GPS position or gimbal angles in the metadata"
 _NO_CROP = {
     CropStatus.OFF_MAP: "by the prior pose, it does not see the map",
@@ -49,9 +52,11 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     asked = photos[there].reset_index(drop=True)
     if prior.source == "metadata":
         _refuse_truth_as_prior(asked)
+    else:
+        asked = with_truth_as_prior(asked)
     windows = crop_windows(
         cameras_of(asked),
-        poses_of(asked, columns),
+        poses_of(asked, PRIOR_COLUMNS),
         inputs.dom,
         inputs.dsm,
         margin=crop.margin,
@@ -75,8 +80,11 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
 
 
 def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
-    same = photos[list(PRIOR_COLUMNS)].to_numpy() == photos[list(POSE_COLUMNS)].to_numpy()
-    if len(photos) and same.all():
+    # Not number by number: a pose has two quaternions, and metadata are rounded.
+    priors, poses = poses_of(photos, PRIOR_COLUMNS), poses_of(photos)
+    apart = np.linalg.norm(priors.centres - poses.centres, axis=1)
+    turned = rotation_angle_deg(priors.rotation, poses.rotation)
+    if len(photos) and (apart < _SAME_M).all() and (turned < _SAME_DEG).all():
         raise BenchmarkError(
             "the prior poses equal the ground truth",
             expected="priors from the photos' own metadata",

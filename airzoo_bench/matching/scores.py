@@ -26,8 +26,8 @@ def auc_column(limit_m: float) -> str:
 def matching_scores(settings: MatchingScores) -> list[Score]:
     """Return the scores that a protocol asks for.
 
-    Where the truth has no trusted orientation, there is no pose recall and the headline is the
-    paper's table of RTK positions: median and translation recall. Otherwise it is pose recall.
+    The headline is the paper's: median error and translation recall, and pose recall where the
+    truth has a trusted orientation.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
         "error_m", "Median", "m", higher_is_better=False, average="median", headline=True
     )
     within = [
-        _share(translation_column(m), f"@{m:g}m", headline=not trusted)
+        _share(translation_column(m), f"@{m:g}m", headline=True)
         for m in settings.translation_below_m
     ]
     beyond = [
@@ -55,7 +55,7 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
             Score("rotation_deg", "Rotation", "deg", higher_is_better=False, average="median")
         )
     beyond += [_share(auc_column(m), f"AUC@{m:g}m") for m in settings.auc_up_to_m]
-    return [median, *pose, *within, *beyond]
+    return [median, *within, *pose, *beyond]
 
 
 def _share(column: str, title: str, *, headline: bool = False) -> Score:

@@ -17,6 +17,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.queries import (
+    POSE_COLUMNS,
     PRIOR_COLUMNS,
     cameras_of,
     conditions_of,
@@ -27,7 +28,7 @@ from airzoo_bench.queries import (
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["CROP_COLUMNS", "MatchingTruth", "read_truth", "write_truth"]
+__all__ = ["CROP_COLUMNS", "MatchingTruth", "read_truth", "with_truth_as_prior", "write_truth"]
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
 
@@ -97,6 +98,13 @@ class MatchingTruth:
         return digest.hexdigest()
 
 
+def with_truth_as_prior(queries: pd.DataFrame) -> pd.DataFrame:
+    """Return the queries with their true poses as priors, for a protocol that says so."""
+    return queries.assign(
+        **{prior: queries[pose] for prior, pose in zip(PRIOR_COLUMNS, POSE_COLUMNS, strict=True)}
+    )
+
+
 def write_truth(folder: Path, truth: MatchingTruth) -> None:
     """Write a scene's truth below its folder, beside ``queries.csv``."""
     home = folder / "matching"
@@ -121,6 +129,8 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     home = folder / "matching"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries = read_queries(folder, excluded)
+    if benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source") == "truth":
+        queries = with_truth_as_prior(queries)
     crops = read_table(home / "crops.csv", ("id", *CROP_COLUMNS))
     if crops["id"].tolist() != queries["id"].tolist():
         raise BenchmarkError(

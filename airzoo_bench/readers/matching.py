@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.errors import CameraError, PredictionError
 from airzoo_bench.geometry.poses import Poses, check_rotations
 from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions, PoseClaim
 from airzoo_bench.readers.arrays import (
@@ -25,6 +25,7 @@ from airzoo_bench.readers.pose_list import read_pose_list
 
 __all__ = ["read_matching"]
 
+_COARSEST_M = 1e-3
 _COMMON = ("protocol", "query_ids")
 _MATCHES = ("offsets", "query_xy", "map_xy", "map_frame", "image_size")
 _PAIRS = ("offsets", "query_xy", "points3d", "image_size")
@@ -89,7 +90,7 @@ def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
     if "map_xy" in arrays.names():
         map_xy = numbers(arrays, "map_xy", (None, 2)).astype(np.float64)
     else:
-        points = numbers(arrays, "points3d", (None, 3)).astype(np.float64)
+        points = _precise(arrays, "points3d", (None, 3))
     for name, values in (("map_xy", map_xy), ("points3d", points)):
         if values is not None and len(values) != len(query_xy):
             raise PredictionError(
@@ -122,7 +123,7 @@ def _map_frame(arrays: Arrays) -> Literal["map", "crop"]:
 
 
 def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
-    values = numbers(arrays, "poses", (None, 3, 4)).astype(np.float64)
+    values = _precise(arrays, "poses", (None, 3, 4))
     check_length(arrays, "poses", values, len(query_ids))
     found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=(1, 2)))
     half = ~found & np.isfinite(values).any(axis=(1, 2))
@@ -132,11 +133,40 @@ def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
             where=f"{arrays.path}, field 'poses'",
             expected="a whole pose (3, 4), or NaN in all of it where there is none",
         )
-    where = f"{arrays.path}, field 'poses'"
     rotation = np.tile(np.eye(3), (len(values), 1, 1))
-    rotation[found] = check_rotations(values[found, :, :3], query_ids[found].tolist(), where)
+    rotation[found] = _rotations(arrays.path, values[found, :, :3], query_ids[found])
     translation = np.where(found[:, None], values[:, :, 3], 0.0)
     return PoseClaim(found, Poses.from_translations(rotation, translation))
+
+
+def _rotations(
+    path: Path, matrices: NDArray[np.float64], names: NDArray[np.str_]
+) -> NDArray[np.float64]:
+    try:
+        return check_rotations(matrices, names.tolist())
+    except CameraError as error:
+        raise PredictionError(
+            error.what,
+            where=f"{path}, field 'poses'",
+            expected=error.expected,
+            mend=error.mend or "write [R | t] with the rotation matrix R, world-to-camera",
+        ) from error
+
+
+def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """Read coordinates of the scene, which are millions of metres: float32 keeps 0.25 m of them."""
+    values = numbers(arrays, name, shape)
+    largest = float(np.abs(values[np.isfinite(values)], dtype=np.float64).max(initial=0.0))
+    step = largest * float(np.finfo(values.dtype).eps)
+    if step > _COARSEST_M:
+        raise PredictionError(
+            f"field '{name}' is {values.dtype}, which keeps coordinates such as {largest:.0f} to "
+            f"{step:.2g} m only",
+            where=arrays.path,
+            expected="float64",
+            mend=f"compute and write {name} as float64",
+        )
+    return values.astype(np.float64)
 
 
 def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.images import SUFFIXES
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.files import read_text
 from airzoo_bench.geometry.poses import Poses
@@ -23,20 +24,21 @@ _UNIT_TOLERANCE = 1e-3
 def read_pose_list(path: Path) -> MatchingPredictions:
     """Read world-to-camera poses, a line each.
 
-    Names are ids without the file's ending. The identity, and NaN, stand for a pose that was not
-    found: that is how some tools write a failure.
+    Names are ids, with the photo's ending or without. The identity, and NaN, stand for a pose that
+    was not found: that is how some tools write a failure.
 
     Raises
     ------
     PredictionError
-        A line has other columns, a quaternion is not of unit length or looks like x y z w.
+        A line has other columns, a pose is NaN in part, a quaternion is not of unit length.
     """
     lines = read_text(path, PredictionError, "pose file", _LIMIT_BYTES).splitlines()
-    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    rows = [line.split() for line in lines if line.strip() and line.lstrip()[0] != "#"]
     _check_rows(rows, path)
-    names = np.array([row[0].rsplit(".", 1)[0] for row in rows], dtype=str)
+    names = np.array([_without_ending(row[0]) for row in rows], dtype=str)
     values = np.array([_floats(row, path) for row in rows], dtype=np.float64)
-    found = np.isfinite(values).all(axis=1)
+    found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
+    _check_whole(values, found, names, path)
     found &= ~(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)
     _check_unit(values[found, :4], names[found], path)
     quaternion = np.where(found[:, None], values[:, :4], (1.0, 0.0, 0.0, 0.0))
@@ -64,6 +66,24 @@ def _check_rows(rows: list[list[str]], path: Path) -> None:
             f"names that cannot be ids in {first_of([f'row {n + 1}' for n in odd], len(rows))}",
             where=path,
             expected="printable ids such as City/DJI_0001",
+        )
+
+
+def _without_ending(name: str) -> str:
+    """Take off what ends a photo's name, and nothing else that follows a dot."""
+    stem, dot, ending = name.rpartition(".")
+    return stem if dot + ending.lower() in SUFFIXES else name
+
+
+def _check_whole(
+    values: NDArray[np.float64], found: NDArray[np.bool_], names: NDArray[np.str_], path: Path
+) -> None:
+    half = np.flatnonzero(~found & ~np.isnan(values).all(axis=1))
+    if half.size:
+        raise PredictionError(
+            f"poses that are NaN or infinite in part: {first_of(names[half], len(names))}",
+            where=path,
+            expected="a whole pose, or nan in all seven columns where there is none",
         )
 
 

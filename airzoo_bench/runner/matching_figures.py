@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import find_benchmark
 from airzoo_bench.datasets.images import read_rgb_photo
-from airzoo_bench.geometry.grids import pixel_to_world
-from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.planes import change_of_plane
+from airzoo_bench.geometry.rasters import open_info, read_rgb
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.track import ScoredScene
 from airzoo_bench.matching.truth import MatchingTruth
@@ -65,13 +67,23 @@ def draw_figures(
 
 
 def _draw_map(truth: MatchingTruth, scored: ScoredScene, title: str, path: Path) -> None:
-    corners = pixel_to_world(truth.dom.transform, [(0, 0), (truth.dom.width, truth.dom.height)])
-    (left, top), (right, bottom) = corners
+    """Draw in metres along the map's sides: its CRS need not be the scene's, nor north be up."""
+    dom, scene_crs = truth.dom, open_info(truth.dsm).crs
+    corners = pixel_to_world(dom.transform, [(0, 0), (dom.width, 0), (0, dom.height)])
+    origin, right, down = change_of_plane(dom.crs, scene_crs)(corners)
+    sides = np.linalg.norm([right - origin, down - origin], axis=1)
+    to_dom = change_of_plane(scene_crs, dom.crs)
+
+    def along_sides(centres: NDArray[np.float64]) -> NDArray[np.float64]:
+        pixels = world_to_pixel(dom.transform, to_dom(centres[:, :2]))
+        east, south = (pixels * sides / (dom.width, dom.height)).T
+        return np.stack([east, sides[1] - south], axis=1)
+
     figure = draw_queries_on_map(
-        read_rgb(truth.dom.path, long_side_px=_LONG_SIDE_PX),
-        (left, right, bottom, top),
-        truth.poses.centres[:, :2],
-        scored.centres[:, :2],
+        read_rgb(dom.path, long_side_px=_LONG_SIDE_PX),
+        (0.0, float(sides[0]), 0.0, float(sides[1])),
+        along_sides(truth.poses.centres),
+        along_sides(scored.centres),
         title,
     )
     save_figure(figure, path)

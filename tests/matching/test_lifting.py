@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,9 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 
 from airzoo_bench.errors import PredictionError, RasterError
-from airzoo_bench.geometry.cameras import Cameras, back_project, project
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, read_rgb
-from airzoo_bench.geometry.rays import intersect_heightfield
+from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.matching import lifting
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from tests.geometry.support import quick, seeds, write_tif
@@ -226,6 +222,15 @@ def test_no_matches_and_no_matches_at_all(tmp_path: Path) -> None:
         lift(np.zeros((1, 2)), map_of(4, 4), tmp_path / "none.tif", workers=1)
 
 
+def test_a_truncated_file_is_named(tmp_path: Path) -> None:
+    heights = np.random.default_rng(0).normal(size=(300, 300)).astype(np.float32)
+    path = write_tif(tmp_path / "d.tif", heights, tiled=True, blockxsize=64, blockysize=64)
+    path.write_bytes(path.read_bytes()[:200_000])
+    xy = np.random.default_rng(0).uniform(0, 300, (3000, 2))
+    with pytest.raises(RasterError, match=r"d\.tif: cannot be read"):
+        lift(xy, map_of(300, 300), path, workers=2)
+
+
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_nodata_is_what_gdal_takes_for_it(tmp_path: Path, dtype: str) -> None:
     # Numbers next to the nodata value: GDAL has a tolerance of its own.
@@ -248,47 +253,3 @@ def test_masks_and_scaled_integers(tmp_path: Path) -> None:
         dataset.write_mask(np.array([[255, 0], [255, 255]], np.uint8))
     lifted = lift([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)], map_of(2, 2), path, workers=1)
     np.testing.assert_allclose(lifted.points[:, 2], (95.0, NAN, 100.7), atol=1e-9)
-
-
-def test_through_a_real_photo_and_back(brighton: Path) -> None:
-    dom, field = open_info(brighton / "dom_10cm.tif"), HeightField.read(brighton / "dsm_10cm.tif")
-    scene = json.loads((brighton / "poses.json").read_text())
-    xy = np.random.default_rng(0).uniform((0, 0), (dom.width, dom.height), (20_000, 2))
-    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", workers=2)
-    # 44 % of the surface model have a height.
-    assert 0.4 < lifted.valid.mean() < 0.6
-    assert lifted.points[lifted.valid, 2].min() > 150
-    for name in ("DJI_0022.JPG", "DJI_0030.JPG"):
-        camera = Cameras.from_matrices([scene["K"]], 4000, 2250, np.array([scene["dist_k1k2p1p2"]]))
-        image = scene["images"][name]
-        pose = Poses.from_centres([image["R_w2c"]], [image["center_utm"]])
-        pixels = project(camera, world_to_camera(pose, lifted.points[lifted.valid][None]))
-        seen = ((pixels[0] >= 0) & (pixels[0] <= (4000, 2250))).all(axis=-1)
-        rays = rays_to_world(pose, back_project(camera, pixels[:, seen]))
-        hits = intersect_heightfield(pose.centres, rays, field, 200.0)
-        back = world_to_pixel(dom.transform, hits.points[0, :, :2])
-        off = np.linalg.norm(back - xy[lifted.valid][seen], axis=-1)
-        assert seen.sum() > 500
-        # Beside gaps the surface has walls, that hide what is behind them.
-        assert np.mean(off < 1e-5) > 0.8
-
-
-def test_real_map_and_photo_show_the_same(brighton: Path) -> None:
-    from PIL import Image
-
-    dom = open_info(brighton / "dom_10cm.tif")
-    scene = json.loads((brighton / "poses.json").read_text())
-    image = scene["images"]["DJI_0030.JPG"]
-    pose = Poses.from_centres([image["R_w2c"]], [image["center_utm"]])
-    lens = np.array([scene["dist_k1k2p1p2"]])
-    camera = Cameras.from_matrices([scene["K"]], 4000, 2250, lens).scaled(1000, 562)
-    with Image.open(brighton / "images" / "DJI_0030.JPG") as photo:
-        grey = np.asarray(photo.convert("L").resize((1000, 562)), np.float64)
-    xy = np.random.default_rng(0).uniform((0, 0), (dom.width, dom.height), (20_000, 2))
-    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", workers=1)
-    pixels = project(camera, world_to_camera(pose, lifted.points[None]))[0]
-    seen = ((pixels >= 0) & (pixels < (1000, 562))).all(axis=-1)
-    column, row = pixels[seen].astype(int).T
-    on_map = xy[seen].astype(int)
-    colours = read_rgb(brighton / "dom_10cm.tif").mean(axis=-1)[on_map[:, 1], on_map[:, 0]]
-    assert np.corrcoef(grey[row, column], colours)[0, 1] > 0.6

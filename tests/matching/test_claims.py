@@ -1,0 +1,161 @@
+"""Claims held against the truth: rows find their queries, and what cannot be meant is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
+from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
+from airzoo_bench.readers.matching import read_matching
+from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
+
+EVERY = np.arange(N_QUERIES)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+def claimed(
+    world: World, path: Path, fields: dict[str, Any], rows: np.ndarray[Any, Any] = EVERY
+) -> SceneClaim:
+    predictions = read_matching(world.write(path / "claim.npz", fields), 1 << 30)
+    return claim_of_scene(predictions, world.truth, rows)
+
+
+def refused(world: World, path: Path, fields: dict[str, Any]) -> str:
+    with pytest.raises(PredictionError) as caught:
+        claimed(world, path, fields)
+    assert "claim.npz, " in str(caught.value)
+    return str(caught.value)
+
+
+def test_rows_find_their_queries(world: World, tmp_path: Path) -> None:
+    # The predictions have the queries in this order; query 1 is not among them.
+    rows = np.array([3, -1, 0, 2, 1])
+    there = [2, 4, 3, 0]
+    kept = [world.query_xy[q][: 10 + q] for q in there]
+    fields = world.correspondences(kept, map_xy=[world.map_xy[q][: 10 + q] for q in there])
+    fields["query_ids"] = np.array([world.ids[q] for q in there])
+    claim = claimed(world, tmp_path, fields, rows)
+    assert claim.answered.tolist() == [True, False, True, True, True]
+    assert np.diff(claim.offsets).tolist() == [10, 0, 12, 13, 14]
+    for query, part in enumerate(claim.parts()):
+        count = part.stop - part.start
+        np.testing.assert_array_equal(claim.query_xy[part], world.query_xy[query][:count])
+        assert claim.map_xy is not None
+        np.testing.assert_array_equal(claim.map_xy[part], world.map_xy[query][:count])
+
+
+def test_pixels_of_crops_become_those_of_the_map(world: World, tmp_path: Path) -> None:
+    claim = claimed(world, tmp_path, world.in_crops())
+    np.testing.assert_allclose(claim.map_xy, np.concatenate(world.map_xy), rtol=0, atol=1e-10)
+
+
+def test_poses_of_missing_queries_are_nan(world: World, tmp_path: Path) -> None:
+    claim = claimed(world, tmp_path, world.poses(), np.array([4, -1, 2, 3, 0]))
+    assert claim.poses is not None
+    assert np.isnan(claim.poses.centres).all(axis=1).tolist() == [False, True, False, False, False]
+    np.testing.assert_allclose(claim.poses.centres[0], world.truth.poses.centres[4], atol=1e-7)
+
+
+@pytest.mark.parametrize("slack", [0.0, 1.0])
+def test_borders_belong_to_the_picture(world: World, tmp_path: Path, slack: float) -> None:
+    corner = np.array([[-slack, -slack], np.add(SIZE, slack)])
+    sides = world.truth.crops[:, 2:]
+    fields = world.correspondences(
+        [corner] * N_QUERIES, map_xy=[np.stack([corner[0], side + slack]) for side in sides]
+    )
+    claimed(world, tmp_path, fields | {"map_frame": np.array("crop")})
+
+
+def test_another_image_size(world: World, tmp_path: Path) -> None:
+    size = np.tile(SIZE, (N_QUERIES, 1))
+    claimed(world, tmp_path, world.matches(image_size=size))
+    size[3] = (320, 240)
+    message = refused(world, tmp_path, world.matches(image_size=size))
+    for part in ("hills/q3", "640x480", "320x240", "1 of 5", "'image_size'", "multiply x and y"):
+        assert part in message
+    # Width and height the wrong way round are another size too.
+    assert "480x640" in refused(
+        world, tmp_path, world.matches(image_size=np.tile((480, 640), (5, 1)))
+    )
+
+
+@pytest.mark.parametrize("pixel", [(-1.5, 3.0), (641.5, 3.0), (3.0, -1.5), (3.0, 481.5)])
+def test_pixels_outside_the_photo(world: World, tmp_path: Path, pixel: tuple[float, float]) -> None:
+    query_xy = [xy.copy() for xy in world.query_xy]
+    query_xy[2][7] = pixel
+    fields = world.correspondences(query_xy, map_xy=world.map_xy)
+    message = refused(world, tmp_path, fields)
+    for part in ("1 pixels outside", "hills/q2", f"({pixel[0]}, {pixel[1]})", "640x480", "scale"):
+        assert part in message
+
+
+def test_rows_before_columns_are_outside_the_photo(world: World, tmp_path: Path) -> None:
+    swapped = [xy[:, ::-1] for xy in world.query_xy]
+    fields = world.correspondences(swapped, map_xy=world.map_xy)
+    assert "outside the photo" in refused(world, tmp_path, fields)
+
+
+def test_pixels_of_the_map_are_outside_the_crop(world: World, tmp_path: Path) -> None:
+    fields = world.matches(map_frame=np.array("crop"))
+    message = refused(world, tmp_path, fields)
+    for part in ("outside the crop", "hills/q", "'map_xy'", "map_frame='map'"):
+        assert part in message
+
+
+def test_camera_to_world(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    inverted = np.swapaxes(true.rotation, 1, 2)
+    fields = world.named(poses=np.concatenate([inverted, true.centres[:, :, None]], axis=2))
+    message = refused(world, tmp_path, fields)
+    for part in ("look camera-to-world", "taken so, cameras lie 5.4 m", "invert", "R.T"):
+        assert part in message
+
+
+def test_only_rotations_camera_to_world(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    # The centre is right, the rotation is turned about.
+    wrong = Poses(rotation=np.swapaxes(true.rotation, 1, 2), centres=true.centres)
+    fields = world.named(poses=np.concatenate([wrong.rotation, wrong.translation[..., None]], 2))
+    assert "rotations look like camera-to-world" in refused(world, tmp_path, fields)
+
+
+def test_quaternions_x_y_z_w(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    quaternions = matrix_to_quaternion(true.rotation)
+    for order, ok in (([0, 1, 2, 3], True), ([1, 2, 3, 0], False)):
+        path = tmp_path / "poses.txt"
+        rows = zip(world.ids, np.hstack([quaternions[:, order], true.translation]), strict=True)
+        path.write_text(
+            "\n".join(f"{name} {' '.join(map(repr, map(float, v)))}" for name, v in rows)
+        )
+        predictions = read_matching(path, 1 << 30)
+        if ok:
+            claim = claim_of_scene(predictions, world.truth, EVERY)
+            assert claim.poses is not None
+            np.testing.assert_allclose(claim.poses.centres, true.centres, rtol=0, atol=1e-6)
+            continue
+        with pytest.raises(PredictionError, match="quaternions in the order x y z w") as caught:
+            claim_of_scene(predictions, world.truth, EVERY)
+        assert "w x y z" in str(caught.value)
+
+
+def test_poor_poses_are_scored_not_refused(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    away = Poses(rotation=true.rotation[::-1], centres=true.centres + (4000.0, 0.0, 900.0))
+    fields = world.named(poses=np.concatenate([away.rotation, away.translation[..., None]], 2))
+    assert claimed(world, tmp_path, fields).poses is not None
+    nothing = world.named(poses=np.full((N_QUERIES, 3, 4), np.nan))
+    assert claimed(world, tmp_path, nothing).answered.all()
+
+
+def test_the_world_has_matches(world: World) -> None:
+    assert [len(xy) for xy in world.query_xy] == [N_MATCHES] * N_QUERIES

@@ -1,0 +1,278 @@
+"""The track end to end on a made world: exact input, failures, order, wrong conventions."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from rasterio import Affine
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.matching.claims import claim_of_scene
+from airzoo_bench.matching.track import ScoredScene, score_scene
+from airzoo_bench.readers.matching import read_matching
+from airzoo_bench.runner.matching import MatchingEvaluation, evaluate_matching
+from airzoo_bench.tables.build import scenes_table
+from tests.matching.world import (
+    EAST,
+    N_MATCHES,
+    N_QUERIES,
+    NORTH,
+    World,
+    made_matching_protocol,
+    make_world,
+)
+from tests.support import run_main, write_raster
+
+GIVEN = {"matches": "matches", "in_crops": "matches", "pairs": "pairs", "poses": "poses"}
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> MatchingEvaluation:
+    path = world.write(folder / "method.npz", fields)
+    return evaluate_matching(path, data=world.root, memory_bytes=1 << 30)
+
+
+def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:
+    return evaluated(world, folder, fields).evaluation.records
+
+
+@pytest.mark.parametrize("form", GIVEN)
+def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> None:
+    run = evaluated(world, tmp_path, getattr(world, form)())
+    rows, result = run.evaluation.records, run.evaluation.result
+    assert rows["query"].tolist() == world.ids
+    for column in ("error_m", "horizontal_m", "vertical_m", "rotation_deg"):
+        assert rows[column].max() < 1e-6
+    assert not rows["failed"].any()
+    assert result.predictions.kind == GIVEN[form]
+    assert f"scored from {GIVEN[form]}" in result.notes
+    assert result.truth.fingerprint == _fingerprint(world, tmp_path)
+    assert result.overall["within_1m_1deg"] == 1.0
+    if form != "poses":
+        assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
+
+
+def _fingerprint(world: World, folder: Path) -> str:
+    return evaluated(world, folder, world.poses()).evaluation.result.truth.fingerprint
+
+
+@pytest.fixture
+def failing(world: World) -> dict[str, Any]:
+    """Return predictions that lack q0, have 3 matches of q1, and q2 off the map."""
+    query_xy = [world.query_xy[1][:3], *world.query_xy[2:]]
+    map_xy = [world.map_xy[1][:3], world.map_xy[2] - 1000, *world.map_xy[3:]]
+    fields = world.correspondences(query_xy, map_xy=map_xy)
+    return fields | {"query_ids": np.array(world.ids[1:])}
+
+
+def test_failures_stay_in_median_and_denominator(
+    world: World, tmp_path: Path, failing: dict[str, Any]
+) -> None:
+    run = evaluated(world, tmp_path, failing)
+    rows, result = run.evaluation.records, run.evaluation.result
+    assert rows["failed"].tolist() == [True, True, True, False, False]
+    assert rows["status"].tolist() == [
+        "missing from the predictions",
+        "too few matches",
+        "too few matches",
+        "solved",
+        "solved",
+    ]
+    for column in ("error_m", "horizontal_m", "vertical_m", "rotation_deg"):
+        assert np.isposinf(rows[column][:3]).all()
+    assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
+    assert rows["outside_map"].tolist() == [0, 0, N_MATCHES, 0, 0]
+    assert np.isnan(run.scored[0].centres[:3]).all()
+    assert [int(inliers.sum()) for inliers in run.scored[0].inliers] == [0, 0, 0, 60, 60]
+    for values in (result.scenes["hills"], result.overall, result.pooled):
+        assert values["error_m"] == np.inf
+        assert values["within_20m"] == values["within_1m_1deg"] == 0.4
+        assert values["auc_20m"] == pytest.approx(0.4)
+    counts = result.counts["hills"]
+    assert (counts["queries"], counts["missing"], counts["failed"]) == (5, 1, 3)
+    said = " | ".join(result.notes)
+    assert "1 queries are missing" in said
+    assert "2 answered queries have no pose (2 too few matches)" in said
+    assert f"{N_MATCHES} of {3 + 3 * N_MATCHES} matches could not be lifted" in said
+
+
+def test_poses_that_were_not_found_are_failures(world: World, tmp_path: Path) -> None:
+    fields = world.poses()
+    fields["poses"][:3] = np.nan
+    rows = records(world, tmp_path, fields)
+    assert rows["status"].tolist() == ["no pose given"] * 3 + ["given"] * 2
+    assert np.isposinf(rows["error_m"][:3]).all()
+
+
+def test_no_matches_at_all(world: World, tmp_path: Path) -> None:
+    none = [np.zeros((0, 2))] * N_QUERIES
+    run = evaluated(world, tmp_path, world.correspondences(none, map_xy=none))
+    assert run.evaluation.records["failed"].all()
+    assert run.evaluation.result.overall["error_m"] == np.inf
+
+
+def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
+    map_xy = [xy.copy() for xy in world.map_xy]
+    for xy in map_xy:
+        xy[: N_MATCHES // 2] = xy[: N_MATCHES // 2][::-1] + 25.0
+    run = evaluated(world, tmp_path, world.correspondences(world.query_xy, map_xy=map_xy))
+    assert run.evaluation.records["error_m"].max() < 1e-6
+    for inliers in run.scored[0].inliers:
+        assert inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
+
+
+def on_surface(
+    world: World, folder: Path, heights: np.ndarray[Any, Any], **grid: Any
+) -> ScoredScene:
+    """Score exact matches on another surface model, a pixel 100 m unless `grid` says."""
+    transform = Affine(100.0, 0, EAST, 0, -100.0, NORTH)
+    dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
+    truth = replace(world.truth, dsm=dsm)
+    read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
+    claim = claim_of_scene(read, truth, np.arange(N_QUERIES))
+    return score_scene(truth, claim, world.protocol.solver, world.protocol.scores)
+
+
+def test_matches_off_the_surface_model(world: World, tmp_path: Path) -> None:
+    rows = on_surface(world, tmp_path, np.full((1, 1, 1), 100.0, np.float32)).records
+    assert (rows["outside_dsm"] == N_MATCHES).sum() >= 3
+    assert (rows["outside_dsm"] + rows["lifted"] == N_MATCHES).all()
+    assert np.isposinf(rows["error_m"][rows["lifted"] == 0]).all()
+
+
+def test_a_surface_model_without_heights(world: World, tmp_path: Path) -> None:
+    nothing = np.full((1, 7, 7), -9999.0, np.float32)
+    rows = on_surface(world, tmp_path, nothing, nodata=-9999.0).records
+    assert (rows["no_height"] == N_MATCHES).all()
+    assert rows["failed"].all()
+
+
+def noisy(world: World, order: list[int]) -> dict[str, Any]:
+    """Return matches with noise and outliers, the queries in some order."""
+    query_xy = []
+    for query, xy in enumerate(world.query_xy):
+        random = np.random.default_rng(query)
+        moved = xy + random.normal(0, 1.0, xy.shape)
+        moved[:20] = random.random((20, 2)) * (640, 480)
+        query_xy.append(np.clip(moved, 0, (640, 480)))
+    fields = world.correspondences(
+        [query_xy[q] for q in order], map_xy=[world.map_xy[q] for q in order]
+    )
+    return fields | {"query_ids": np.array([world.ids[q] for q in order])}
+
+
+def test_records_do_not_depend_on_order_or_workers(world: World, tmp_path: Path) -> None:
+    written = {}
+    for name, order, jobs in (("a", [0, 1, 2, 3, 4], 1), ("b", [3, 0, 4, 2, 1], 3)):
+        path = world.write(tmp_path / f"{name}.npz", noisy(world, order))
+        out = tmp_path / name
+        command = ("eval", "matching", path, "--data", world.root, "--out", out, "--jobs", jobs)
+        assert run_main(*command, "--format", "json") == 0
+        assert {p.name for p in out.iterdir()} == {"result.json", "records.csv", "timings.csv"}
+        written[name] = (out / "records.csv").read_bytes()
+    assert written["a"] == written["b"]
+    rows = pd.read_csv(tmp_path / "a" / "records.csv")
+    assert rows["error_m"].between(1e-3, 5.0).all()
+    assert "seconds" not in rows.columns
+    timings = pd.read_csv(tmp_path / "a" / "timings.csv")
+    assert timings["query"].tolist() == world.ids
+    assert (timings["seconds"] > 0).all()
+
+
+def test_half_a_pixel_of_the_map_is_seen(world: World, tmp_path: Path) -> None:
+    shifted = [xy + 0.5 for xy in world.map_xy]
+    rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=shifted))
+    # A pixel is 2 m: the estimate moves by 1 m to the east and 1 m to the south.
+    assert (abs(rows["horizontal_m"] - 2**0.5) < 0.5).all()
+
+
+def test_half_a_pixel_of_the_query_is_seen(world: World, tmp_path: Path) -> None:
+    shifted = [xy + 0.5 for xy in world.query_xy]
+    rows = records(world, tmp_path, world.correspondences(shifted, map_xy=world.map_xy))
+    # Half a pixel of f = 520 px is 0.055 degrees; 0.078 along the diagonal.
+    assert rows["rotation_deg"].between(0.03, 0.15).all()
+    assert (rows["error_m"] > 1e-3).all()
+
+
+def test_rows_before_columns_are_seen(world: World, tmp_path: Path) -> None:
+    swapped = [xy[:, ::-1] for xy in world.map_xy]
+    rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=swapped))
+    assert (rows["error_m"] > 10).all()
+
+
+def test_crop_pixels_taken_for_map_pixels_are_seen(world: World, tmp_path: Path) -> None:
+    rows = records(world, tmp_path, {k: v for k, v in world.in_crops().items() if k != "map_frame"})
+    assert (rows["error_m"] > 50).all()
+
+
+def test_camera_to_world_is_refused(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    inverted = np.swapaxes(true.rotation, 1, 2)
+    fields = world.named(poses=np.concatenate([inverted, true.centres[..., None]], axis=2))
+    with pytest.raises(PredictionError, match="camera-to-world"):
+        records(world, tmp_path, fields)
+    assert run_main("eval", "matching", tmp_path / "method.npz", "--data", world.root) == 2
+
+
+def test_pixels_of_a_smaller_photo_are_suspected(world: World, tmp_path: Path) -> None:
+    halved = [xy / 2 for xy in world.query_xy]
+    run = evaluated(world, tmp_path, world.correspondences(halved, map_xy=world.map_xy))
+    assert any("in the size of a smaller image" in note for note in run.evaluation.result.notes)
+    exact = evaluated(world, tmp_path, world.matches())
+    assert not any("smaller image" in note for note in exact.evaluation.result.notes)
+
+
+def test_ids_of_another_benchmark(world: World, tmp_path: Path) -> None:
+    fields = world.matches(query_ids=np.array([f"City/{q}" for q in range(N_QUERIES)]))
+    with pytest.raises(PredictionError, match="none of its query ids belongs") as caught:
+        records(world, tmp_path, fields)
+    assert "hills/q0" in str(caught.value)
+    more = world.poses()
+    more["query_ids"] = np.array([*world.ids[:4], "hills/unknown"])
+    result = evaluated(world, tmp_path, more).evaluation.result
+    assert (result.extra_queries, result.counts["hills"]["missing"]) == (1, 1)
+
+
+def test_conditions_are_carried_along(world: World, tmp_path: Path) -> None:
+    rows = records(world, tmp_path, world.matches())
+    for name in ("altitude_m", "pitch_deg"):
+        assert rows[name].tolist() == world.truth.queries[name].tolist()
+
+
+def test_without_trusted_orientation_there_is_no_pose_recall(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    world = make_world(tmp_path, made_matching_protocol("airzoo-real-matching"))
+    run = evaluated(world, tmp_path, world.matches())
+    titles = [column.title for column in scenes_table(run.evaluation.result).columns]
+    assert titles == ["Scene", "Queries", "Median", "@5m", "@10m", "@20m"]
+    assert not any("deg" in column for column in run.evaluation.records.columns[:-1])
+    assert not any("deg" in score for score in run.evaluation.result.overall)
+    path = tmp_path / "method.npz"
+    assert run_main("eval", "matching", path, "--data", world.root, "--all") == 0
+    printed = capsys.readouterr().out
+    header = next(line for line in printed.splitlines() if "Median" in line)
+    places = [header.index(title) for title in ("Median", "@5m", "@10m", "@20m")]
+    assert places == sorted(places)
+    assert "°" not in printed
+    assert "Rotation" not in printed
+
+
+def test_infinity_survives_json(world: World, tmp_path: Path, failing: dict[str, Any]) -> None:
+    path = world.write(tmp_path / "m.npz", failing)
+    out = tmp_path / "out"
+    assert run_main("eval", "matching", path, "--data", world.root, "--out", out) == 0
+    result = json.loads((out / "result.json").read_text())
+    assert result["overall"]["error_m"] == "Infinity"
+    assert pd.read_csv(out / "records.csv")["error_m"].tolist()[:3] == [np.inf] * 3
+    assert run_main("table", out / "result.json") == 0

@@ -1,0 +1,139 @@
+"""Truth written and read, and what its fingerprint sees."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rasterio import Affine
+
+from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS
+from tests.matching.world import SCENE, World, made_matching_protocol, make_world
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+@pytest.fixture
+def copied(world: World, tmp_path: Path) -> Path:
+    """Return a copy of the benchmark folder with the surface model in it."""
+    folder = tmp_path / SCENE
+    shutil.copytree(world.folder, folder)
+    shutil.copy(world.truth.dsm, folder / "dsm.tif")
+    file = folder / "benchmark.toml"
+    file.write_text(file.read_text().replace(f'"{world.truth.dsm}"', '"dsm.tif"'))
+    return folder
+
+
+def test_truth_is_read_as_it_was_written(world: World) -> None:
+    read = world.read()
+    pd.testing.assert_frame_equal(read.queries, world.truth.queries)
+    np.testing.assert_array_equal(read.crops, world.truth.crops)
+    assert read.crops.dtype == np.int64
+    assert read.dsm_sha256 == world.truth.dsm_sha256
+    assert read.fingerprint == world.truth.fingerprint
+    assert read.conditions.columns.tolist() == ["altitude_m", "pitch_deg"]
+
+
+def test_crops_hold_the_matches(world: World) -> None:
+    for crop, map_xy in zip(world.truth.crops, world.map_xy, strict=True):
+        assert (map_xy >= crop[:2]).all()
+        assert (map_xy <= crop[:2] + crop[2:]).all()
+
+
+@pytest.mark.parametrize("column", ["fx", "cy", "k1", "p2", "width", *POSE_COLUMNS[1:], "id"])
+def test_fingerprint_sees_the_queries(world: World, column: str) -> None:
+    queries = world.truth.queries.copy()
+    if column == "id":
+        queries["id"] += "x"
+    elif column == "width":
+        queries.loc[1, column] += 1
+    else:
+        queries.loc[1, column] += 1e-6
+    assert replace(world.truth, queries=queries).fingerprint != world.truth.fingerprint
+
+
+def test_fingerprint_sees_crops_map_and_surface(world: World) -> None:
+    truth, dom = world.truth, world.truth.dom
+    crops = truth.crops.copy()
+    crops[2, 3] += 1
+    shifted = dom.transform * Affine.translation(0.5, 0.5)
+    others = [
+        replace(truth, crops=crops),
+        replace(truth, dsm_sha256="0" * 64),
+        replace(truth, dom=replace(dom, transform=shifted)),
+        replace(truth, dom=replace(dom, width=dom.width + 1)),
+    ]
+    prints = {truth.fingerprint, *(other.fingerprint for other in others)}
+    assert len(prints) == 5
+
+
+def test_fingerprint_does_not_see_conditions(world: World) -> None:
+    queries = world.truth.queries.assign(weather="rain")
+    assert replace(world.truth, queries=queries).fingerprint == world.truth.fingerprint
+
+
+def test_another_surface_model_is_refused(copied: Path) -> None:
+    read = lambda: _read(copied)  # noqa: E731
+    assert read() == "read"
+    dsm = copied / "dsm.tif"
+    content = bytearray(dsm.read_bytes())
+    content[-1] ^= 1
+    dsm.write_bytes(content)
+    assert "not the one that the benchmark was prepared with" in read()
+    dsm.unlink()
+    assert "the surface model is not there" in read()
+
+
+def _read(folder: Path) -> str:
+    from airzoo_bench.matching.truth import read_truth
+
+    try:
+        read_truth(Benchmark.open(folder), SCENE)
+    except BenchmarkError as error:
+        assert str(folder / "dsm.tif") in str(error)
+        assert error.mend
+        return str(error)
+    return "read"
+
+
+def test_crops_of_other_queries_are_refused(copied: Path) -> None:
+    from airzoo_bench.matching.truth import read_truth
+
+    benchmark = Benchmark.open(copied)  # checksums hold here
+    crops = copied / "scenes" / SCENE / "matching" / "crops.csv"
+    lines = crops.read_text().splitlines(keepends=True)
+    crops.write_text("".join([lines[0], *lines[:0:-1]]))
+    with pytest.raises(BenchmarkError, match="not those of queries"):
+        read_truth(benchmark, SCENE)
+    with pytest.raises(BenchmarkError, match="changed since it was prepared"):
+        Benchmark.open(copied)
+
+
+@pytest.mark.parametrize("column", ["fx", "k1", "x", "prior_qw"])
+def test_a_query_without_numbers(world: World, column: str) -> None:
+    queries = world.truth.queries.copy()
+    queries.loc[3, column] = np.nan
+    truth = replace(world.truth, queries=queries)
+    with pytest.raises(BenchmarkError, match=r"hills/q3") as caught:
+        _ = truth.cameras, truth.poses, truth.priors
+    what = {"f": "camera parameters", "k": "camera parameters", "x": "a pose", "p": "a prior pose"}
+    assert f"queries without {what[column[0]]}" in str(caught.value)
+    queries = world.truth.queries.drop(columns=column)
+    with pytest.raises(BenchmarkError, match=f"lack the columns {column}"):
+        _ = (t := replace(world.truth, queries=queries)).cameras, t.poses, t.priors
+
+
+def test_truth_as_prior_is_read_so(tmp_path: Path) -> None:
+    named = make_world(tmp_path, made_matching_protocol(prior={"source": "truth"}))
+    for truth in (named.truth, named.read()):
+        given = truth.queries[list(PRIOR_COLUMNS)].to_numpy()
+        np.testing.assert_array_equal(given, truth.queries[list(POSE_COLUMNS)].to_numpy())

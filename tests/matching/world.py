@@ -1,0 +1,247 @@
+"""A made world with exact matches: hills, a coarse map, oblique cameras with a lens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from rasterio import Affine
+from scipy.ndimage import map_coordinates
+
+from airzoo_bench.benchmark import Benchmark, BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.files import sha256_of
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.matching.prepare import build_truth
+from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
+from airzoo_bench.protocol import MatchingProtocol, load_protocol, shipped_protocols
+from airzoo_bench.queries import write_queries
+from airzoo_bench.scene_inputs import SceneInputs, photo_table
+from tests.geometry.support import looking_down
+from tests.support import PLACE_CRS, write_raster
+
+SCENE = "hills"
+N_QUERIES = 5
+SIZE = (640, 480)
+FOCAL = 520.0
+LENS = (-0.05, 0.02, 1e-3, -5e-4, 0.0)
+EAST, NORTH = 500_000.0, 5_200_000.0
+MAP_PX, MAP_GSD = 300, 2.0
+DSM_PX, DSM_GSD = 140, 5.0
+# The surface model begins outside the map, by a distance that is no multiple of its pixels.
+DSM_OFFSET = -33.0
+N_MATCHES = 60
+
+
+@dataclass(frozen=True)
+class World:
+    """A benchmark folder `root / SCENE` and exact matches of its queries."""
+
+    root: Path
+    protocol: MatchingProtocol
+    truth: MatchingTruth
+    query_xy: list[np.ndarray[Any, Any]]
+    map_xy: list[np.ndarray[Any, Any]]
+    points: list[np.ndarray[Any, Any]]
+
+    @property
+    def folder(self) -> Path:
+        return self.root / SCENE
+
+    @property
+    def ids(self) -> list[str]:
+        return self.truth.queries["id"].tolist()
+
+    def read(self) -> MatchingTruth:
+        return read_truth(Benchmark.open(self.folder), SCENE)
+
+    def matches(self, **changes: Any) -> dict[str, Any]:
+        """Return the fields of a prediction file of exact matches, some changed or left out."""
+        fields = self.correspondences(self.query_xy, map_xy=self.map_xy)
+        return {k: v for k, v in (fields | changes).items() if v is not None}
+
+    def in_crops(self) -> dict[str, Any]:
+        """Return the same matches in pixels of the queries' crops."""
+        corners = self.truth.crops[:, :2]
+        local = [xy - corner for xy, corner in zip(self.map_xy, corners, strict=True)]
+        return self.correspondences(self.query_xy, map_xy=local) | {"map_frame": np.array("crop")}
+
+    def pairs(self) -> dict[str, Any]:
+        """Return the same matches with points instead of map pixels."""
+        return self.correspondences(self.query_xy, points3d=self.points)
+
+    def poses(self) -> dict[str, Any]:
+        """Return the true poses as R and t."""
+        poses = self.truth.poses
+        matrices = np.concatenate([poses.rotation, poses.translation[:, :, None]], axis=2)
+        return self.named(poses=matrices)
+
+    def correspondences(self, query_xy: list[Any], **lists: list[Any]) -> dict[str, Any]:
+        offsets = np.concatenate([[0], np.cumsum([len(part) for part in query_xy])])
+        parts = {key: np.concatenate(rows) for key, rows in {"query_xy": query_xy, **lists}.items()}
+        return self.named(offsets=offsets, **parts)
+
+    def named(self, **fields: Any) -> dict[str, Any]:
+        return {
+            "protocol": np.array(self.protocol.name),
+            "query_ids": np.array(self.ids),
+            **fields,
+        }
+
+    def write(self, path: Path, fields: dict[str, Any]) -> Path:
+        np.savez(path, **fields)
+        return path
+
+
+def made_matching_protocol(base: str = "photos-matching", **sections: Any) -> MatchingProtocol:
+    """Return a shipped protocol for the made scene, with some keys of sections changed."""
+    values = load_protocol(shipped_protocols()[base]).model_dump(by_alias=True)
+    values |= {
+        "name": f"{SCENE}-matching",
+        "benchmark": SCENE,
+        "scenes": ({"id": SCENE, "title": "Hills"},),
+    }
+    for section, keys in sections.items():
+        values[section] = values[section] | keys
+    return MatchingProtocol.model_validate(values)
+
+
+def made_inputs(folder: Path) -> SceneInputs:
+    """Write rasters and photos, and return what the truth is made from."""
+    folder.mkdir(parents=True, exist_ok=True)
+    dom, dsm = _write_rasters(folder)
+    cameras, poses = made_cameras(), made_poses()
+    # GPS and gimbal are a few metres and degrees off.
+    priors = Poses(
+        rotation=np.concatenate([looking_down(22 + 2 * q, 63 * q + 3) for q in range(N_QUERIES)]),
+        centres=poses.centres + (3.0, -2.0, 4.0),
+    )
+    images = tuple(f"q{q}.png" for q in range(N_QUERIES))
+    _write_photos(folder / "photos", images)
+    photos = photo_table(SCENE, images, cameras, poses, priors, 100.0)
+    return SceneInputs(SCENE, photos, PLACE_CRS, open_info(dom), dsm, 100.0)
+
+
+def made_cameras() -> Cameras:
+    return Cameras(
+        np.full(N_QUERIES, SIZE[0]),
+        np.full(N_QUERIES, SIZE[1]),
+        np.full((N_QUERIES, 2), FOCAL),
+        np.tile((SIZE[0] / 2 + 3, SIZE[1] / 2 - 2), (N_QUERIES, 1)).astype(np.float64),
+        np.tile(LENS, (N_QUERIES, 1)),
+    )
+
+
+def made_poses() -> Poses:
+    rotation = np.concatenate([looking_down(20 + 2 * q, 63 * q) for q in range(N_QUERIES)])
+    east = EAST + 300 + 15 * np.arange(N_QUERIES)
+    north = NORTH - 310 + 11 * np.arange(N_QUERIES)
+    height = 260.0 + 9 * np.arange(N_QUERIES)
+    return Poses(rotation=rotation, centres=np.stack([east, north, height], axis=1))
+
+
+def make_world(folder: Path, protocol: MatchingProtocol | None = None) -> World:
+    """Prepare the benchmark folder, and match queries to the map without any error."""
+    chosen = protocol or made_matching_protocol()
+    inputs = made_inputs(folder / "sources")
+    truth = build_truth(inputs, chosen.crop, chosen.prior)
+    write_benchmark(folder / "data" / SCENE, inputs, truth, chosen)
+    heights = read_heights(inputs.dsm)
+    matched = [_exact_matches(truth, row, heights) for row in range(len(truth.queries))]
+    query_xy, map_xy, points = (list(part) for part in zip(*matched, strict=True))
+    return World(folder / "data", chosen, truth, query_xy, map_xy, points)
+
+
+def write_benchmark(
+    folder: Path, inputs: SceneInputs, truth: MatchingTruth, protocol: MatchingProtocol
+) -> None:
+    home = folder / "scenes" / SCENE
+    write_queries(home, inputs.photos)
+    write_truth(home, truth)
+    (folder / "protocols").mkdir()
+    values = protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
+    (folder / "protocols" / f"{protocol.name}.toml").write_text(tomli_w.dumps(values))
+    entry = SceneFile(
+        id=SCENE,
+        title="Hills",
+        crs=inputs.crs,
+        plane_height_m=inputs.plane_height_m,
+        images=str(inputs.dsm.parent / "photos"),
+        dom=str(inputs.dom.path),
+        dsm=str(inputs.dsm),
+        dsm_sha256=sha256_of(inputs.dsm),
+    )
+    file = BenchmarkFile(
+        schema=1,
+        name=SCENE,
+        version=1,
+        title="Hills",
+        tracks={"matching": protocol.truth_settings()},
+        scenes=(entry,),
+        checksums={},
+    )
+    write_benchmark_file(folder, file)
+
+
+def lifted(map_xy: np.ndarray[Any, Any], heights: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Lift map pixels by SciPy's interpolation instead of the suite's."""
+    east, north = EAST + MAP_GSD * map_xy[:, 0], NORTH - MAP_GSD * map_xy[:, 1]
+    column = (east - EAST - DSM_OFFSET) / DSM_GSD - 0.5
+    row = (NORTH - DSM_OFFSET - north) / DSM_GSD - 0.5
+    height = map_coordinates(heights.astype(np.float64), [row, column], order=1)
+    return np.stack([east, north, height], axis=1)
+
+
+def read_heights(dsm: Path) -> np.ndarray[Any, Any]:
+    import rasterio
+
+    with rasterio.open(dsm) as dataset:
+        return dataset.read(1)
+
+
+def without(fields: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {key: value for key, value in fields.items() if key not in names}
+
+
+def changed_solver(world: World, **changes: Any) -> World:
+    solver = world.protocol.solver.model_copy(update=changes)
+    return replace(world, protocol=world.protocol.model_copy(update={"solver": solver}))
+
+
+def _exact_matches(truth: MatchingTruth, row: int, heights: np.ndarray[Any, Any]) -> Any:
+    x, y, width, height = truth.crops[row]
+    random = np.random.default_rng(row)
+    map_xy = (x, y) + random.random((4000, 2)) * (width, height)
+    points = lifted(map_xy, heights)
+    camera, pose = truth.cameras.take(row), truth.poses.take(row)
+    pixels = project(camera, world_to_camera(pose, points[None]))[0]
+    seen = ((pixels > 0) & (pixels < SIZE)).all(axis=1)
+    chosen = np.flatnonzero(seen)[:N_MATCHES]
+    return pixels[chosen], map_xy[chosen], points[chosen]
+
+
+def _write_rasters(folder: Path) -> tuple[Path, Path]:
+    ground = np.random.default_rng(0).integers(0, 256, (3, MAP_PX, MAP_PX), np.uint8)
+    transform = Affine(MAP_GSD, 0, EAST, 0, -MAP_GSD, NORTH)
+    dom = write_raster(folder / "dom.tif", ground, transform=transform)
+    row, column = np.mgrid[:DSM_PX, :DSM_PX]
+    hills = 100 + 12 * np.sin(column / 9) * np.cos(row / 7) + 0.05 * column
+    corner = Affine(DSM_GSD, 0, EAST + DSM_OFFSET, 0, -DSM_GSD, NORTH - DSM_OFFSET)
+    dsm = write_raster(
+        folder / "dsm.tif", hills[None].astype(np.float32), transform=corner, nodata=-9999.0
+    )
+    return dom, dsm
+
+
+def _write_photos(folder: Path, images: tuple[str, ...]) -> None:
+    from PIL import Image
+
+    folder.mkdir()
+    for number, name in enumerate(images):
+        random = np.random.default_rng(number)
+        small = Image.fromarray(random.integers(0, 256, (12, 16, 3), np.uint8))
+        small.resize(SIZE).save(folder / name)

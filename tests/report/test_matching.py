@@ -1,0 +1,167 @@
+"""Pictures of the matching track: what they show, and that they are the same bytes twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+from rasterio import Affine
+
+from airzoo_bench.report.figures import save_figure
+from airzoo_bench.report.matching import draw_error_curves, draw_matches, draw_queries_on_map
+from tests.matching.world import World, make_world
+from tests.support import run_main
+
+GREY = np.full((48, 64, 3), 128, np.uint8)
+LIMITS = (5.0, 10.0, 20.0)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+def saved(figure: Any, path: Path) -> bytes:
+    save_figure(figure, path)
+    with Image.open(path) as image:
+        # A picture of one colour shows nothing.
+        assert max(high - low for low, high in image.convert("RGB").getextrema()) > 100
+    return path.read_bytes()
+
+
+def errors(**scenes: list[float]) -> pd.DataFrame:
+    rows = [(scene, value) for scene, values in scenes.items() for value in values]
+    return pd.DataFrame(rows, columns=["scene", "error_m"])
+
+
+def test_error_curves_end_at_the_share_that_was_posed(tmp_path: Path) -> None:
+    table = errors(a=[np.inf, 3.0, 0.5, np.inf, 7.0], b=[1.0, 2.0], c=[np.inf, np.inf])
+    draw = lambda: draw_error_curves(table, {"a": "A", "b": "B", "c": "C"}, LIMITS)  # noqa: E731
+    axes = draw().axes[0]
+    curves = {line.get_label(): line.get_xydata() for line in axes.lines[:1]}
+    curves |= {x.get_label(): x.get_xydata() for x in axes.lines if "(n =" in str(x.get_label())}
+    assert list(curves) == ["A (n = 5)", "B (n = 2)", "C (n = 2)"]
+    np.testing.assert_allclose(
+        curves["A (n = 5)"][1:], [[0.5, 20], [3, 40], [7, 60], [axes.get_xlim()[1], 60]]
+    )
+    assert [curve[-1, 1] for curve in curves.values()] == [60, 100, 0]
+    marks = [x.get_xdata()[0] for x in axes.lines if "(n =" not in str(x.get_label())]
+    assert marks == list(LIMITS)
+    assert saved(draw(), tmp_path / "a.png") == saved(draw(), tmp_path / "b.png")
+
+
+@pytest.mark.parametrize("values", [[0.0], [np.inf], [1e-12, 1e9], [5.0, 5.0]])
+def test_error_curves_of_few_queries(tmp_path: Path, values: list[float]) -> None:
+    figure = draw_error_curves(errors(a=values), {"a": "A"}, LIMITS)
+    left, right = figure.axes[0].get_xlim()
+    assert 0 < left < 5
+    assert right > 20
+    saved(figure, tmp_path / "a.png")
+
+
+def test_matches_are_drawn_by_kind(tmp_path: Path) -> None:
+    inliers = np.arange(1000) % 4 == 0
+    xy = np.random.default_rng(0).random((1000, 2)) * (64, 48)
+    crop = np.full((96, 30, 3), 200, np.uint8)
+    figure = draw_matches(GREY, crop, xy, xy[:, ::-1] / 2, inliers, "hills/q0")
+    axes = figure.axes[0]
+    assert "250 of 1000 matches are inliers" in axes.get_title()
+    # At most 200 of each kind; outliers first, so that inliers lie above.
+    colours = [line.get_color() for line in axes.lines]
+    assert len(colours) == 400
+    assert len(set(colours[:200])) == len(set(colours[200:])) == 1
+    assert colours[0] != colours[-1]
+    first = axes.lines[200].get_xydata()
+    np.testing.assert_allclose(first[0], xy[0])
+    # The crop is drawn half as large, to the right of the photo.
+    np.testing.assert_allclose(first[1], xy[0, ::-1] / 4 + (64 * 1.02, 0))
+    none = np.zeros(0, np.bool_)
+    saved(draw_matches(GREY, crop, np.zeros((0, 2)), np.zeros((0, 2)), none, "t"), tmp_path / "n")
+
+
+def test_failures_are_crosses_on_the_map(tmp_path: Path) -> None:
+    truth = np.array([[500_010.0, 5_200_010.0], [500_020.0, 5_200_020.0]])
+    estimate = np.array([[500_013.0, 5_200_014.0], [np.nan, np.nan]])
+    extent = (500_000.0, 500_064.0, 5_200_000.0, 5_200_048.0)
+    figure = draw_queries_on_map(GREY, extent, truth, estimate, "Hills")
+    axes = figure.axes[0]
+    vectors = [x.get_xydata().tolist() for x in axes.lines if x.get_marker() == "None"]
+    assert vectors == [[[10, 10], [13, 14]]]
+    crosses = [x.get_xydata().tolist() for x in axes.lines if x.get_marker() == "x"]
+    assert crosses == [[[20, 20]]]
+    whole = draw_queries_on_map(GREY, extent, truth, truth, "Hills")
+    assert not [x for x in whole.axes[0].lines if x.get_marker() == "x"]
+    saved(figure, tmp_path / "map.png")
+
+
+@pytest.mark.parametrize("form", ["matches", "poses"])
+def test_the_command_draws(world: World, tmp_path: Path, form: str) -> None:
+    fields = getattr(world, form)()
+    if form == "poses":
+        fields["poses"][1] = np.nan
+    path = world.write(tmp_path / "m.npz", fields)
+    drawn = []
+    for name in ("a", "b"):
+        out = tmp_path / name
+        ask = ("--data", world.root, "--out", out, "--figures")
+        assert run_main("eval", "matching", path, *ask) == 0
+        drawn.append({p.name: p.read_bytes() for p in (out / "figures").iterdir()})
+    pictures = {f"hills_q{q}_matches.png" for q in range(5)} if form == "matches" else set()
+    assert set(drawn[0]) == {"errors.png", "hills_map.png"} | pictures
+    assert drawn[0] == drawn[1]
+
+
+def test_figures_need_a_folder_and_photos(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = world.write(tmp_path / "m.npz", world.matches())
+    ask = ("eval", "matching", path, "--data", world.root, "--figures")
+    assert run_main(*ask) == 2
+    assert "--out" in capsys.readouterr().err
+    photo = world.root.parent / "sources" / "photos" / "q3.png"
+    moved = photo.rename(tmp_path / "q3.png")
+    try:
+        assert run_main(*ask, "--out", tmp_path / "out") == 2
+    finally:
+        moved.rename(photo)
+    assert "q3.png" in capsys.readouterr().err
+
+
+def test_a_map_in_another_crs_still_lies_under_its_queries(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dataclasses import replace
+
+    from pyproj import CRS
+
+    from airzoo_bench.geometry.frames import to_lonlat
+    from airzoo_bench.runner import matching_figures
+    from airzoo_bench.runner.matching import evaluate_matching
+
+    path = world.write(tmp_path / "m.npz", world.poses())
+    run = evaluate_matching(path, data=world.root, memory_bytes=1 << 30)
+    truth, dom = run.truths[0], run.truths[0].dom
+    corner, east, south = to_lonlat(
+        dom.crs, np.array([[5e5, 5.2e6], [5e5 + 600, 5.2e6], [5e5, 5.2e6 - 600]])
+    )
+    step = (east - corner) / 300, (south - corner) / 300
+    turned = Affine(step[0][0], step[1][0], corner[0], step[0][1], step[1][1], corner[1])
+    lonlat = replace(dom, crs=CRS.from_epsg(4326), transform=turned)
+    seen = []
+
+    def look(_: Any, extent: Any, truth_xy: Any, estimate_xy: Any, title: str) -> Any:
+        seen.append((extent, truth_xy, estimate_xy))
+        return draw_queries_on_map(GREY, extent, truth_xy, estimate_xy, title)
+
+    monkeypatch.setattr(matching_figures, "draw_queries_on_map", look)
+    for number, other in enumerate((truth, replace(truth, dom=lonlat))):
+        matching_figures._draw_map(other, run.scored[0], "Hills", tmp_path / f"{number}.png")
+    np.testing.assert_allclose(seen[0][0], (0, 600, 0, 600))
+    expected = world.truth.poses.centres[:, :2] - (5e5, 5.2e6 - 600)
+    np.testing.assert_allclose(seen[0][1], expected, atol=1e-6)
+    for one, other in zip(*seen, strict=True):
+        np.testing.assert_allclose(one, other, atol=0.05)
