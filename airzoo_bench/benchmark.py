@@ -14,17 +14,16 @@ and every file of it is held to its checksum.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import sha256_of
-from airzoo_bench.protocol import Protocol
 from airzoo_bench.settings import SAFE_NAME
 from airzoo_bench.validation import read_toml, validated
 
@@ -35,6 +34,8 @@ __all__ = [
     "Benchmark",
     "BenchmarkFile",
     "SceneFile",
+    "SceneWanted",
+    "TruthWanted",
     "benchmark_folders",
     "data_root",
     "find_benchmark",
@@ -44,6 +45,33 @@ __all__ = [
 
 DATA_VARIABLE = "AIRZOO_BENCH_DATA"
 TRACKS = ("retrieval", "matching")
+
+
+class SceneWanted(Protocol):
+    """A scene that a protocol names."""
+
+    @property
+    def id(self) -> str:
+        """The scene's id."""
+
+
+class TruthWanted(Protocol):
+    """What a protocol asks of a benchmark folder; the folder need not know protocols."""
+
+    @property
+    def name(self) -> str:
+        """The protocol's name."""
+
+    @property
+    def track(self) -> str:
+        """Which track's truth."""
+
+    @property
+    def scenes(self) -> Sequence[SceneWanted]:
+        """The scenes that must be there."""
+
+    def truth_settings(self) -> dict[str, dict[str, Any]]:
+        """Return the values that the truth must have been made by, by section and key."""
 
 
 class _Model(BaseModel):
@@ -127,7 +155,7 @@ class Benchmark:
         """Return the place of a file that benchmark.toml names."""
         return self.folder / path
 
-    def check_fits(self, protocol: Protocol) -> None:
+    def check_fits(self, protocol: TruthWanted) -> None:
         """Refuse a protocol that the truth in this folder was not made for.
 
         Raises

@@ -9,14 +9,11 @@ SIFT finds its own orientation, so a prior whose yaw is wrong does no harm.
 
 from __future__ import annotations
 
-import signal
 import struct
 import warnings
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +26,9 @@ from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, world_to_pixel
 from airzoo_bench.matching.resampling import resample
-from airzoo_bench.matching.sift import Grey, extract, mutual_nearest
 from airzoo_bench.progress import Progress, silent
+from airzoo_bench.sift import Grey, extract, mutual_nearest
+from airzoo_bench.workers import spread
 
 __all__ = ["SiftSettings", "Task", "match", "match_photos", "plan"]
 
@@ -161,14 +159,9 @@ def match_photos(
     RasterError
         The map is not readable, or a window is not inside it.
     """
-    work = partial(_match_task, settings)
-    if workers == 1:
-        yield from progress(map(work, tasks), "photos", len(tasks))
-        return
-    # Processes, since pycolmap keeps the interpreter's lock while it extracts; spawned, since a
-    # fork would copy the thread pools of BLAS in whatever state they are.
-    with ProcessPoolExecutor(workers, get_context("spawn"), _leave_interrupts) as pool:
-        yield from progress(pool.map(work, tasks), "photos", len(tasks))
+    # Processes, since pycolmap keeps the interpreter's lock while it extracts.
+    matched = spread(partial(_match_task, settings), tasks, workers)
+    yield from progress(matched, "photos", len(tasks))
 
 
 def match(
@@ -281,8 +274,3 @@ def _has_data(grey: Grey, xy: Floats) -> Bools:
     inside: Bools = (column >= 0) & (row >= 0) & (column < grey.shape[1]) & (row < grey.shape[0])
     inside[inside] = grey[row[inside], column[inside]] > 0
     return inside
-
-
-def _leave_interrupts() -> None:
-    # Ctrl-C is for the parent, which then ends its workers.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

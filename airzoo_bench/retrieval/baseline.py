@@ -7,18 +7,17 @@ Zisserman, "All about VLAD", CVPR 2013). It is a floor for other methods, not a 
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.progress import Progress, silent
+from airzoo_bench.sift import extract
+from airzoo_bench.workers import spread
 
 __all__ = ["VladSettings", "describe", "learn_words", "root_sift", "vlad"]
 
@@ -27,6 +26,7 @@ Reader = Callable[[], NDArray[np.uint8]]
 
 _SIFT_DIMENSIONS = 128
 _ITERATIONS = 20
+_PEAK_THRESHOLD = 0.02 / 3  # pycolmap's own
 
 
 @dataclass(frozen=True)
@@ -89,32 +89,11 @@ def describe(
 
 
 def root_sift(image: NDArray[np.uint8], max_features: int) -> Floats:
-    """Extract RootSIFT descriptors (n, 128), each of unit length, from a grey image.
-
-    Features nearer to the border than their own scale are left out: most of what they describe
-    is outside the image, and pycolmap 4.2 leaves the descriptors of some of them unwritten, so
-    that they would hold whatever the memory held before.
-    """
-    import pycolmap
-
-    pycolmap.logging.minloglevel = pycolmap.logging.Level.WARNING.value
-    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
-    options.sift.max_num_features = max_features
-    extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
-    keypoints, found = extractor.extract(pycolmap.Bitmap.from_array(np.ascontiguousarray(image)))
-    places = np.array([(k.x, k.y, k.compute_scale()) for k in keypoints]).reshape(-1, 3)
-    inside = _inside(places, image.shape[1], image.shape[0])
-    descriptors = found.data.astype(np.float32).reshape(-1, _SIFT_DIMENSIONS)[inside]
+    """Extract RootSIFT descriptors (n, 128), each of unit length, from a grey image."""
+    _, descriptors = extract(image, max_features, _PEAK_THRESHOLD)
     lengths = np.linalg.norm(descriptors, axis=1, keepdims=True)
     unit: Floats = descriptors / np.maximum(lengths, np.finfo(np.float32).tiny)
     return unit
-
-
-def _inside(places: NDArray[np.float64], width: int, height: int) -> NDArray[np.bool_]:
-    x, y, scale = places.T
-    margin = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
-    far: NDArray[np.bool_] = margin > scale + 1
-    return far
 
 
 def learn_words(features: Sequence[Floats], settings: VladSettings) -> Floats:
@@ -167,20 +146,10 @@ def _extracted(
     progress: Progress,
     label: str,
 ) -> Iterator[Floats]:
-    extract = partial(_extract, settings.max_features)
-    if workers == 1:
-        yield from progress(map(extract, readers), label, len(readers))
-        return
-    # Processes, since pycolmap keeps the interpreter's lock while it extracts; spawned, since a
-    # fork would copy the thread pools of faiss and BLAS in whatever state they are.
-    with ProcessPoolExecutor(workers, get_context("spawn"), _leave_interrupts) as pool:
-        yield from progress(pool.map(extract, readers, chunksize=4), label, len(readers))
+    # Processes, since pycolmap keeps the interpreter's lock while it extracts.
+    found = spread(partial(_features_of, settings.max_features), readers, workers)
+    yield from progress(found, label, len(readers))
 
 
-def _extract(max_features: int, reader: Reader) -> Floats:
+def _features_of(max_features: int, reader: Reader) -> Floats:
     return root_sift(reader(), max_features)
-
-
-def _leave_interrupts() -> None:
-    # Ctrl-C is for the parent, which then ends its workers.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

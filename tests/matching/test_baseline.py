@@ -22,7 +22,7 @@ from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pi
 from airzoo_bench.matching import baseline
 from airzoo_bench.matching.baseline import SiftSettings, Task, match, match_photos, plan
 from airzoo_bench.matching.resampling import resample
-from airzoo_bench.matching.sift import extract, mutual_nearest
+from airzoo_bench.sift import extract, mutual_nearest
 from tests.geometry.support import write_tif
 
 SETTINGS = SiftSettings(

@@ -13,6 +13,7 @@ from rasterio import Affine
 
 from airzoo_bench.benchmark import Benchmark
 from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.matching.truth import read_truth
 from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS
 from tests.matching.world import SCENE, World, made_matching_protocol, make_world
 
@@ -65,7 +66,7 @@ def test_fingerprint_sees_crops_map_and_surface(world: World) -> None:
     truth, dom = world.truth, world.truth.dom
     crops = truth.crops.copy()
     crops[2, 3] += 1
-    shifted = dom.transform * Affine.translation(0.5, 0.5)
+    shifted = dom.transform @ Affine.translation(0.5, 0.5)
     others = [
         replace(truth, crops=crops),
         replace(truth, dsm_sha256="0" * 64),
@@ -82,32 +83,23 @@ def test_fingerprint_does_not_see_conditions(world: World) -> None:
 
 
 def test_another_surface_model_is_refused(copied: Path) -> None:
-    read = lambda: _read(copied)  # noqa: E731
-    assert read() == "read"
+    benchmark = Benchmark.open(copied)
+    assert len(read_truth(benchmark, SCENE).queries) == 5
     dsm = copied / "dsm.tif"
     content = bytearray(dsm.read_bytes())
     content[-1] ^= 1
     dsm.write_bytes(content)
-    assert "not the one that the benchmark was prepared with" in read()
+    with pytest.raises(BenchmarkError, match="not the one that the benchmark was") as changed:
+        read_truth(benchmark, SCENE)
     dsm.unlink()
-    assert "the surface model is not there" in read()
-
-
-def _read(folder: Path) -> str:
-    from airzoo_bench.matching.truth import read_truth
-
-    try:
-        read_truth(Benchmark.open(folder), SCENE)
-    except BenchmarkError as error:
-        assert str(folder / "dsm.tif") in str(error)
-        assert error.mend
-        return str(error)
-    return "read"
+    with pytest.raises(BenchmarkError, match="the surface model is not there") as lost:
+        read_truth(benchmark, SCENE)
+    for caught in (changed, lost):
+        assert caught.value.where == str(dsm)
+        assert caught.value.mend
 
 
 def test_crops_of_other_queries_are_refused(copied: Path) -> None:
-    from airzoo_bench.matching.truth import read_truth
-
     benchmark = Benchmark.open(copied)  # checksums hold here
     crops = copied / "scenes" / SCENE / "matching" / "crops.csv"
     lines = crops.read_text().splitlines(keepends=True)

@@ -118,7 +118,7 @@ def made_inputs(folder: Path) -> SceneInputs:
     # GPS and gimbal are a few metres and degrees off.
     priors = Poses(
         rotation=np.concatenate([looking_down(22 + 2 * q, 63 * q + 3) for q in range(N_QUERIES)]),
-        centres=poses.centres + (3.0, -2.0, 4.0),
+        centres=poses.centres + np.array((3.0, -2.0, 4.0)),
     )
     images = tuple(f"q{q}.png" for q in range(N_QUERIES))
     _write_photos(folder / "photos", images)

@@ -25,7 +25,7 @@ MATCHES: dict[str, Any] = {
     "query_xy": np.arange(10.0).reshape(5, 2),
     "map_xy": np.arange(10.0, 20.0).reshape(5, 2),
 }
-POINTS = np.arange(15.0).reshape(5, 3) + (500_000, 5_200_000, 100)
+POINTS = np.arange(15.0).reshape(5, 3) + np.array((500_000, 5_200_000, 100))
 PAIRS = without(MATCHES, "map_xy") | {"points3d": POINTS}
 CENTRES = np.array([[500_000.0, 5_200_000.0, 200.0], [500_010.0, 5_200_020.0, 210.0]])
 TRUE = Poses.from_centres(np.concatenate([looking_down(10, 30), looking_down(20, 80)]), CENTRES)
