@@ -170,7 +170,8 @@ def find_protocol(name: str, data_root: Path) -> Protocol:
     raise ProtocolError(
         f"unknown protocol {name[:80]!r}{nearest(name[:80], list(known))}",
         expected="a .toml file or one of: " + ", ".join(known),
-        mend="`airzoo-bench protocols` lists them; `--protocol` overrides the file's own",
+        mend=f"protocols of prepared benchmarks were sought in {data_root}: is that the right "
+        "folder (--data, AIRZOO_BENCH_DATA)? `airzoo-bench protocols` lists what is known",
     )
 
 

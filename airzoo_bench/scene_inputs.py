@@ -16,7 +16,7 @@ from airzoo_bench.queries import query_table
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["SceneInputs", "photo_table"]
+__all__ = ["SceneInputs", "photo_id", "photo_table", "with_unposed"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,8 @@ class SceneInputs:
         The surface model.
     plane_height_m : float
         z0, the median of the valid heights.
+    unposed : tuple of str
+        File names of photos without a pose, which no track can ask.
     """
 
     scene: str
@@ -45,6 +47,12 @@ class SceneInputs:
     dom: RasterInfo
     dsm: Path
     plane_height_m: float
+    unposed: tuple[str, ...] = ()
+
+
+def photo_id(scene: str, image: str) -> str:
+    """Return the id of a photo: the scene, and the file's name without its ending."""
+    return f"{scene}/{Path(image).with_suffix('').as_posix()}"
 
 
 def photo_table(
@@ -68,7 +76,7 @@ def photo_table(
     plane_height_m : float
         Altitudes are above it.
     """
-    ids = [f"{scene}/{Path(name).with_suffix('').as_posix()}" for name in images]
+    ids = [photo_id(scene, name) for name in images]
     axis_z = poses.rotation[:, 2, 2]
     below_horizon = np.degrees(np.arcsin(np.clip(-axis_z, -1, 1)))
     table = query_table(ids, images, cameras, poses, priors).assign(
@@ -76,3 +84,17 @@ def photo_table(
         pitch_deg=np.round(below_horizon, 3),
     )
     return table.sort_values("id", kind="stable", ignore_index=True)
+
+
+def with_unposed(left_out: pd.DataFrame, inputs: SceneInputs) -> pd.DataFrame:
+    """Add the photos without a pose to a track's list of those left out, sorted by id."""
+    import pandas as pd
+
+    if not inputs.unposed:
+        return left_out
+    # Names that no text file can hold are written as Python would escape them.
+    names = [name.encode("utf-8", "backslashreplace").decode() for name in inputs.unposed]
+    ids = [photo_id(inputs.scene, name) for name in names]
+    rows = pd.DataFrame({"id": ids, "image": names, "reason": "no pose"})
+    parts = [part for part in (left_out, rows) if not part.empty]
+    return pd.concat(parts).sort_values("id", kind="stable", ignore_index=True)

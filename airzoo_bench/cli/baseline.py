@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, JobsOption, progress, resolve_data, say
+from airzoo_bench.cli.common import (
+    DataOption,
+    JobsOption,
+    progress,
+    resolve_data,
+    say,
+    with_data,
+)
 
 __all__ = ["app"]
 
@@ -47,7 +54,7 @@ def retrieval(
         progress=progress,
     )
     say(f"wrote {out}")
-    say(f"next: airzoo-bench eval retrieval {out}")
+    say(f"next: airzoo-bench eval retrieval {out}{with_data(data)}")
 
 
 @app.command(epilog="Example: airzoo-bench baseline matching brighton-matching --out matches.npz")
@@ -86,4 +93,4 @@ def matching(
         progress=progress,
     )
     say(f"wrote {out}")
-    say(f"next: airzoo-bench eval matching {out}")
+    say(f"next: airzoo-bench eval matching {out}{with_data(data)}")

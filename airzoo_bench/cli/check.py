@@ -26,17 +26,22 @@ def check(
     data: DataOption = None,
     max_memory: MemoryOption = "2G",
 ) -> None:
-    """Say what is wrong with a prediction file; needs no truth. Exit code 1 if anything is."""
+    """Say what is wrong with a prediction file; exit code 1 if anything is.
+
+    Needs no truth; where the benchmark folder is there, ids are held against it.
+    """
     from airzoo_bench.runner.checks import check_predictions
 
-    found = check_predictions(
+    checked = check_predictions(
         predictions,
         data=resolve_data(data),
         protocol=protocol,
         memory_bytes=memory_bytes(max_memory),
     )
-    for fault in found:
+    for fault in checked.faults:
         say(str(fault))
-    if found:
+    for note in checked.notes:
+        say(f"{predictions}: {note}")
+    if checked.faults:
         raise typer.Exit(1)
     put(f"{predictions}: nothing wrong was found\n")

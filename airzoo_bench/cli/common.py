@@ -30,6 +30,7 @@ __all__ = [
     "resolve_data",
     "say",
     "show",
+    "with_data",
 ]
 
 T = TypeVar("T")
@@ -53,14 +54,14 @@ DataOption = Annotated[
     Path | None,
     typer.Option(
         "--data",
-        help="The benchmark folder, or the folder that holds it [default: $AIRZOO_BENCH_DATA, "
-        "else a cache folder].",
+        help="The benchmark folder, or the folder that holds it (default: $AIRZOO_BENCH_DATA, "
+        "else a cache folder).",
         show_default=False,
     ),
 ]
 ProtocolOption = Annotated[
     str | None,
-    typer.Option("--protocol", help="Name or .toml file [default: what the file itself names]."),
+    typer.Option("--protocol", help="Name or .toml file (default: what the file itself names)."),
 ]
 MemoryOption = Annotated[
     str, typer.Option("--max-memory", help="The most that one array may take, such as 512M or 4G.")
@@ -99,6 +100,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else f"\\x{ord(c):02x}" for c in text)
 
 
+def with_data(data: Path | None) -> str:
+    """Return the option to repeat in the command that is suggested next."""
+    return "" if data is None else f" --data {data}"
+
+
 def say(message: str) -> None:
     """Tell the person something on stderr, so that a pipe stays clean."""
     _write(printable(message) + "\n", sys.stderr)
@@ -121,8 +127,10 @@ def show(table: Table, form: Format) -> None:
     """Print a table on stdout."""
     from airzoo_bench.tables.render import render
 
-    text = render(table, form.value)
-    put(text)
+    put(render(table, form.value))
+    if form is Format.CSV:
+        for note in table.notes:
+            say(note)
 
 
 def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:

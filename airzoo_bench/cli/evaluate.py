@@ -30,7 +30,7 @@ __all__ = ["app"]
 
 OutOption = Annotated[Path | None, typer.Option(help="Folder for result.json and records.csv.")]
 MethodOption = Annotated[
-    str | None, typer.Option(help="The method's name in tables [default: the file's name].")
+    str | None, typer.Option(help="The method's name in tables (default: the file's name).")
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 

@@ -52,7 +52,7 @@ def photos(
     dom: Annotated[Path, typer.Option(help="Map that tiles are cut from, GeoTIFF in any CRS.")],
     dsm: Annotated[Path, typer.Option(help="Surface model, GeoTIFF in the CRS of the poses.")],
     crs: Annotated[
-        str | None, typer.Option(help="CRS of the poses [default: what their file says].")
+        str | None, typer.Option(help="CRS of the poses (default: what their file says).")
     ] = None,
     protocol: Annotated[
         str, typer.Option(help="Retrieval protocol to start from, a name or .toml file.")
@@ -62,14 +62,14 @@ def photos(
     ] = "photos-matching",
     tile_size: Annotated[
         list[int] | None,
-        typer.Option(help="Side of a tile in map pixels; repeat it [default: the protocol's]."),
+        typer.Option(help="Side of a tile in map pixels; repeat it (default: the protocol's)."),
     ] = None,
     rule: Annotated[
-        Rule | None, typer.Option(help="When a tile is positive [default: the protocol's].")
+        Rule | None, typer.Option(help="When a tile is positive (default: the protocol's).")
     ] = None,
     iou_above: Annotated[float | None, typer.Option(help="With --rule iou.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The folder to make [default: NAME in the data root].")
+        Path | None, typer.Option(help="The folder to make (default: NAME in the data root).")
     ] = None,
     tiles: Annotated[
         Tiles, typer.Option(help="Leave tiles as windows of the map, or write them as files too.")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, resolve_data, say
+from airzoo_bench.cli.common import DataOption, resolve_data, say, with_data
 
 __all__ = ["template"]
 
@@ -43,4 +43,4 @@ def template(
         seed=seed,
     )
     say(f"wrote {out}: replace its arrays by your own")
-    say(f"next: airzoo-bench eval retrieval {out}")
+    say(f"next: airzoo-bench eval retrieval {out}{with_data(data)}")

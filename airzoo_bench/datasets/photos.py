@@ -124,8 +124,7 @@ def prepare_photos(
             **places,
         )
         write_folder_files(staged, protocols, entry)
-    without = tuple(sorted(set(sizes) - set(images)))
-    return Prepared(folder, tuple(p.name for p in protocols), prepared, matched, without)
+    return Prepared(folder, tuple(p.name for p in protocols), prepared, matched, inputs.unposed)
 
 
 def _inputs(
@@ -139,7 +138,8 @@ def _inputs(
     shown = progress(photos.names, "metadata", len(photos.names))
     priors = _priors({name: read_prior(sources.images / name) for name in shown}, crs)
     table = photo_table(scene, photos.names, photos.cameras, photos.poses, priors, plane)
-    return SceneInputs(scene, table, crs, dom, sources.dsm, plane)
+    unposed = tuple(sorted(set(sizes) - set(photos.names)))
+    return SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
@@ -156,7 +156,7 @@ def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
 
 
 def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> MatchingTruth | None:
-    if "prior_x" not in inputs.photos.columns:
+    if protocol.prior.source == "metadata" and "prior_x" not in inputs.photos.columns:
         return None
     truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
     return None if truth.queries.empty else truth

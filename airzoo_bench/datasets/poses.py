@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,15 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AliasChoices,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
 
 from airzoo_bench.errors import CameraError, first_of
 from airzoo_bench.files import read_text
@@ -21,6 +30,7 @@ __all__ = ["PosedPhotos", "read_poses"]
 
 _JSON_LIMIT_BYTES = 1 << 28
 _OFF_CENTRE = 0.25
+_NEAR_MISS = 0.8
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Row = tuple[Number, Number, Number]
@@ -30,18 +40,44 @@ _DISTORTION_KEYS = AliasChoices("distortion", "dist_k1k2p1p2")
 _CENTRE_KEYS = AliasChoices("center", "center_utm")
 
 
-class _Image(BaseModel):
+class _Lenient(BaseModel):
+    """Takes keys of other tools, but neither a mistyped one of ours nor one twice."""
+
     model_config = ConfigDict(frozen=True)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_near_misses(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        known = [_aliases(name, field) for name, field in cls.model_fields.items()]
+        for names in known:
+            given = [name for name in names if name in data]
+            if len(given) > 1:
+                raise ValueError(f"{' and '.join(given)} are two names of one thing: keep one")
+        every = [name for names in known for name in names]
+        for key in data:
+            near = difflib.get_close_matches(str(key), every, n=1, cutoff=_NEAR_MISS)
+            if near and key not in every:
+                raise ValueError(f"unknown key {str(key)[:80]!r} (did you mean {near[0]!r}?)")
+        return data
+
+
+def _aliases(name: str, field: FieldInfo) -> list[str]:
+    alias = field.validation_alias
+    if isinstance(alias, AliasChoices):
+        return [str(choice) for choice in alias.choices]
+    return [str(alias or name)]
+
+
+class _Image(_Lenient):
     rotation: Matrix = Field(validation_alias="R_w2c")
     centre: Row = Field(validation_alias=_CENTRE_KEYS)
     K: Matrix | None = None
     distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
 
 
-class _File(BaseModel):
-    model_config = ConfigDict(frozen=True)
-
+class _File(_Lenient):
     crs: str | None = None
     K: Matrix | None = None
     distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)

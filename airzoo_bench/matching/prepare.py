@@ -14,7 +14,7 @@ from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, with_truth_as_prior
 from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_of, poses_of
-from airzoo_bench.scene_inputs import SceneInputs
+from airzoo_bench.scene_inputs import SceneInputs, with_unposed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,7 +75,7 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         inputs.dom,
         inputs.dsm,
         sha256_of(inputs.dsm),
-        _excluded(inputs, left_out, reasons),
+        with_unposed(_excluded(inputs, left_out, reasons), inputs),
     )
 
 

@@ -231,7 +231,7 @@ def numbers(
             name,
             values,
             expected=f"floating point of 16, 32 or 64 bits, of shape ({sides})",
-            mend=f"np.asarray({name}, dtype=np.float32), a row an id",
+            mend=f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape",
         )
     return values
 

@@ -20,7 +20,7 @@ from airzoo_bench.retrieval.ranking import Ranking, rank_by_descriptors, rank_by
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["rank_scene"]
+__all__ = ["check_tiles", "rank_scene"]
 
 
 def rank_scene(
@@ -82,6 +82,27 @@ def rank_scene(
     return _spread(ranking, answered, len(rows))
 
 
+def check_tiles(
+    predictions: RetrievalPredictions, truth: RetrievalTruth, rows: NDArray[np.intp]
+) -> None:
+    """Hold the tiles of a claim against a scene's gallery, without ranking.
+
+    Raises
+    ------
+    PredictionError
+        A tile is not in the gallery, or descriptors of some are lacking.
+    """
+    there = rows[rows >= 0]
+    try:
+        match predictions.claim:
+            case RankedIds() as claim:
+                _tile_indices(truth, claim.ids[there], predictions.query_ids[there])
+            case Descriptors() as claim:
+                _gallery_rows(claim, truth)
+    except PredictionError as error:
+        raise error.inside(predictions.path) from error
+
+
 @dataclass(frozen=True)
 class _Asked:
     """The queries of a scene that the predictions answer: in which rows, names, positives."""
@@ -132,6 +153,8 @@ def _tile_indices(
 
 def _mend_strange_tile(tile: str, truth: RetrievalTruth) -> str:
     scene = str(scene_of(np.array([tile]))[0])
+    if "/" not in tile:
+        return f"put the scene before each tile: {truth.scene}/{tile}"
     if scene != truth.scene:
         return f"rank each query against its own scene only; this tile is of scene {scene!r}"
     return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
@@ -141,18 +164,7 @@ def _scene_gallery(
     claim: Descriptors, truth: RetrievalTruth, memory_bytes: int
 ) -> NDArray[np.floating[Any]]:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
-    import pandas as pd
-
-    rows = pd.Index(claim.gallery_ids).get_indexer(pd.Index(truth.tiles["id"]))
-    lacking = truth.tiles["id"].to_numpy()[rows < 0]
-    if lacking.size:
-        raise PredictionError(
-            f"lacks descriptors of tiles of scene {truth.scene}: "
-            f"{first_of(lacking, len(truth.tiles))}",
-            where="field 'gallery_ids'",
-            expected="every tile of the gallery: leaving some out would make the task easier",
-            mend="describe all tiles of tiles.parquet",
-        )
+    rows = _gallery_rows(claim, truth)
     if (np.diff(rows) == 1).all():
         return _slice(claim.gallery, int(rows[0]), len(rows))
     needed = len(rows) * claim.gallery.shape[1] * claim.gallery.itemsize
@@ -164,6 +176,23 @@ def _scene_gallery(
             mend="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
     return claim.gallery[rows]
+
+
+def _gallery_rows(claim: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]:
+    """Return the row of the claim that describes each tile of the scene."""
+    import pandas as pd
+
+    rows: NDArray[np.intp] = pd.Index(claim.gallery_ids).get_indexer(pd.Index(truth.tiles["id"]))
+    lacking = truth.tiles["id"].to_numpy()[rows < 0]
+    if lacking.size:
+        raise PredictionError(
+            f"lacks descriptors of tiles of scene {truth.scene}: "
+            f"{first_of(lacking, len(truth.tiles))}",
+            where="field 'gallery_ids'",
+            expected="every tile of the gallery: leaving some out would make the task easier",
+            mend="describe all tiles of tiles.parquet",
+        )
+    return rows
 
 
 def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:

@@ -28,7 +28,7 @@ from airzoo_bench.retrieval.truth import (
     NO_TILE,
     RetrievalTruth,
 )
-from airzoo_bench.scene_inputs import SceneInputs
+from airzoo_bench.scene_inputs import SceneInputs, with_unposed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +71,7 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
         _footprint_table(inputs, footprints).iloc[rows].reset_index(drop=True),
         tiles,
         positives.take(rows),
-        _excluded(inputs, footprints, ~kept),
+        with_unposed(_excluded(inputs, footprints, ~kept), inputs),
     )
     return PreparedScene(truth, overlaps(footprints.lonlat, boxes).take(rows))
 

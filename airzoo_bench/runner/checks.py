@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.errors import PredictionError
 from airzoo_bench.protocol import MatchingProtocol, find_protocol
 from airzoo_bench.readers.arrays import open_arrays, protocol_name
+from airzoo_bench.runner.common import Checked
 
 __all__ = ["check_predictions"]
 
 
 def check_predictions(
     path: Path, *, data: Path, protocol: str | None, memory_bytes: int
-) -> list[PredictionError]:
-    """Return all that is wrong with a prediction file.
+) -> Checked:
+    """Find all that is wrong with a prediction file.
 
     Parameters
     ----------

@@ -31,8 +31,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "Checked",
     "Evaluation",
     "Run",
+    "assignment_notes",
     "choose_protocol",
     "common_notes",
     "concatenate",
@@ -129,6 +131,26 @@ def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+@dataclass(frozen=True)
+class Checked:
+    """What a check found: faults, and what a person may wish to know besides."""
+
+    faults: list[PredictionError]
+    notes: list[str]
+
+
+def assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:
+    """Say how many queries the predictions lack, and how many ids are no queries."""
+    missing = sum(int((found < 0).sum()) for found in rows)
+    total = sum(len(found) for found in rows)
+    notes = []
+    if missing:
+        notes.append(f"{missing} of {total} queries are missing and will score their worst")
+    if extra:
+        notes.append(f"{extra} ids are no queries and will be left aside")
+    return notes
+
+
 def make_result(
     run: Run,
     records: pd.DataFrame,
@@ -209,6 +231,8 @@ def other_benchmark(
         for name, path in protocol_files(data).items()
         if name != protocol.name and scenes & _scenes_of(path)
     ]
+    first = str(ids[0])
+    ending = "." in first and first.split("/")[0] in {scene.id for scene in protocol.scenes}
     guess = f"they look like those of {' or '.join(alike)}" if alike else ""
     expected = example or ", ".join(f"{scene.id}/..." for scene in protocol.scenes[:3])
     return PredictionError(
@@ -216,7 +240,9 @@ def other_benchmark(
         + (f"; {guess}" if guess else ""),
         where=f"{path}, field 'query_ids'",
         expected=f"ids such as {expected}",
-        mend="name the right protocol with --protocol; `airzoo-bench template` writes the ids",
+        mend="leave out the file's ending: ids are names without it"
+        if ending
+        else "name the right protocol with --protocol; `airzoo-bench template` writes the ids",
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark import find_benchmark
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.errors import BenchmarkError, PredictionError
 from airzoo_bench.files import atomic_write
 from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
@@ -21,8 +21,10 @@ from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import MatchingProtocol
 from airzoo_bench.readers.matching import read_matching
 from airzoo_bench.runner.common import (
+    Checked,
     Evaluation,
     Run,
+    assignment_notes,
     choose_protocol,
     concatenate,
     make_result,
@@ -116,10 +118,11 @@ def evaluate_matching(
     return MatchingEvaluation(Evaluation(result, records), chosen, truths, claims, scored)
 
 
-def check_matching(
-    path: Path, *, data: Path, protocol: str | None, memory_bytes: int
-) -> list[PredictionError]:
-    """Return all that is wrong with a prediction file, without looking at truth.
+def check_matching(path: Path, *, data: Path, protocol: str | None, memory_bytes: int) -> Checked:
+    """Find all that is wrong with a prediction file, without looking at true poses.
+
+    Where the benchmark folder is there, ids are held against its queries, pixels against photos
+    and crops, and poses against the priors.
 
     Raises
     ------
@@ -129,10 +132,31 @@ def check_matching(
     predictions = read_matching(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, MatchingProtocol)
     found = list(faults(predictions))
+    if found:
+        return Checked(found, [])
     scenes = {scene.id for scene in chosen.scenes}
     if not scenes & set(np.unique(scene_of(predictions.query_ids))):
-        found.append(other_benchmark(path, predictions.query_ids, chosen, data))
-    return found
+        return Checked([other_benchmark(path, predictions.query_ids, chosen, data)], [])
+    return _check_claims(predictions, chosen, data)
+
+
+def _check_claims(
+    predictions: MatchingPredictions, chosen: MatchingProtocol, data: Path
+) -> Checked:
+    try:
+        benchmark = find_benchmark(chosen.benchmark, data)
+        benchmark.check_fits(chosen)
+        truths = [read_truth(benchmark, scene.id) for scene in chosen.scenes]
+    except BenchmarkError as error:
+        return Checked([], [f"ids were not held against the benchmark: {error.what}"])
+    rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
+    found = []
+    for truth, of_scene in zip(truths, rows, strict=True):
+        try:
+            claim_of_scene(predictions, truth, of_scene)
+        except PredictionError as error:
+            found.append(error)
+    return Checked(found, assignment_notes(rows, extra))
 
 
 def save_timings(evaluation: MatchingEvaluation, folder: Path) -> None:

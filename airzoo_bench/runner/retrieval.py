@@ -8,21 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.errors import PredictionError, UsageError
+from airzoo_bench.errors import BenchmarkError, PredictionError, UsageError
 from airzoo_bench.files import atomic_write, write_npz
 from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import RetrievalProtocol, find_protocol
 from airzoo_bench.readers.retrieval import read_retrieval
-from airzoo_bench.retrieval.claims import rank_scene
-from airzoo_bench.retrieval.predictions import deep_faults, faults
+from airzoo_bench.retrieval.claims import check_tiles, rank_scene
+from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.template import descriptor_template, ranked_template
 from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from airzoo_bench.runner.common import (
+    Checked,
     Evaluation,
     Run,
+    assignment_notes,
     choose_protocol,
     concatenate,
     make_result,
@@ -99,10 +101,10 @@ def evaluate_retrieval(
     return Evaluation(make_result(run, records, scores, counts, extra, _notes(counts)), records)
 
 
-def check_retrieval(
-    path: Path, *, data: Path, protocol: str | None, memory_bytes: int
-) -> list[PredictionError]:
-    """Return all that is wrong with a prediction file, without looking at truth.
+def check_retrieval(path: Path, *, data: Path, protocol: str | None, memory_bytes: int) -> Checked:
+    """Find all that is wrong with a prediction file, without looking at which tile is positive.
+
+    Where the benchmark folder is there, ids are held against its queries and tiles.
 
     Raises
     ------
@@ -112,10 +114,31 @@ def check_retrieval(
     predictions = read_retrieval(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, RetrievalProtocol)
     found = [*faults(predictions, chosen.scores.depth), *deep_faults(predictions)]
+    if found:
+        return Checked(found, [])
     scenes = {scene.id for scene in chosen.scenes}
     if not scenes & set(np.unique(scene_of(predictions.query_ids))):
-        found.append(other_benchmark(path, predictions.query_ids, chosen, data))
-    return found
+        return Checked([other_benchmark(path, predictions.query_ids, chosen, data)], [])
+    return _check_ids(predictions, chosen, data)
+
+
+def _check_ids(predictions: RetrievalPredictions, chosen: RetrievalProtocol, data: Path) -> Checked:
+    try:
+        truths = read_truths(find_benchmark(chosen.benchmark, data), chosen)
+    except BenchmarkError as error:
+        return Checked([], [f"ids were not held against the benchmark: {error.what}"])
+    rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
+    if all((found < 0).all() for found in rows):
+        example = str(truths[0].queries["id"].iloc[0])
+        other = other_benchmark(predictions.path, predictions.query_ids, chosen, data, example)
+        return Checked([other], [])
+    faults_found = []
+    for truth, found in zip(truths, rows, strict=True):
+        try:
+            check_tiles(predictions, truth, found)
+        except PredictionError as error:
+            faults_found.append(error)
+    return Checked(faults_found, assignment_notes(rows, extra))
 
 
 def read_truths(benchmark: Benchmark, protocol: RetrievalProtocol) -> list[RetrievalTruth]:

@@ -132,7 +132,8 @@ def _markdown(table: Table) -> str:
         for row, texts in zip(table.rows, table.texts(), strict=True)
     ]
     heads = [_escape_markdown(column.heading) for column in table.columns]
-    return "\n".join([line(heads), line(rule), *rows]) + "\n"
+    notes = [f"\n{_escape_markdown(plain(note))}" for note in table.notes]
+    return "\n".join([line(heads), line(rule), *rows, *notes]) + "\n"
 
 
 def _markdown_cell(cell: Cell, text: str) -> str:

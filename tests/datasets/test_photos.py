@@ -157,6 +157,7 @@ def test_photos_that_nothing_answers_are_listed_with_the_reason(tmp_path: Path) 
     listed = pd.read_csv(tmp_path / "park" / "scenes" / "park" / "retrieval" / "excluded.csv")
     assert listed.to_dict("records") == [
         {"id": "park/far", "image": "far.jpg", "reason": "the footprint meets no tile"},
+        {"id": "park/unposed", "image": "unposed.jpg", "reason": "no pose"},
         {"id": "park/up", "image": "up.jpg", "reason": "no ray meets the ground"},
     ]
     assert result.without_pose == ("unposed.jpg",)
@@ -168,7 +169,7 @@ def test_or_counted_as_a_miss(tmp_path: Path) -> None:
     truth = truth_in(tmp_path / "park")
     assert truth.queries["id"].tolist() == ["park/a", "park/far", "park/up"]
     assert [len(truth.positives.of(q)) for q in range(3)] == [9, 0, 0]
-    assert truth.excluded.empty
+    assert truth.excluded["reason"].tolist() == ["no pose"]
     assert np.isnan(truth.footprint_centres[2]).all()
 
 
