@@ -8,10 +8,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import Result
 
 from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.grids import pixel_to_world
+from airzoo_bench.geometry.rasters import open_info, read_rgb
 from airzoo_bench.retrieval.truth import read_truth
 
 
@@ -40,6 +43,7 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         protocol_for(retrieval, "brighton", {"gallery": {"tile_sizes_px": (256, 128)}}),
         protocol_for(matching, "brighton", {}),
         root / "brighton",
+        crops_on_disk=True,
     )
     return root
 
@@ -60,6 +64,19 @@ def test_every_photo_is_a_query_and_sees_its_own_place(prepared: Path) -> None:
     best = [tiles[start + ratios[start:stop].argmax()] for start, stop in pairwise(offsets)]
     middles = (truth.boxes[best, :2] + truth.boxes[best, 2:]) / 2
     assert geodesic_distance_m(truth.footprint_centres, middles).max() < 20
+
+
+def test_crops_are_the_windows_of_the_map(prepared: Path, brighton: Path) -> None:
+    home = prepared / "brighton" / "scenes" / "brighton" / "matching"
+    crops = pd.read_csv(home / "crops.csv").set_index("id")
+    assert len(list((home / "crops").iterdir())) == 2 * len(crops)
+    x, y, width, height = crops.loc["brighton/DJI_0020"].tolist()
+    written = home / "crops" / "DJI_0020_dom.tif"
+    expected = read_rgb(brighton / "dom_10cm.tif", (x, y, width, height))
+    assert np.array_equal(read_rgb(written), expected)
+    dom, crop = open_info(brighton / "dom_10cm.tif"), open_info(written)
+    corner = pixel_to_world(dom.transform, [x, y])
+    np.testing.assert_allclose(pixel_to_world(crop.transform, [0, 0]), corner, atol=1e-6)
 
 
 def test_the_baseline_is_above_chance(

@@ -29,8 +29,8 @@ class Rule(StrEnum):
     IOU = "iou"
 
 
-class Tiles(StrEnum):
-    """Where tiles are."""
+class Parts(StrEnum):
+    """Where parts of the map are."""
 
     WINDOWS = "windows"
     FILES = "files"
@@ -72,8 +72,11 @@ def photos(
         Path | None, typer.Option(help="The folder to make (default: NAME in the data root).")
     ] = None,
     tiles: Annotated[
-        Tiles, typer.Option(help="Leave tiles as windows of the map, or write them as files too.")
-    ] = Tiles.WINDOWS,
+        Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
+    ] = Parts.WINDOWS,
+    crops: Annotated[
+        Parts, typer.Option(help="Leave crops as windows, or write them as GeoTIFF too.")
+    ] = Parts.WINDOWS,
     copy: Annotated[
         bool, typer.Option("--copy", help="Copy photos, DOM and DSM into the folder.")
     ] = False,
@@ -117,7 +120,8 @@ def photos(
         protocol_for(base, name, changes),
         protocol_for(matching, name, {}),
         out or data_root() / name,
-        tiles_on_disk=tiles is Tiles.FILES,
+        tiles_on_disk=tiles is Parts.FILES,
+        crops_on_disk=crops is Parts.FILES,
         copy=copy,
         replace=force,
         progress=progress,

@@ -18,7 +18,7 @@ from airzoo_bench.datasets.sources import (
     metric_crs,
     photo_sizes,
 )
-from airzoo_bench.datasets.tiles import write_tiles
+from airzoo_bench.datasets.tiles import write_crops, write_tiles
 from airzoo_bench.errors import BenchmarkError, UserError
 from airzoo_bench.files import atomic_folder, sha256_of
 from airzoo_bench.geometry.medians import median_height
@@ -69,6 +69,7 @@ def prepare_photos(
     folder: Path,
     *,
     tiles_on_disk: bool = False,
+    crops_on_disk: bool = False,
     copy: bool = False,
     replace: bool = False,
     progress: Progress = silent,
@@ -85,6 +86,8 @@ def prepare_photos(
         Appears when it is complete.
     tiles_on_disk : bool
         Write each tile as PNG; otherwise tiles are windows of the map.
+    crops_on_disk : bool
+        Write the crop of each query as two GeoTIFF; otherwise crops are windows of the map.
     copy : bool
         Copy photos and rasters into the folder; otherwise they are left where they are.
     replace : bool
@@ -112,6 +115,8 @@ def prepare_photos(
         write_truth(home, prepared.truth, prepared.overlaps)
         if matched:
             write_matching_truth(home, matched)
+        if matched and crops_on_disk:
+            write_crops(home / "matching" / "crops", matched, progress)
         if tiles_on_disk:
             write_tiles(home / "retrieval" / "tiles", prepared.truth.tiles, sources.dom, progress)
         places = copied(staged, scene.id, sources, images) if copy else left_in_place(sources)

@@ -1,4 +1,4 @@
-"""Tiles of a gallery as pictures: read from the map, or written one by one."""
+"""Parts of the map as files: tiles of a gallery as pictures, crops with their georeference."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.matching.crops import write_crop
+from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.progress import Progress
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["read_tile", "write_tiles"]
+__all__ = ["read_tile", "write_crops", "write_tiles"]
 
 
 def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
@@ -31,3 +33,15 @@ def write_tiles(folder: Path, tiles: pd.DataFrame, dom: Path, progress: Progress
     for _, tile in progress(tiles.iterrows(), "tiles", len(tiles)):
         name = str(tile["id"]).split("/", 1)[1]
         Image.fromarray(read_tile(dom, tile)).save(folder / f"{name}.png")
+
+
+def write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
+    """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``.
+
+    The name is the query's id without the scene, with ``_`` for the slashes in it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = zip(truth.queries["id"], truth.crops.tolist(), strict=True)
+    for query, (x, y, width, height) in progress(rows, "crops", len(truth.queries)):
+        name = str(query).split("/", 1)[1].replace("/", "_")
+        write_crop(truth.dom.path, truth.dsm, (x, y, width, height), folder, name)
