@@ -57,7 +57,9 @@ def _terminal(table: Table) -> str:
 
     shown = RichTable(title=Text(plain(table.title)), box=box.SIMPLE_HEAD, title_justify="left")
     for index, column in enumerate(table.columns):
-        shown.add_column(Text(column.heading), justify="left" if index == 0 else "right")
+        shown.add_column(
+            Text(column.heading), justify="left" if _is_text(table, index) else "right"
+        )
     previous = False
     for row, texts in zip(table.rows, table.texts(), strict=True):
         if row.summary and not previous:
@@ -69,6 +71,10 @@ def _terminal(table: Table) -> str:
     console = Console(file=out, width=_width(table), force_terminal=False)
     console.print(shown)
     return out.getvalue() + "".join(f"  {plain(note)}\n" for note in table.notes)
+
+
+def _is_text(table: Table, column: int) -> bool:
+    return any(isinstance(row.cells[column].value, str) for row in table.rows) or column == 0
 
 
 def _width(table: Table) -> int:
