@@ -11,7 +11,8 @@ import pytest
 
 from airzoo_bench.result import read_result
 from airzoo_bench.runner.common import Evaluation, save
-from airzoo_bench.runner.retrieval import evaluate_retrieval, write_template
+from airzoo_bench.runner.retrieval import evaluate_retrieval
+from airzoo_bench.runner.templates import write_template
 from tests.support import MadeScene, write_predictions
 
 MEMORY = 1 << 30

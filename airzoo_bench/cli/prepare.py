@@ -150,8 +150,9 @@ def _report(prepared: Prepared, out: Path | None) -> None:
     if prepared.without_pose:
         say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
     where = f" --data {prepared.folder}" if out else ""
-    name = prepared.protocols[0]
-    say(f"next: airzoo-bench baseline retrieval {name}{where} --out sift.npz")
+    for name in prepared.protocols:
+        track = name.rsplit("-", 1)[1]
+        say(f"next: airzoo-bench baseline {track} {name}{where} --out {track}.npz")
 
 
 def _report_left_out(count: int) -> None:

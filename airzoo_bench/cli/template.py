@@ -29,13 +29,13 @@ def template(
     data: DataOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the random ranking.")] = 0,
 ) -> None:
-    """Write an example prediction file: every query, with tiles in random order.
+    """Write an example prediction file: every query, with random tiles or matches.
 
     Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
     """
-    from airzoo_bench.runner.retrieval import write_template
+    from airzoo_bench.runner.templates import write_template
 
-    write_template(
+    track = write_template(
         protocol,
         data=resolve_data(data),
         out=out,
@@ -43,4 +43,4 @@ def template(
         seed=seed,
     )
     say(f"wrote {out}: replace its arrays by your own")
-    say(f"next: airzoo-bench eval retrieval {out}{with_data(data)}")
+    say(f"next: airzoo-bench eval {track} {out}{with_data(data)}")

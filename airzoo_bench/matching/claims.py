@@ -118,9 +118,17 @@ def _refuse_inverted(poses: Poses, truth: MatchingTruth, there: NDArray[np.bool_
             f"from their GPS positions; as world-to-camera, {np.median(as_given):.1f} m",
             where="field 'poses'",
             expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
-            mend="invert them: R.T and -R.T @ t",
+            mend=_way_back(given, priors),
         )
     _refuse_turned(given, priors)
+
+
+def _way_back(given: Poses, priors: Poses) -> str:
+    off = np.median(rotation_angle_deg(given.rotation, priors.rotation))
+    back = np.median(rotation_angle_deg(np.swapaxes(given.rotation, 1, 2), priors.rotation))
+    if off < back:
+        return "the rotations are right and the last column is the centre: t = -R @ centre"
+    return "invert them: R.T and -R.T @ t"
 
 
 def _refuse_turned(given: Poses, priors: Poses) -> None:

@@ -101,12 +101,15 @@ def draw_matches(
     axes.imshow(query, extent=(0, query.shape[1], query.shape[0], 0))
     shift = query.shape[1] * _GAP
     axes.imshow(crop, extent=(shift, shift + crop.shape[1] * scale, query.shape[0], 0))
-    for kind, colour, alpha in ((~inliers, COLOURS[1], 0.35), (inliers, COLOURS[2], 0.8)):
+    drawn = ((~inliers, COLOURS[1], 0.35, "outlier"), (inliers, COLOURS[2], 0.8, "inlier"))
+    for kind, colour, alpha, label in drawn:
         chosen = _spread(np.flatnonzero(kind))
         ends = crop_xy[chosen] * scale + (shift, 0)
         x = np.stack([query_xy[chosen, 0], ends[:, 0]])
         y = np.stack([query_xy[chosen, 1], ends[:, 1]])
         axes.plot(x, y, color=colour, alpha=alpha, linewidth=0.6)
+        axes.plot([], [], color=colour, label=label)
+    axes.legend(loc="lower right", fontsize=7)
     axes.set(xlim=(0, shift + crop.shape[1] * scale), ylim=(query.shape[0], 0))
     axes.set_axis_off()
     axes.set_title(

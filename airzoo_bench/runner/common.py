@@ -111,8 +111,8 @@ def choose_protocol(
         raise PredictionError(
             "does not say which protocol it is for",
             where=path,
-            expected="a field 'protocol', such as 'uav-visloc-retrieval'",
-            mend="add the field, or name it with --protocol",
+            expected="a field 'protocol' with the name of one",
+            mend="name it with --protocol, or add the field; `airzoo-bench protocols` lists them",
         )
     if not isinstance(chosen, model):
         raise PredictionError(

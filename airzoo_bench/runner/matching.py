@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark import find_benchmark
+from airzoo_bench.benchmark import Benchmark, find_benchmark
 from airzoo_bench.errors import BenchmarkError, PredictionError
 from airzoo_bench.files import atomic_write
 from airzoo_bench.ids import assign_queries, scene_of
@@ -34,11 +34,19 @@ from airzoo_bench.runner.common import (
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["MatchingEvaluation", "check_matching", "evaluate_matching", "save_timings"]
+__all__ = [
+    "MatchingEvaluation",
+    "check_matching",
+    "evaluate_matching",
+    "read_matching_truths",
+    "save_timings",
+]
 
 # Pixels that all lie within this share of the photo are suspected, if there are enough of them.
 _ENOUGH_MATCHES = 100
 _CORNER = 0.6
+# Beyond any error of GPS, and of poses that mean the right place.
+_FAR_M = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +99,7 @@ def evaluate_matching(
     for fault in faults(predictions):
         raise fault
     benchmark = find_benchmark(chosen.benchmark, data)
-    benchmark.check_fits(chosen)
-    truths = [read_truth(benchmark, scene.id) for scene in chosen.scenes]
+    truths = read_matching_truths(benchmark, chosen)
     rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
     if all((found < 0).all() for found in rows):
         example = str(truths[0].queries["id"].iloc[0])
@@ -113,7 +120,12 @@ def evaluate_matching(
         {truth.scene: truth.fingerprint for truth in truths},
     )
     counts = {truth.scene: _counts(truth, records) for truth in truths}
-    notes = [*_notes(records, predictions), *_scale_notes(predictions, truths)]
+    notes = [
+        *_notes(records, predictions),
+        *_scale_notes(predictions, truths),
+        *_far_notes(truths, scored),
+        *_crop_notes(truths, claims),
+    ]
     result = make_result(run, records, matching_scores(chosen.scores), counts, extra, notes)
     return MatchingEvaluation(Evaluation(result, records), chosen, truths, claims, scored)
 
@@ -144,9 +156,7 @@ def _check_claims(
     predictions: MatchingPredictions, chosen: MatchingProtocol, data: Path
 ) -> Checked:
     try:
-        benchmark = find_benchmark(chosen.benchmark, data)
-        benchmark.check_fits(chosen)
-        truths = [read_truth(benchmark, scene.id) for scene in chosen.scenes]
+        truths = read_matching_truths(find_benchmark(chosen.benchmark, data), chosen)
     except BenchmarkError as error:
         return Checked([], [f"ids were not held against the benchmark: {error.what}"])
     rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
@@ -156,7 +166,13 @@ def _check_claims(
             claim_of_scene(predictions, truth, of_scene)
         except PredictionError as error:
             found.append(error)
-    return Checked(found, assignment_notes(rows, extra))
+    return Checked(found, [*assignment_notes(rows, extra), *_scale_notes(predictions, truths)])
+
+
+def read_matching_truths(benchmark: Benchmark, protocol: MatchingProtocol) -> list[MatchingTruth]:
+    """Read the truth of every scene of a protocol, in its order."""
+    benchmark.check_fits(protocol)
+    return [read_truth(benchmark, scene.id) for scene in protocol.scenes]
 
 
 def save_timings(evaluation: MatchingEvaluation, folder: Path) -> None:
@@ -204,6 +220,30 @@ def _lifting_notes(records: pd.DataFrame) -> list[str]:
     if blind:
         notes.append(f"the surface model has no height under any match of {blind} queries")
     return notes
+
+
+def _far_notes(truths: list[MatchingTruth], scored: list[ScoredScene]) -> list[str]:
+    """Suspect another frame or convention where poses lie beyond any GPS error."""
+    offsets = [s.centres - t.priors.centres for t, s in zip(truths, scored, strict=True)]
+    away = np.linalg.norm(np.concatenate(offsets), axis=1)
+    far = int((away > _FAR_M).sum())
+    if not far:
+        return []
+    return [
+        f"{far} of {np.isfinite(away).sum()} poses lie more than {_FAR_M:g} m from the photo's GPS "
+        "position: are they world-to-camera, and all coordinates in the scene's CRS?"
+    ]
+
+
+def _crop_notes(truths: list[MatchingTruth], claims: list[SceneClaim]) -> list[str]:
+    """Count matches that the query's crop could not have given."""
+    outside = 0
+    for truth, claim in zip(truths, claims, strict=True):
+        if claim.map_xy is not None:
+            crop = np.repeat(truth.crops, np.diff(claim.offsets), axis=0)
+            local = claim.map_xy - crop[:, :2]
+            outside += int(((local < -1) | (local > crop[:, 2:] + 1)).any(axis=1).sum())
+    return [f"{outside} map pixels lie outside their query's crop"] if outside else []
 
 
 def _scale_notes(predictions: MatchingPredictions, truths: list[MatchingTruth]) -> list[str]:

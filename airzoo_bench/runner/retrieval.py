@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.errors import BenchmarkError, PredictionError, UsageError
-from airzoo_bench.files import atomic_write, write_npz
+from airzoo_bench.errors import BenchmarkError, PredictionError
 from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.protocol import RetrievalProtocol, find_protocol
+from airzoo_bench.protocol import RetrievalProtocol
 from airzoo_bench.readers.retrieval import read_retrieval
 from airzoo_bench.retrieval.claims import check_tiles, rank_scene
 from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
 from airzoo_bench.retrieval.scores import retrieval_scores
-from airzoo_bench.retrieval.template import descriptor_template, ranked_template
 from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from airzoo_bench.runner.common import (
@@ -34,7 +32,7 @@ from airzoo_bench.runner.common import (
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["check_retrieval", "evaluate_retrieval", "read_truths", "write_template"]
+__all__ = ["check_retrieval", "evaluate_retrieval", "read_truths"]
 
 
 def evaluate_retrieval(
@@ -163,31 +161,3 @@ def _notes(counts: dict[str, dict[str, int]]) -> list[str]:
     tied = sum(scene["tie_dependent"] for scene in counts.values())
     text = f"{tied} queries depend on ties, which were broken against the method"
     return [text] if tied else []
-
-
-def write_template(
-    protocol: str, *, data: Path, out: Path, descriptors: bool = False, seed: int = 0
-) -> None:
-    """Write an example prediction file for a protocol, with tiles in random order.
-
-    Raises
-    ------
-    UserError
-        The protocol or the benchmark folder is not there, or `out` does not end in ``.npz``.
-    """
-    if out.suffix != ".npz":
-        raise UsageError("templates are written as .npz", where=out, mend=f"name it {out}.npz")
-    chosen = find_protocol(protocol, data)
-    if not isinstance(chosen, RetrievalProtocol):
-        raise UsageError(
-            f"there is no template for the {chosen.track} track yet",
-            mend="docs/predictions.md describes its prediction files",
-        )
-    truths = read_truths(find_benchmark(chosen.benchmark, data), chosen)
-    arrays = (
-        descriptor_template(truths, seed)
-        if descriptors
-        else ranked_template(truths, max(chosen.scores.ndcg_at), seed)
-    )
-    with atomic_write(out) as stream:
-        write_npz(stream, {"protocol": np.array(chosen.name), **arrays})

@@ -62,7 +62,7 @@ BAD = {
     "hills/a 1 0 0 0 1 2\n": ["rows without 8 columns", "row 1"],
     f"hills/a {TURN}\nhills/b 1 0 0 0 1 2 3 4\n": ["1 of 2", "row 2"],
     "hills/a one 0 0 0 1 2 3\n": ["not numbers in the row of hills/a"],
-    "hills/a 2 0 0 0 1 2 3\n": ["not of unit length", "hills/a", "length 2", "normalise", "order?"],
+    "hills/a 2 0 0 0 1 2 3\n": ["not of unit length", "hills/a", "length 2", "normalise", "order"],
     "hills/a 0 0 0 0 1 2 3\n": ["not of unit length", "length 0"],
     "hills/a 1 0 0 0 nan 2 3\n": ["in part", "hills/a", "all seven"],
     "hills/a 1 0 0 inf 1 2 3\n": ["in part"],
