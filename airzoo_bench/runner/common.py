@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
+from typing import Protocol as Structural
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.errors import PredictionError, ProtocolError, first_of
+from airzoo_bench.errors import BenchmarkError, PredictionError, ProtocolError, first_of
 from airzoo_bench.files import atomic_write, check_output_folder, fingerprint, sha256_of
-from airzoo_bench.ids import scene_of
+from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
 from airzoo_bench.result import (
     PredictionsUsed,
@@ -34,11 +35,12 @@ __all__ = [
     "Checked",
     "Evaluation",
     "Run",
-    "assignment_notes",
+    "check_against_benchmark",
     "choose_protocol",
     "common_notes",
     "concatenate",
     "make_result",
+    "match_queries",
     "other_benchmark",
     "save",
 ]
@@ -139,7 +141,82 @@ class Checked:
     notes: list[str]
 
 
-def assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:
+class HasQueries(Structural):
+    """The truth of a scene, of whatever track."""
+
+    @property
+    def queries(self) -> pd.DataFrame:
+        """A row a query, with its ``id``."""
+
+
+T = TypeVar("T", bound=HasQueries)
+
+
+def match_queries(
+    path: Path,
+    ids: NDArray[np.str_],
+    protocol: Protocol,
+    data: Path,
+    truths: Sequence[HasQueries],
+) -> tuple[list[NDArray[np.intp]], int]:
+    """Find the row of the predictions that answers each query; see `ids.assign_queries`.
+
+    Raises
+    ------
+    PredictionError
+        No id is a query; the message says which benchmark they look like.
+    """
+    rows, extra = assign_queries(ids, [truth.queries["id"] for truth in truths])
+    if all((found < 0).all() for found in rows):
+        example = str(truths[0].queries["id"].iloc[0])
+        raise other_benchmark(path, ids, protocol, data, example)
+    return rows, extra
+
+
+def check_against_benchmark(
+    path: Path,
+    ids: NDArray[np.str_],
+    protocol: Protocol,
+    data: Path,
+    read: Callable[[], list[T]],
+    hold: Callable[[T, NDArray[np.intp]], object],
+    suspect: Callable[[list[T]], list[str]] = lambda _: [],
+) -> Checked:
+    """Hold predictions against the benchmark folder, where it is there.
+
+    Parameters
+    ----------
+    path, ids : Path, (N,) str
+        Of the predictions.
+    protocol, data : Protocol, Path
+    read : callable
+        Reads the truths, or raises BenchmarkError.
+    hold : callable
+        Takes a scene's truth and the row of each of its queries, and raises PredictionError.
+    suspect : callable
+        Takes all truths and returns notes of the track.
+    """
+    scenes = {scene.id for scene in protocol.scenes}
+    if not scenes & set(np.unique(scene_of(ids))):
+        return Checked([other_benchmark(path, ids, protocol, data)], [])
+    try:
+        truths = read()
+    except BenchmarkError as error:
+        return Checked([], [f"ids were not held against the benchmark: {error.what}"])
+    try:
+        rows, extra = match_queries(path, ids, protocol, data, truths)
+    except PredictionError as error:
+        return Checked([error], [])
+    faults = []
+    for truth, found in zip(truths, rows, strict=True):
+        try:
+            hold(truth, found)
+        except PredictionError as error:
+            faults.append(error)
+    return Checked(faults, [*_assignment_notes(rows, extra), *suspect(truths)])
+
+
+def _assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:
     """Say how many queries the predictions lack, and how many ids are no queries."""
     missing = sum(int((found < 0).sum()) for found in rows)
     total = sum(len(found) for found in rows)

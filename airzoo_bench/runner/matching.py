@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.errors import BenchmarkError, PredictionError
 from airzoo_bench.files import atomic_write
-from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim, faults
 from airzoo_bench.matching.scores import matching_scores
@@ -24,11 +22,11 @@ from airzoo_bench.runner.common import (
     Checked,
     Evaluation,
     Run,
-    assignment_notes,
+    check_against_benchmark,
     choose_protocol,
     concatenate,
     make_result,
-    other_benchmark,
+    match_queries,
 )
 
 if TYPE_CHECKING:
@@ -100,10 +98,7 @@ def evaluate_matching(
         raise fault
     benchmark = find_benchmark(chosen.benchmark, data)
     truths = read_matching_truths(benchmark, chosen)
-    rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
-    if all((found < 0).all() for found in rows):
-        example = str(truths[0].queries["id"].iloc[0])
-        raise other_benchmark(path, predictions.query_ids, chosen, data, example)
+    rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
     pairs = list(zip(truths, rows, strict=True))
     claims = [claim_of_scene(predictions, truth, found) for truth, found in pairs]
     scored = [
@@ -146,27 +141,15 @@ def check_matching(path: Path, *, data: Path, protocol: str | None, memory_bytes
     found = list(faults(predictions))
     if found:
         return Checked(found, [])
-    scenes = {scene.id for scene in chosen.scenes}
-    if not scenes & set(np.unique(scene_of(predictions.query_ids))):
-        return Checked([other_benchmark(path, predictions.query_ids, chosen, data)], [])
-    return _check_claims(predictions, chosen, data)
-
-
-def _check_claims(
-    predictions: MatchingPredictions, chosen: MatchingProtocol, data: Path
-) -> Checked:
-    try:
-        truths = read_matching_truths(find_benchmark(chosen.benchmark, data), chosen)
-    except BenchmarkError as error:
-        return Checked([], [f"ids were not held against the benchmark: {error.what}"])
-    rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
-    found = []
-    for truth, of_scene in zip(truths, rows, strict=True):
-        try:
-            claim_of_scene(predictions, truth, of_scene)
-        except PredictionError as error:
-            found.append(error)
-    return Checked(found, [*assignment_notes(rows, extra), *_scale_notes(predictions, truths)])
+    return check_against_benchmark(
+        path,
+        predictions.query_ids,
+        chosen,
+        data,
+        lambda: read_matching_truths(find_benchmark(chosen.benchmark, data), chosen),
+        lambda truth, rows: claim_of_scene(predictions, truth, rows),
+        lambda truths: _scale_notes(predictions, truths),
+    )
 
 
 def read_matching_truths(benchmark: Benchmark, protocol: MatchingProtocol) -> list[MatchingTruth]:

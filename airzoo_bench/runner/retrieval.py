@@ -5,16 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.errors import BenchmarkError, PredictionError
-from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import RetrievalProtocol
 from airzoo_bench.readers.retrieval import read_retrieval
 from airzoo_bench.retrieval.claims import check_tiles, rank_scene
-from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
+from airzoo_bench.retrieval.predictions import deep_faults, faults
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
@@ -22,11 +18,11 @@ from airzoo_bench.runner.common import (
     Checked,
     Evaluation,
     Run,
-    assignment_notes,
+    check_against_benchmark,
     choose_protocol,
     concatenate,
     make_result,
-    other_benchmark,
+    match_queries,
 )
 
 if TYPE_CHECKING:
@@ -75,10 +71,7 @@ def evaluate_retrieval(
         raise fault
     benchmark = find_benchmark(chosen.benchmark, data)
     truths = read_truths(benchmark, chosen)
-    rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
-    if all((found < 0).all() for found in rows):
-        example = str(truths[0].queries["id"].iloc[0])
-        raise other_benchmark(path, predictions.query_ids, chosen, data, example)
+    rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
     parts = []
     for truth, found in progress(zip(truths, rows, strict=True), "scenes", len(truths)):
         ranking = rank_scene(
@@ -114,29 +107,14 @@ def check_retrieval(path: Path, *, data: Path, protocol: str | None, memory_byte
     found = [*faults(predictions, chosen.scores.depth), *deep_faults(predictions)]
     if found:
         return Checked(found, [])
-    scenes = {scene.id for scene in chosen.scenes}
-    if not scenes & set(np.unique(scene_of(predictions.query_ids))):
-        return Checked([other_benchmark(path, predictions.query_ids, chosen, data)], [])
-    return _check_ids(predictions, chosen, data)
-
-
-def _check_ids(predictions: RetrievalPredictions, chosen: RetrievalProtocol, data: Path) -> Checked:
-    try:
-        truths = read_truths(find_benchmark(chosen.benchmark, data), chosen)
-    except BenchmarkError as error:
-        return Checked([], [f"ids were not held against the benchmark: {error.what}"])
-    rows, extra = assign_queries(predictions.query_ids, [t.queries["id"] for t in truths])
-    if all((found < 0).all() for found in rows):
-        example = str(truths[0].queries["id"].iloc[0])
-        other = other_benchmark(predictions.path, predictions.query_ids, chosen, data, example)
-        return Checked([other], [])
-    faults_found = []
-    for truth, found in zip(truths, rows, strict=True):
-        try:
-            check_tiles(predictions, truth, found)
-        except PredictionError as error:
-            faults_found.append(error)
-    return Checked(faults_found, assignment_notes(rows, extra))
+    return check_against_benchmark(
+        path,
+        predictions.query_ids,
+        chosen,
+        data,
+        lambda: read_truths(find_benchmark(chosen.benchmark, data), chosen),
+        lambda truth, rows: check_tiles(predictions, truth, rows),
+    )
 
 
 def read_truths(benchmark: Benchmark, protocol: RetrievalProtocol) -> list[RetrievalTruth]:

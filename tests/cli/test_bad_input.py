@@ -430,8 +430,8 @@ def test_check_names_descriptors_that_are_not_finite(
 def test_check_of_a_good_file_exits_0(
     data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for make in (changed(), described(), parquet()):
-        assert run_main("check", prediction_file(tmp_path, make, arrays)) in (0, 2)
+    for make in (changed(), described(), parquet(protocol="made-retrieval")):
+        assert run_main("check", prediction_file(tmp_path, make, arrays)) == 0
     changed()(tmp_path / "p.npz", {k: arrays[k] for k in ("query_ids", "ranked_ids")})
     assert run_main("check", tmp_path / "p.npz") == 0
     assert "nothing wrong was found" in capsys.readouterr().out
@@ -445,6 +445,43 @@ def test_check_says_which_benchmark_the_ids_look_like(
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked)
     assert run_main("check", path) == 1
     assert "they look like those of airzoo-real-" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ids", [["east/nobody"], ["east/q00000.JPG"]])
+def test_check_refuses_what_eval_refuses(
+    ids: list[str], data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ranked = [[f"east/t{k:05d}" for k in range(5)]]
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked)
+    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
+        assert run_main(*command, path) == code
+        message = capsys.readouterr().err
+        assert "none of its query ids belongs to made" in message
+        assert ("leave out the file's ending" in message) == ids[0].endswith(".JPG")
+
+
+def test_check_refuses_tiles_that_are_not_in_the_gallery(
+    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ranked = np.array(arrays["ranked_ids"])
+    ranked[0, 0] = "east/t99999"
+    given = {"query_ids": arrays["query_ids"], "ranked_ids": ranked}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
+    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
+        assert run_main(*command, path) == code
+        assert "the first is east/t99999" in capsys.readouterr().err
+
+
+def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
+    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {key: arrays[key][:3] for key in ("query_ids", "ranked_ids")}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
+    assert run_main("check", path) == 0
+    assert "7 of 10 queries are missing" in capsys.readouterr().err
+    protocol = data / "made" / "protocols" / "made-retrieval.toml"
+    assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
+    assert "ids were not held against the benchmark" in capsys.readouterr().err
 
 
 GOOD = "GOOD"  # stands for a good prediction file

@@ -16,6 +16,7 @@ from airzoo_bench.queries import PRIOR_COLUMNS
 from airzoo_bench.readers.matching import read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
+from tests.support import run_main
 
 EVERY = np.arange(N_QUERIES)
 
@@ -165,3 +166,14 @@ def test_poor_poses_are_scored_not_refused(world: World, tmp_path: Path) -> None
 
 def test_the_world_has_matches(world: World) -> None:
     assert [len(xy) for xy in world.query_xy] == [N_MATCHES] * N_QUERIES
+
+
+def test_check_refuses_what_eval_refuses(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fields = world.matches()
+    fields["query_ids"] = np.array([f"hills/nobody{n}" for n in range(len(fields["query_ids"]))])
+    path = world.write(tmp_path / "m.npz", fields)
+    for command, code in ((("eval", "matching"), 2), (("check",), 1)):
+        assert run_main(*command, path, "--data", world.root) == code
+        assert "none of its query ids belongs to" in capsys.readouterr().err
