@@ -12,15 +12,27 @@ from __future__ import annotations
 
 import argparse
 import os
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pycolmap
+import rasterio
+from rasterio import Affine
 
 from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.matching.claims import SceneClaim
+from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses
+from airzoo_bench.matching.settings import MatchingScores, Solver
+from airzoo_bench.matching.track import score_scene
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.queries import query_table
 
 N_QUERIES = 351
 N_MATCHES = 5000
@@ -38,8 +50,10 @@ SETTINGS: PoseSettings = {
 }
 
 
-def make_problem(seed: int, lens: np.ndarray) -> PoseProblem:
-    """Make an oblique photo of low hills from 140 m above."""
+def make_problem(
+    seed: int, lens: np.ndarray, hills: np.ndarray | None = None, west: float = 0.0
+) -> PoseProblem:
+    """Make an oblique photo of low hills from 140 m above: any, or those of a surface model."""
     rng = np.random.default_rng(seed)
     K = np.array([[[2900.0, 0.0, 2000.0], [0.0, 2900.0, 1500.0], [0.0, 0.0, 1.0]]])
     camera = Cameras.from_matrices(K, 4000, 3000, lens[None])
@@ -50,6 +64,8 @@ def make_problem(seed: int, lens: np.ndarray) -> PoseProblem:
     about = np.array(((np.cos(turn), -np.sin(turn), 0), (np.sin(turn), np.cos(turn), 0), (0, 0, 1)))
     poses = Poses.from_centres((down @ about)[None], OFFSET[None] + np.array((0.0, 0.0, 140.0)))
     points = rng.uniform((-300.0, -300.0, 0.0), (300.0, 300.0, 25.0), (150_000, 3)) + OFFSET
+    if hills is not None:
+        points[:, 2] = np.interp(points[:, 0], west + 0.5 * (np.arange(len(hills)) + 0.5), hills)
     xy = project(camera, world_to_camera(poses, points[None]))[0]
     seen = np.flatnonzero(((xy > 0.0) & (xy < (4000.0, 3000.0))).all(axis=1))[:N_MATCHES]
     xy, points = xy[seen] + rng.normal(size=(len(seen), 2)), points[seen]
@@ -138,6 +154,71 @@ def whole(name: str, n_queries: int) -> None:
     )
 
 
+def track(n_queries: int) -> None:
+    """Print a row: the whole track (lifting, solving, records) beside bare calls on its points."""
+    with tempfile.TemporaryDirectory() as folder:
+        truth, claim = made_scene(Path(folder), n_queries)
+        lifted = lift(claim.map_xy, truth.dom, truth.dsm, workers=1)
+        cameras, parts = truth.cameras, claim.parts()
+        problems = [
+            PoseProblem(cameras.take(row), claim.query_xy[part], lifted.points[part])
+            for row, part in enumerate(parts)
+        ]
+        solver = Solver(
+            name="colmap",
+            **{key: value for key, value in SETTINGS.items() if key != "solver"},
+        )
+        scores = MatchingScores(
+            orientation_is_trusted=True,
+            translation_below_m=(5.0,),
+            pose_below_m_deg=((5.0, 1.0),),
+            auc_up_to_m=(5.0,),
+        )
+        bare = bare_calls(problems)
+        ways: list[Callable[[], object]] = [
+            bare,
+            lambda: score_scene(truth, claim, solver, scores, workers=1),
+            lambda: score_scene(truth, claim, solver, scores, workers=2),
+        ]
+        idle = idle_share()
+        times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)]).min(axis=0)
+    overhead = f"{100 * (times[1] / times[0] - 1):.1f} %"
+    row = "".join(f"{time:10.2f}" for time in times)
+    gain = times[1] / times[2]
+    print(f"{'whole track':12}{n_queries:9}{row}{overhead:>10}{gain:8.2f}{100 * idle:8.0f}")
+
+
+def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, SceneClaim]:
+    """Make pinhole photos of flat ground, matched to a map of 0.5 m as `make_problem` does."""
+    side, gsd = 1600, 0.5
+    west, north = OFFSET[0] - side * gsd / 2, OFFSET[1] + side * gsd / 2
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": "EPSG:4547"}
+    profile |= {"width": side, "height": side, "transform": Affine(gsd, 0, west, 0, -gsd, north)}
+    hills = 60 + 12 * np.sin(np.arange(side, dtype=np.float32) / 80)
+    with rasterio.open(folder / "dsm.tif", "w", **profile) as raster:
+        raster.write(np.broadcast_to(hills, (1, side, side)).astype(np.float32))
+    info = open_info(folder / "dsm.tif")
+    problems = [make_problem(seed, LENSES["pinhole"], hills, west) for seed in range(n_queries)]
+    counts = [len(problem.points) for problem in problems]
+    points = np.concatenate([problem.points for problem in problems])
+    map_xy = world_to_pixel(info.transform, points[:, :2])
+    cameras = Cameras.from_matrices(
+        np.concatenate([problem.camera.matrices for problem in problems]), 4000, 3000
+    )
+    poses = Poses(
+        rotation=np.tile(np.diag((1.0, -1.0, -1.0)), (n_queries, 1, 1)),
+        centres=np.tile(OFFSET + np.array((0.0, 0.0, 140.0)), (n_queries, 1)),
+    )
+    names = [f"scene/q{number}" for number in range(n_queries)]
+    photos = query_table(names, names, cameras, poses, poses)
+    crops = np.tile([0, 0, side, side], (n_queries, 1))
+    truth = MatchingTruth("scene", photos, crops, info, folder / "dsm.tif", "", photos.iloc[:0])
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    query_xy = np.concatenate([problem.query_xy for problem in problems])
+    answered = np.ones(n_queries, np.bool_)
+    return truth, SceneClaim(answered, offsets, query_xy, map_xy, np.zeros((0, 3)), None)
+
+
 def main() -> None:
     """Parse, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -151,6 +232,7 @@ def main() -> None:
     print("".join(f"{title:>8}" for title in head[5:]))
     for name in LENSES:
         compare(name, 40 // shrink)
+    track(40 // shrink)
     for name in LENSES:
         whole(name, N_QUERIES // shrink)
 
