@@ -120,10 +120,19 @@ def test_a_pipe_without_the_letters(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interrupted_prepare_leaves_nothing(tmp_path: Path) -> None:
-    # Tiles of 16 px that overlap by half, as files: a thousand of them, some seconds.
+    # Tiles of 16 px that overlap by half, as files: a thousand of them, each made to take so long
+    # that the signal comes in time on a machine of any speed.
     place = make_place(tmp_path / "sources")
     arguments = place.arguments(out=tmp_path / "out" / "park", tile_size=16, tiles="files")
-    command = [sys.executable, "-m", "airzoo_bench", *arguments]
+    slowed = (
+        "import time\n"
+        "from airzoo_bench.__main__ import main\n"
+        "from airzoo_bench.datasets import tiles\n"
+        "read = tiles.read_tile\n"
+        "tiles.read_tile = lambda *given: (time.sleep(0.05), read(*given))[1]\n"
+        "main()\n"
+    )
+    command = [sys.executable, "-c", slowed, *arguments]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()
     )
