@@ -163,14 +163,15 @@ def _readers(
     benchmark: Benchmark, truth: RetrievalTruth, long_side_px: int
 ) -> tuple[list[Reader], list[Reader]]:
     scene = benchmark.scene(truth.scene)
-    dom, images = benchmark.resolve(scene.dom), benchmark.resolve(scene.images)
-    tiles: list[Reader] = [partial(_grey_tile, dom, tile) for _, tile in truth.tiles.iterrows()]
+    gallery = benchmark.resolve(scene.gallery or scene.dom)
+    images = benchmark.resolve(scene.images)
+    tiles: list[Reader] = [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()]
     photos: list[Reader] = [
         partial(read_grey, images / name, long_side_px) for name in truth.queries["image"]
     ]
     return tiles, photos
 
 
-def _grey_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
-    grey: NDArray[np.float64] = np.round(read_tile(dom, tile) @ _GREY)
+def _grey_tile(gallery: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
+    grey: NDArray[np.float64] = np.round(read_tile(gallery, tile) @ _GREY)
     return grey.astype(np.uint8)

@@ -17,14 +17,10 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-import tomli_w
-from pydantic import BaseModel, ConfigDict, Field
-
+from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, verify
 from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import sha256_of
-from airzoo_bench.settings import SAFE_NAME
 from airzoo_bench.validation import read_toml, validated
 
 if TYPE_CHECKING:
@@ -32,19 +28,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Benchmark",
-    "BenchmarkFile",
-    "SceneFile",
     "SceneWanted",
     "TruthWanted",
     "benchmark_folders",
     "data_root",
     "find_benchmark",
     "read_table",
-    "write_benchmark_file",
 ]
 
 DATA_VARIABLE = "AIRZOO_BENCH_DATA"
-TRACKS = ("retrieval", "matching")
 
 
 class SceneWanted(Protocol):
@@ -74,41 +66,6 @@ class TruthWanted(Protocol):
         """Return the values that the truth must have been made by, by section and key."""
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SceneFile(_Model):
-    """A scene as benchmark.toml describes it.
-
-    Paths are relative to the benchmark folder, or absolute where the data were left in place.
-    """
-
-    id: Annotated[str, Field(pattern=SAFE_NAME)]
-    title: str
-    crs: str
-    plane_height_m: Annotated[float, Field(allow_inf_nan=False)]
-    images: str
-    dom: str
-    dsm: str | None = None
-    dsm_sha256: str | None = None
-
-
-class BenchmarkFile(_Model):
-    """The content of benchmark.toml.
-
-    `tracks` holds, by track, section and key, the settings that the truth was made by.
-    """
-
-    schema_version: Literal[1] = Field(alias="schema")
-    name: Annotated[str, Field(pattern=SAFE_NAME)]
-    version: Annotated[int, Field(ge=1)]
-    title: str
-    tracks: dict[str, dict[str, dict[str, Any]]]
-    scenes: tuple[SceneFile, ...]
-    checksums: dict[str, str]
-
-
 @dataclass(frozen=True)
 class Benchmark:
     """An opened benchmark folder."""
@@ -135,7 +92,7 @@ class Benchmark:
             )
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
-        _verify(folder, file)
+        verify(folder, file)
         return cls(folder, file)
 
     @property
@@ -274,48 +231,6 @@ def read_table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
             mend="prepare the benchmark again",
         )
     return table
-
-
-def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
-    """Write benchmark.toml with the checksums of all that stands under scenes/."""
-    sums = {name: sha256_of(folder / name) for name in _truth_files(folder)}
-    values = file.model_dump(mode="json", by_alias=True, exclude_none=True) | {"checksums": sums}
-    (folder / "benchmark.toml").write_text(tomli_w.dumps(values), encoding="utf-8")
-
-
-def _truth_files(folder: Path) -> list[str]:
-    scenes = folder / "scenes"
-    found = sorted([*scenes.glob("*/*"), *(p for t in TRACKS for p in scenes.glob(f"*/{t}/*"))])
-    files = (path for path in found if path.is_file())
-    return [path.relative_to(folder).as_posix() for path in files if path.name[0] != "."]
-
-
-def _verify(folder: Path, file: BenchmarkFile) -> None:
-    scenes = {scene.id for scene in file.scenes}
-    for name in _truth_files(folder):
-        if name.split("/")[1] in scenes and name not in file.checksums:
-            raise BenchmarkError(
-                "has no checksum in benchmark.toml",
-                where=folder / name,
-                expected="only files that `airzoo-bench prepare` wrote",
-                mend="remove the file, or prepare the benchmark again",
-            )
-    for name, expected in file.checksums.items():
-        path = folder / name
-        if not path.is_file():
-            raise BenchmarkError(
-                "a file of the benchmark is missing",
-                where=path,
-                expected="all files of tables and truth that benchmark.toml names",
-                mend="copy the folder again, or prepare the benchmark again",
-            )
-        if sha256_of(path) != expected:
-            raise BenchmarkError(
-                "a file of the benchmark was changed since it was prepared",
-                where=path,
-                expected=f"SHA-256 {expected[:12]}…",
-                mend="prepare the benchmark again, so that its scores can be compared",
-            )
 
 
 def _differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:

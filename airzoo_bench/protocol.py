@@ -16,6 +16,13 @@ from pydantic import Field, ValidationError, field_validator
 from airzoo_bench.errors import ProtocolError
 from airzoo_bench.files import fingerprint
 from airzoo_bench.matching.settings import Crop, MatchingScores, Prior, Solver
+from airzoo_bench.reconstruction.settings import (
+    Alignment,
+    Fusion,
+    Meshes,
+    Preparation,
+    ReconstructionScores,
+)
 from airzoo_bench.retrieval.settings import Gallery, GroundTruth, RetrievalScores
 from airzoo_bench.settings import Name, Strict
 from airzoo_bench.validation import nearest, read_toml, validated, validation_message
@@ -24,6 +31,7 @@ __all__ = [
     "MatchingProtocol",
     "Protocol",
     "ProtocolScene",
+    "ReconstructionProtocol",
     "RetrievalProtocol",
     "find_protocol",
     "load_protocol",
@@ -108,9 +116,21 @@ class MatchingProtocol(Protocol):
     scores: MatchingScores
 
 
+class ReconstructionProtocol(Protocol):
+    """A protocol of multi-view reconstruction."""
+
+    track: Literal["reconstruction"]
+    alignment: Alignment
+    fusion: Fusion
+    meshes: Meshes
+    preparation: Preparation
+    scores: ReconstructionScores
+
+
 _TRACKS: dict[str, type[Protocol]] = {
     "retrieval": RetrievalProtocol,
     "matching": MatchingProtocol,
+    "reconstruction": ReconstructionProtocol,
 }
 
 

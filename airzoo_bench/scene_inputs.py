@@ -39,6 +39,8 @@ class SceneInputs:
         z0, the median of the valid heights.
     unposed : tuple of str
         File names of photos without a pose, which no track can ask.
+    gallery : RasterInfo, optional
+        The map that tiles are cut from, where it is another than `dom`.
     """
 
     scene: str
@@ -48,6 +50,12 @@ class SceneInputs:
     dsm: Path
     plane_height_m: float
     unposed: tuple[str, ...] = ()
+    gallery: RasterInfo | None = None
+
+    @property
+    def gallery_map(self) -> RasterInfo:
+        """The map that tiles are cut from."""
+        return self.gallery or self.dom
 
 
 def photo_id(scene: str, image: str) -> str:

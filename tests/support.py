@@ -13,8 +13,16 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.protocol import RetrievalProtocol, load_protocol, shipped_protocols
+from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.datasets.photos import PhotoProtocols
+from airzoo_bench.protocol import (
+    MatchingProtocol,
+    ReconstructionProtocol,
+    RetrievalProtocol,
+    load_protocol,
+    protocol_for,
+    shipped_protocols,
+)
 from airzoo_bench.queries import write_queries
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
@@ -276,3 +284,21 @@ def run_main(*arguments: object) -> int:
         except SystemExit as done:
             return int(done.code or 0)
     return 0
+
+
+def photo_protocols(
+    name: str, tile_sizes_px: tuple[int, ...], ground_truth: dict[str, Any] | None = None
+) -> PhotoProtocols:
+    """Return the protocols that `prepare photos` would start from, for a benchmark of that name."""
+    shipped = shipped_protocols()
+    tracks = ("retrieval", "matching", "reconstruction")
+    retrieval, matching, reconstruction = (load_protocol(shipped[f"photos-{t}"]) for t in tracks)
+    assert isinstance(retrieval, RetrievalProtocol)
+    assert isinstance(matching, MatchingProtocol)
+    assert isinstance(reconstruction, ReconstructionProtocol)
+    changes = {"gallery": {"tile_sizes_px": tile_sizes_px}, "ground_truth": ground_truth or {}}
+    return PhotoProtocols(
+        protocol_for(retrieval, name, changes),
+        protocol_for(matching, name, {}),
+        protocol_for(reconstruction, name, {}),
+    )

@@ -16,18 +16,13 @@ from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.rasters import open_info, read_rgb
 from airzoo_bench.retrieval.truth import read_truth
+from tests.support import photo_protocols
 
 
 @pytest.fixture(scope="module")
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from airzoo_bench.datasets.photos import prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
-    from airzoo_bench.protocol import (
-        MatchingProtocol,
-        RetrievalProtocol,
-        protocol_for,
-        protocol_of_track,
-    )
 
     root = tmp_path_factory.mktemp("data")
     sources = PhotoSources(
@@ -36,12 +31,9 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         brighton / "dom_10cm.tif",
         brighton / "dsm_10cm.tif",
     )
-    retrieval = protocol_of_track("photos-retrieval", root, RetrievalProtocol)
-    matching = protocol_of_track("photos-matching", root, MatchingProtocol)
     prepare_photos(
         sources,
-        protocol_for(retrieval, "brighton", {"gallery": {"tile_sizes_px": (256, 128)}}),
-        protocol_for(matching, "brighton", {}),
+        photo_protocols("brighton", (256, 128)),
         root / "brighton",
         crops_on_disk=True,
     )

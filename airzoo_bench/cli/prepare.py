@@ -51,6 +51,10 @@ def photos(
     poses: Annotated[Path, typer.Option(help="Pose file (JSON), or folder of a COLMAP model.")],
     dom: Annotated[Path, typer.Option(help="Map that tiles are cut from, GeoTIFF in any CRS.")],
     dsm: Annotated[Path, typer.Option(help="Surface model, GeoTIFF in the CRS of the poses.")],
+    cloud: Annotated[
+        Path | None,
+        typer.Option(help="True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
+    ] = None,
     crs: Annotated[
         str | None, typer.Option(help="CRS of the poses (default: what their file says).")
     ] = None,
@@ -60,6 +64,9 @@ def photos(
     matching_protocol: Annotated[
         str, typer.Option(help="Matching protocol to start from, a name or .toml file.")
     ] = "photos-matching",
+    reconstruction_protocol: Annotated[
+        str, typer.Option(help="Reconstruction protocol to start from, a name or .toml file.")
+    ] = "photos-reconstruction",
     tile_size: Annotated[
         list[int] | None,
         typer.Option(help="Side of a tile in map pixels; repeat it (default: the protocol's)."),
@@ -84,14 +91,16 @@ def photos(
 ) -> None:
     """Make a benchmark folder out of photos, their poses, a map and a surface model.
 
-    It serves retrieval, and matching where the photos' metadata hold GPS and gimbal angles.
+    It serves retrieval; matching where the photos' metadata hold GPS and gimbal angles; and
+    reconstruction where there is a true --cloud.
     """
     from airzoo_bench.benchmark import data_root
-    from airzoo_bench.datasets.photos import prepare_photos
+    from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
     from airzoo_bench.errors import UsageError
     from airzoo_bench.protocol import (
         MatchingProtocol,
+        ReconstructionProtocol,
         RetrievalProtocol,
         protocol_for,
         protocol_of_track,
@@ -107,6 +116,7 @@ def photos(
     root = data_root()
     base = protocol_of_track(protocol, root, RetrievalProtocol)
     matching = protocol_of_track(matching_protocol, root, MatchingProtocol)
+    reconstruction = protocol_of_track(reconstruction_protocol, root, ReconstructionProtocol)
     truth = base.ground_truth
     changes: dict[str, dict[str, Any]] = {
         "gallery": {"tile_sizes_px": tuple(tile_size)} if tile_size else {},
@@ -116,9 +126,12 @@ def photos(
         },
     }
     prepared = prepare_photos(
-        PhotoSources(images, poses, dom, dsm, crs),
-        protocol_for(base, name, changes),
-        protocol_for(matching, name, {}),
+        PhotoSources(images, poses, dom, dsm, crs, cloud),
+        PhotoProtocols(
+            protocol_for(base, name, changes),
+            protocol_for(matching, name, {}),
+            protocol_for(reconstruction, name, {}),
+        ),
         out or data_root() / name,
         tiles_on_disk=tiles is Parts.FILES,
         crops_on_disk=crops is Parts.FILES,
@@ -136,17 +149,23 @@ def _threshold(base: float | None, rule: Rule | None, given: float | None) -> fl
 
 
 def _report(prepared: Prepared, out: Path | None) -> None:
-    truth = prepared.scene.truth
-    counts = truth.positives.counts
+    truths = prepared.truths
     put(f"{prepared.folder}\n")
-    put(f"  retrieval  {len(truth.queries)} queries, {len(truth.tiles)} tiles, ")
-    put(f"{counts.min()} to {counts.max()} positives a query, mean {counts.mean():.1f}\n")
-    _report_left_out(len(truth.excluded))
-    if prepared.matching is not None:
-        put(f"  matching   {len(prepared.matching.queries)} queries with a prior\n")
-        _report_left_out(len(prepared.matching.excluded))
+    if truths.retrieval is not None:
+        truth = truths.retrieval.truth
+        counts = truth.positives.counts
+        put(f"  retrieval       {len(truth.queries)} queries, {len(truth.tiles)} tiles, ")
+        put(f"{counts.min()} to {counts.max()} positives a query, mean {counts.mean():.1f}\n")
+        _report_left_out(len(truth.excluded))
+    if truths.matching is not None:
+        put(f"  matching        {len(truths.matching.queries)} queries with a prior\n")
+        _report_left_out(len(truths.matching.excluded))
     else:
-        put("  matching   no: no photo has GPS position and gimbal angles in its metadata\n")
+        put("  matching        no: no photo has GPS position and gimbal angles in its metadata\n")
+    if truths.reconstruction is not None:
+        put(f"  reconstruction  {len(truths.reconstruction.photos)} photos, a true cloud\n")
+    else:
+        put("  reconstruction  no: no true cloud was given (--cloud)\n")
     if prepared.without_pose:
         say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
     where = f" --data {prepared.folder}" if out else ""
@@ -157,4 +176,4 @@ def _report(prepared: Prepared, out: Path | None) -> None:
 
 def _report_left_out(count: int) -> None:
     if count:
-        put(f"             {count} photos left out; excluded.csv says why\n")
+        put(f"                  {count} photos left out; excluded.csv says why\n")

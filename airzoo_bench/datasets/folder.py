@@ -3,39 +3,86 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tomli_w
 
-from airzoo_bench.benchmark import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.protocol import Protocol
+from airzoo_bench.queries import write_queries
+from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.truth import write_truth as write_reconstruction_truth
+from airzoo_bench.retrieval.prepare import PreparedScene
+from airzoo_bench.retrieval.truth import write_truth as write_retrieval_truth
 
-__all__ = ["copied", "left_in_place", "write_folder_files"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["SceneTruths", "copied", "left_in_place", "write_folder_files", "write_scene"]
 
 
-def left_in_place(sources: PhotoSources) -> dict[str, str]:
-    """Return where photos, map and surface model are, as benchmark.toml names them."""
-    return {key: str(getattr(sources, key).resolve()) for key in ("images", "dom", "dsm")}
+@dataclass(frozen=True, eq=False)
+class SceneTruths:
+    """The table of a scene's photos and its truth, by track; None where a track has none."""
+
+    photos: pd.DataFrame
+    retrieval: PreparedScene | None
+    matching: MatchingTruth | None
+    reconstruction: ReconstructionTruth | None
+
+
+def left_in_place(sources: Mapping[str, Path]) -> dict[str, str]:
+    """Return where photos, maps and clouds are, as benchmark.toml names them."""
+    return {key: str(path.resolve()) for key, path in sources.items()}
 
 
 def copied(
-    folder: Path, scene: str, sources: PhotoSources, names: tuple[str, ...]
+    folder: Path, scene: str, sources: Mapping[str, Path], names: Sequence[str]
 ) -> dict[str, str]:
-    """Copy photos, map and surface model into the folder, and return where they are."""
+    """Copy photos, maps and clouds into the folder, and return where they are.
+
+    Parameters
+    ----------
+    folder : Path
+        The benchmark folder.
+    scene : str
+    sources : mapping of str to Path
+        By the name that benchmark.toml has for it; ``images`` is a folder.
+    names : sequence of str
+        The photos to copy, relative to ``images``.
+    """
     home = Path("data") / scene
     for name in names:
-        target = folder / home / "images" / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(sources.images / name, target)
-    for key in ("dom", "dsm"):
-        shutil.copyfile(getattr(sources, key), folder / home / f"{key}.tif")
-    kept = {"images": home / "images", "dom": home / "dom.tif", "dsm": home / "dsm.tif"}
+        _copy(sources["images"] / name, folder / home / "images" / name)
+    kept = {"images": home / "images"}
+    for key, source in sources.items():
+        if key != "images":
+            kept[key] = home / f"{key}{source.suffix.lower()}"
+            _copy(source, folder / kept[key])
     return {key: path.as_posix() for key, path in kept.items()}
 
 
-def write_folder_files(folder: Path, protocols: Sequence[Protocol], scene: SceneFile) -> None:
+def write_scene(folder: Path, scene: str, truths: SceneTruths) -> Path:
+    """Write a scene's table of photos and its truth; returns the scene's folder."""
+    home = folder / "scenes" / scene
+    write_queries(home, truths.photos)
+    if truths.retrieval is not None:
+        write_retrieval_truth(home, truths.retrieval.truth, truths.retrieval.overlaps)
+    if truths.matching is not None:
+        write_matching_truth(home, truths.matching)
+    if truths.reconstruction is not None:
+        write_reconstruction_truth(home, truths.reconstruction)
+    return home
+
+
+def write_folder_files(
+    folder: Path, protocols: Sequence[Protocol], scenes: Sequence[SceneFile]
+) -> None:
     """Write benchmark.toml and the protocols that the truth was made for."""
     (folder / "protocols").mkdir()
     for protocol in protocols:
@@ -48,7 +95,12 @@ def write_folder_files(folder: Path, protocols: Sequence[Protocol], scene: Scene
         version=1,
         title=protocols[0].benchmark,
         tracks={protocol.track: protocol.truth_settings() for protocol in protocols},
-        scenes=(scene,),
+        scenes=tuple(scenes),
         checksums={},
     )
     write_benchmark_file(folder, file)
+
+
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)

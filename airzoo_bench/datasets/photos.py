@@ -7,9 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.benchmark import SceneFile
+from airzoo_bench.benchmark_file import SceneFile
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
-from airzoo_bench.datasets.folder import copied, left_in_place, write_folder_files
+from airzoo_bench.datasets.folder import (
+    SceneTruths,
+    copied,
+    left_in_place,
+    write_folder_files,
+    write_scene,
+)
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.sources import (
     PhotoSources,
@@ -26,15 +32,36 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.protocol import MatchingProtocol, RetrievalProtocol
-from airzoo_bench.queries import write_queries
+from airzoo_bench.protocol import (
+    MatchingProtocol,
+    Protocol,
+    ReconstructionProtocol,
+    RetrievalProtocol,
+)
+from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
-from airzoo_bench.retrieval.truth import write_truth
 from airzoo_bench.scene_inputs import SceneInputs, photo_table
 
-__all__ = ["Prepared", "prepare_photos"]
+__all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
+
+
+@dataclass(frozen=True)
+class PhotoProtocols:
+    """The protocols of a benchmark of own photos, each with the same one scene."""
+
+    retrieval: RetrievalProtocol
+    matching: MatchingProtocol
+    reconstruction: ReconstructionProtocol
+
+    def served(self, truths: SceneTruths) -> list[Protocol]:
+        """Return the protocols that there is truth for."""
+        pairs = (
+            (self.retrieval, truths.retrieval),
+            (self.matching, truths.matching),
+            (self.reconstruction, truths.reconstruction),
+        )
+        return [protocol for protocol, truth in pairs if truth is not None]
 
 
 @dataclass(frozen=True)
@@ -47,25 +74,21 @@ class Prepared:
         The benchmark folder.
     protocols : tuple of str
         The names of the protocols in it.
-    scene : PreparedScene
-        The truth of the retrieval track.
-    matching : MatchingTruth or None
-        That of the matching track; None where no photo has a prior.
+    truths : SceneTruths
+        None for matching where no photo has a prior, for reconstruction without a cloud.
     without_pose : tuple of str
         Photos that the pose file lacks.
     """
 
     folder: Path
     protocols: tuple[str, ...]
-    scene: PreparedScene
-    matching: MatchingTruth | None
+    truths: SceneTruths
     without_pose: tuple[str, ...]
 
 
 def prepare_photos(
     sources: PhotoSources,
-    retrieval: RetrievalProtocol,
-    matching: MatchingProtocol,
+    protocols: PhotoProtocols,
     folder: Path,
     *,
     tiles_on_disk: bool = False,
@@ -74,14 +97,14 @@ def prepare_photos(
     replace: bool = False,
     progress: Progress = silent,
 ) -> Prepared:
-    """Make a benchmark folder with one scene, for retrieval and for matching.
+    """Make a benchmark folder with one scene, for every track that its sources serve.
 
     Parameters
     ----------
     sources : PhotoSources
-    retrieval, matching : RetrievalProtocol, MatchingProtocol
-        Of the same benchmark, with one scene. Without a prior in any photo (GPS position and
-        gimbal angles in the metadata) there is no truth for matching.
+    protocols : PhotoProtocols
+        Without a prior in any photo (GPS position and gimbal angles in the metadata) there is no
+        truth for matching, without a cloud none for reconstruction.
     folder : Path
         Appears when it is complete.
     tiles_on_disk : bool
@@ -99,37 +122,43 @@ def prepare_photos(
     UserError
         A source is missing or wrong, or no photo can be answered.
     """
-    scene = retrieval.scenes[0]
+    scene = protocols.retrieval.scenes[0]
     check_target(sources, folder, replace=replace)
     sizes = photo_sizes(sources.images, progress)
     inputs = _inputs(sources, scene.id, sizes, progress)
-    prepared = build_truth(inputs, retrieval.gallery, retrieval.ground_truth)
-    matched = _matching_truth(inputs, matching)
-    if prepared.truth.queries.empty:
-        raise _nothing_to_ask(prepared, sources)
-    protocols = (retrieval, matching) if matched else (retrieval,)
+    truths = _truths(inputs, protocols, sources)
+    served = protocols.served(truths)
     images = tuple(inputs.photos["image"])
     with atomic_folder(folder, replace=replace) as staged:
-        home = staged / "scenes" / scene.id
-        write_queries(home, inputs.photos)
-        write_truth(home, prepared.truth, prepared.overlaps)
-        if matched:
-            write_matching_truth(home, matched)
-        if matched and crops_on_disk:
-            write_crops(home / "matching" / "crops", matched, progress)
-        if tiles_on_disk:
-            write_tiles(home / "retrieval" / "tiles", prepared.truth.tiles, sources.dom, progress)
-        places = copied(staged, scene.id, sources, images) if copy else left_in_place(sources)
+        home = write_scene(staged, scene.id, truths)
+        if truths.matching and crops_on_disk:
+            write_crops(home / "matching" / "crops", truths.matching, progress)
+        if truths.retrieval and tiles_on_disk:
+            tiles = truths.retrieval.truth.tiles
+            write_tiles(home / "retrieval" / "tiles", tiles, sources.dom, progress)
+        kept = sources.kept
+        places = copied(staged, scene.id, kept, images) if copy else left_in_place(kept)
         entry = SceneFile(
             id=scene.id,
             title=scene.title,
             crs=inputs.crs,
             plane_height_m=inputs.plane_height_m,
             dsm_sha256=sha256_of(sources.dsm),
+            cloud_sha256=truths.reconstruction.cloud_sha256 if truths.reconstruction else None,
             **places,
         )
-        write_folder_files(staged, protocols, entry)
-    return Prepared(folder, tuple(p.name for p in protocols), prepared, matched, inputs.unposed)
+        write_folder_files(staged, served, [entry])
+    return Prepared(folder, tuple(p.name for p in served), truths, inputs.unposed)
+
+
+def _truths(inputs: SceneInputs, protocols: PhotoProtocols, sources: PhotoSources) -> SceneTruths:
+    retrieval = build_truth(inputs, protocols.retrieval.gallery, protocols.retrieval.ground_truth)
+    matching = _matching_truth(inputs, protocols.matching)
+    if retrieval.truth.queries.empty:
+        raise _nothing_to_ask(retrieval, sources)
+    cloud = sources.cloud
+    reconstruction = None if cloud is None else build_reconstruction_truth(inputs, cloud)
+    return SceneTruths(inputs.photos, retrieval, matching, reconstruction)
 
 
 def _inputs(

@@ -45,6 +45,8 @@ class PhotoSources:
         Map and surface model, as GeoTIFF; the surface model is in the CRS of the poses.
     crs : str or None
         CRS of the poses, where their file does not name it.
+    cloud : Path or None
+        The true cloud, in the CRS of the poses, for the reconstruction track.
     """
 
     images: Path
@@ -52,13 +54,20 @@ class PhotoSources:
     dom: Path
     dsm: Path
     crs: str | None = None
+    cloud: Path | None = None
+
+    @property
+    def kept(self) -> dict[str, Path]:
+        """What the benchmark refers to, by the name that benchmark.toml has for it."""
+        parts = {"images": self.images, "dom": self.dom, "dsm": self.dsm, "cloud": self.cloud}
+        return {key: path for key, path in parts.items() if path is not None}
 
 
 def check_target(sources: PhotoSources, folder: Path, *, replace: bool) -> None:
     """Refuse a folder that may not be made, above all one that holds the sources."""
     check_new_folder(folder, replace=replace)
     target = folder.resolve()
-    for source in (sources.images, sources.poses, sources.dom, sources.dsm):
+    for source in (sources.poses, *sources.kept.values()):
         if target in (source.resolve(), *source.resolve().parents):
             raise UsageError(
                 f"the folder to make holds {source}, which it is made from",

@@ -58,7 +58,7 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
     RasterError
         The map's resolution is not the protocol's, or the surface model has no valid height.
     """
-    tiles = cut_gallery(inputs.dom, gallery, inputs.scene)
+    tiles = cut_gallery(inputs.gallery_map, gallery, inputs.scene)
     boxes = tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
     footprints = _footprints(inputs, rules)
     positives = _positives(footprints, boxes, rules)

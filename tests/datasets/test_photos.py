@@ -22,7 +22,7 @@ from airzoo_bench.datasets.photos import Prepared, prepare_photos
 from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.protocol import load_protocol, protocol_for, shipped_protocols
+from airzoo_bench.protocol import load_protocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from tests.support import (
     MAP_SIZE_M,
@@ -30,6 +30,7 @@ from tests.support import (
     Place,
     files_below,
     make_place,
+    photo_protocols,
     run_main,
     write_raster,
 )
@@ -39,18 +40,12 @@ def prepared(
     place: Place, folder: Path, truth: dict[str, Any] | None = None, **options: Any
 ) -> Prepared:
     """Prepare a place with tiles of 64 px, 50 % overlap."""
-    base = load_protocol(shipped_protocols()["photos-retrieval"])
-    changes = truth or {}
-    if changes:
-        ground_truth = base.ground_truth.model_copy(update=changes)
-        base = base.model_copy(update={"ground_truth": ground_truth})
     sizes = options.pop("tile_sizes_px", (64,))
-    chosen = protocol_for(base, "park", {"gallery": {"tile_sizes_px": sizes}})
-    matching = protocol_for(load_protocol(shipped_protocols()["photos-matching"]), "park", {})
+    chosen = photo_protocols("park", sizes, truth)
     sources = PhotoSources(
         place.images, place.poses, place.dom, place.dsm, options.pop("crs", None)
     )
-    return prepare_photos(sources, chosen, matching, folder, **options)
+    return prepare_photos(sources, chosen, folder, **options)
 
 
 def truth_in(folder: Path) -> RetrievalTruth:
@@ -290,7 +285,7 @@ def test_from_photos_to_a_score(
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     assert run_main(*place.arguments()) == 0
     said = capsys.readouterr()
-    assert "retrieval  4 queries" in said.out
+    assert "retrieval       4 queries" in said.out
     assert "next: airzoo-bench baseline retrieval park-retrieval" in said.err
     out = tmp_path / "t.npz"
     assert run_main("template", "park-retrieval", "--out", out, "--kind", "descriptors") == 0
@@ -381,7 +376,7 @@ def test_a_file_name_that_is_no_text(
     assert run_main(*place.arguments()) == 0
     said = capsys.readouterr()
     assert "1 photos have no pose, such as \\xdcff.jpg" in said.err
-    assert "retrieval  3 queries" in said.out
+    assert "retrieval       3 queries" in said.out
 
 
 def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
@@ -391,10 +386,7 @@ def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
         brighton / "dom_10cm.tif",
         brighton / "dsm_10cm.tif",
     )
-    base = load_protocol(shipped_protocols()["photos-retrieval"])
-    chosen = protocol_for(base, "park", {"gallery": {"tile_sizes_px": (512,)}})
-    matching = protocol_for(load_protocol(shipped_protocols()["photos-matching"]), "park", {})
-    result = prepare_photos(sources, chosen, matching, tmp_path / "park")
+    result = prepare_photos(sources, photo_protocols("park", (512,)), tmp_path / "park")
     truth = truth_in(tmp_path / "park")
     assert len(truth.queries) + len(truth.excluded) == 18
     assert len(truth.queries) > 0

@@ -11,7 +11,8 @@ import tomli_w
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.benchmark import Benchmark, BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.files import sha256_of
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera

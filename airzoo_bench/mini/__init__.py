@@ -1,0 +1,1 @@
+"""AirZoo-Mini: a world made on the spot, flights over it, and the photos they take."""

@@ -1,0 +1,1 @@
+"""Multi-view reconstruction: clouds against the ground truth."""

@@ -1,0 +1,115 @@
+"""The truth of one scene of the reconstruction track: its photos, their poses, and the cloud."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airzoo_bench.benchmark import Benchmark, read_table
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.files import sha256_of
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.queries import cameras_of, poses_of, read_queries
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["ReconstructionTruth", "read_truth", "write_truth"]
+
+
+@dataclass(frozen=True, eq=False)
+class ReconstructionTruth:
+    """What a reconstruction is made from and held against.
+
+    Attributes
+    ----------
+    scene : str
+        The scene's id.
+    photos : DataFrame
+        A row a photo that may be used, sorted by ``id``: camera and true pose.
+    cloud : Path
+        The true cloud, in the scene's CRS.
+    cloud_sha256 : str
+        Of its bytes.
+    excluded : DataFrame
+        Photos of the scene that are not used, with the reason.
+    """
+
+    scene: str
+    photos: pd.DataFrame
+    cloud: Path
+    cloud_sha256: str
+    excluded: pd.DataFrame
+
+    @property
+    def cameras(self) -> Cameras:
+        """Cameras of the photos."""
+        return cameras_of(self.photos)
+
+    @property
+    def poses(self) -> Poses:
+        """True poses of the photos."""
+        return poses_of(self.photos)
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 over all that a score is computed from."""
+        digest = hashlib.sha256("\n".join(self.photos["image"]).encode() + b"\0")
+        cameras, poses = self.cameras, self.poses
+        for array in (
+            *(cameras.width, cameras.height, cameras.focal, cameras.principal_point),
+            *(cameras.distortion, poses.rotation, poses.centres),
+        ):
+            digest.update(array.astype("<f8").tobytes())
+        digest.update(self.cloud_sha256.encode())
+        return digest.hexdigest()
+
+
+def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
+    """Write a scene's truth below its folder, beside ``queries.csv``."""
+    home = folder / "reconstruction"
+    home.mkdir(parents=True, exist_ok=True)
+    photos = truth.photos[["id", "image"]]
+    photos.to_csv(home / "photos.csv", index=False, lineterminator="\n")
+    truth.excluded.to_csv(home / "excluded.csv", index=False, lineterminator="\n")
+
+
+def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
+    """Read a scene's truth, and hold the cloud to its checksum.
+
+    Raises
+    ------
+    BenchmarkError
+        A file is missing or damaged, or the cloud is not the one that was prepared.
+    """
+    folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
+    home = folder / "reconstruction"
+    excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
+    listed = read_table(home / "photos.csv", ("id", "image"))
+    photos = read_queries(folder, excluded)
+    if listed["id"].tolist() != photos["id"].tolist():
+        raise BenchmarkError(
+            "the photos are not those of queries.csv",
+            where=home / "photos.csv",
+            mend="prepare the benchmark again",
+        )
+    cloud = benchmark.resolve(entry.cloud or "")
+    if not entry.cloud or not cloud.is_file():
+        raise BenchmarkError(
+            "the true cloud is not there",
+            where=cloud,
+            expected="the cloud that benchmark.toml names",
+            mend="put it back where benchmark.toml says, or prepare with --copy",
+        )
+    found = sha256_of(cloud)
+    if found != entry.cloud_sha256:
+        raise BenchmarkError(
+            "the cloud is not the one that the benchmark was prepared with",
+            where=cloud,
+            expected=f"SHA-256 {(entry.cloud_sha256 or 'none')[:12]}…",
+            mend="put it back, or prepare the benchmark again",
+        )
+    return ReconstructionTruth(scene, photos, cloud, found, excluded)
