@@ -1,0 +1,1 @@
+"""How a region is laid out, painted, meshed and lit: the parts that `mini.build` puts together."""

@@ -1,0 +1,91 @@
+"""The true cloud of a region: every surface that the photos of a flight see, from exact depth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.cameras import Cameras, back_project
+from airzoo_bench.geometry.poses import Poses, camera_to_world
+from airzoo_bench.mini.frame_files import frame_paths
+from airzoo_bench.mini.frame_list import FrameList
+from airzoo_bench.mini.world import Region
+from airzoo_bench.progress import Progress
+from airzoo_bench.reconstruction.clouds import Cloud
+from airzoo_bench.reconstruction.voxels import VoxelGrid
+
+__all__ = ["depth_to_points", "seen_surface"]
+
+_FARTHEST_M = 250.0
+
+
+def seen_surface(
+    frames: FrameList,
+    rows: list[int],
+    folder: Path,
+    region: Region,
+    *,
+    voxel_m: float,
+    progress: Progress,
+) -> Cloud:
+    """Return what rendered frames see of a region, one point for each voxel.
+
+    Parameters
+    ----------
+    frames : FrameList
+    rows : list of int
+        Which frames.
+    folder : Path
+        Where they were rendered to.
+    region : Region
+        Points beyond its borders, on land that no map shows, are left out.
+    voxel_m : float
+        Side of the voxels.
+    progress : Progress
+
+    Returns
+    -------
+    Cloud
+        In `world.CRS`, with colours.
+    """
+    from PIL import Image
+
+    low = np.array((region.west, region.south))
+    grid = VoxelGrid(voxel_m, np.array((region.west, region.south, 0.0)))
+    for row in progress(rows, "true cloud", len(rows)):
+        photo, depth_file = frame_paths(folder, frames.names[row])
+        with Image.open(depth_file) as picture:
+            depth = np.asarray(picture, dtype=np.float64)
+        with Image.open(photo) as picture:
+            colours = np.asarray(picture)
+        seen = (depth > 0) & (depth < _FARTHEST_M)
+        points = depth_to_points(depth, seen, frames.camera(row), frames.poses.take(row))
+        inside = ((points[:, :2] >= low) & (points[:, :2] <= low + region.side_m)).all(axis=1)
+        grid.add(Cloud(points[inside], colours[seen][inside]))
+    return grid.cloud()
+
+
+def depth_to_points(depth: Floats, chosen: Bools, camera: Cameras, pose: Poses) -> Floats:
+    """Back-project chosen pixels of a z-depth map.
+
+    Parameters
+    ----------
+    depth : (H, W) array
+        Metres along the optical axis.
+    chosen : (H, W) bool array
+    camera, pose : Cameras, Poses
+        One of each.
+
+    Returns
+    -------
+    (N, 3) array
+        World coordinates, in the order of rows.
+    """
+    rows, columns = np.nonzero(chosen)
+    pixels = np.stack([columns + 0.5, rows + 0.5], axis=-1)
+    rays = back_project(camera, pixels[None])[0]
+    points = rays / rays[:, 2:] * depth[rows, columns][:, None]
+    world: Floats = camera_to_world(pose, points[None])[0]
+    return world
