@@ -1,0 +1,183 @@
+"""``airzoo-bench check-geometry`` and ``check-split``: whether a dataset agrees with itself."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from airzoo_bench.cli.common import Format, FormatOption, progress, put, say, show
+from airzoo_bench.geometry_checks.depth_maps import DepthKind
+from airzoo_bench.geometry_checks.frame_pairs import PairRule
+
+if TYPE_CHECKING:
+    from airzoo_bench.geometry_checks.dataset import PosedScene
+    from airzoo_bench.geometry_checks.depth_frames import Sampling
+    from airzoo_bench.geometry_checks.report import SceneGeometry
+
+__all__ = ["check_geometry", "check_split"]
+
+DEPTH_FOLDER = "depth"
+
+
+def check_geometry(
+    data: Annotated[
+        Path | None, typer.Argument(help="A benchmark folder, or its name in the data root.")
+    ] = None,
+    scene: Annotated[str | None, typer.Option(help="One scene (default: all).")] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="Instead of DATA: pose file (JSON), or folder of a COLMAP model."),
+    ] = None,
+    images: Annotated[Path | None, typer.Option(help="With --poses: folder of the photos.")] = None,
+    crs: Annotated[
+        str | None, typer.Option(help="With --poses: their CRS (default: what their file says).")
+    ] = None,
+    depth: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the depth maps, or of one for each scene (default: depth/ beside the "
+            "folder of the photos).",
+            show_default=False,
+        ),
+    ] = None,
+    depth_kind: Annotated[
+        DepthKind, typer.Option(help="Depth along the optical axis, or along the pixel's ray.")
+    ] = DepthKind.Z,
+    depth_scale: Annotated[
+        float | None, typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG.")
+    ] = None,
+    pairs: Annotated[
+        PairRule, typer.Option(help="Frames to compare; docs/geometry-checks.md.")
+    ] = PairRule.ALL,
+    samples: Annotated[int, typer.Option(min=64, help="Pixels sampled of each frame.")] = 4096,
+    seed: Annotated[int, typer.Option(min=0, help="Of the sampling.")] = 0,
+    median_below: Annotated[
+        float, typer.Option(min=0.0, help="The median relative depth error must be below this.")
+    ] = 0.00066,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for geometry.json, tables and the error curve.")
+    ] = None,
+    form: FormatOption = Format.TERMINAL,
+) -> None:
+    """Check frames and depth of a dataset; exit code 1 where something is wrong.
+
+    Example: airzoo-bench check-geometry airzoo-mini --out geometry
+    """
+    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.geometry_checks.depth_frames import Sampling
+    from airzoo_bench.geometry_checks.report import (
+        OUTPUT_NAMES,
+        geometry_table,
+        report_values,
+        save_report,
+    )
+
+    if out is not None:
+        check_output_folder(out, OUTPUT_NAMES)
+    _check_scale(depth_scale)
+    sampling = Sampling(samples, seed, depth_kind, depth_scale)
+    scenes = _scenes(data, scene, poses, images, crs)
+    checked = [_checked(one, depth, sampling, pairs, median_below) for one in scenes]
+    if form is Format.JSON:
+        put(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")
+    else:
+        show(geometry_table(checked), form)
+    for path in save_report(checked, out) if out is not None else ():
+        say(f"wrote {path}")
+    if any(one.faults for one in checked):
+        raise typer.Exit(1)
+
+
+def check_split(
+    train: Annotated[Path, typer.Argument(help="A benchmark folder, or a CSV of footprints.")],
+    test: Annotated[Path, typer.Argument(help="Another.")],
+    max_range: Annotated[
+        float, typer.Option(min=1.0, help="Rays to the ground are cut at this many metres.")
+    ] = 2000.0,
+    out: Annotated[Path | None, typer.Option(help="CSV of all pairs that overlap.")] = None,
+    form: FormatOption = Format.TERMINAL,
+) -> None:
+    """Check that no photo of one set sees ground that a photo of another sees.
+
+    Exit code 1 where one does, with the pairs named.
+
+    Example: airzoo-bench check-split training-set airzoo-mini --out overlaps.csv
+    """
+    from airzoo_bench.geometry_checks.footprint_sets import read_footprints
+    from airzoo_bench.geometry_checks.split_overlap import compare_splits
+    from airzoo_bench.geometry_checks.split_report import split_table, split_values
+
+    sets = [read_footprints(place, max_range) for place in (train, test)]
+    found = compare_splits(*sets, csv=out, progress=progress)
+    if form is Format.JSON:
+        put(json.dumps(split_values(found), indent=1, allow_nan=False) + "\n")
+    else:
+        show(split_table(found), form)
+    if out is not None:
+        say(f"wrote {out}")
+    if not found.passes:
+        raise typer.Exit(1)
+
+
+def _scenes(
+    data: Path | None, scene: str | None, poses: Path | None, images: Path | None, crs: str | None
+) -> list[PosedScene]:
+    from airzoo_bench.errors import UsageError
+    from airzoo_bench.geometry_checks.dataset import (
+        open_benchmark,
+        scene_from_poses,
+        scenes_of_benchmark,
+    )
+
+    if data is not None and (poses, images, crs) == (None, None, None):
+        return scenes_of_benchmark(open_benchmark(data), scene)
+    if data is None and scene is None and poses is not None and images is not None:
+        return [scene_from_poses(poses, images, crs, progress)]
+    raise UsageError(
+        "what is to be checked is not clear",
+        expected="a benchmark folder DATA, perhaps with --scene; or --poses and --images, "
+        "perhaps with --crs",
+    )
+
+
+def _check_scale(scale: float | None) -> None:
+    from airzoo_bench.errors import UsageError
+
+    if scale is not None and not 0.0 < scale < float("inf"):
+        raise UsageError(f"--depth-scale {scale} is not a scale", expected="metres of a unit")
+
+
+def _checked(
+    scene: PosedScene, depth: Path | None, sampling: Sampling, rule: PairRule, median_below: float
+) -> SceneGeometry:
+    from airzoo_bench.errors import UsageError
+    from airzoo_bench.geometry_checks.depth_report import check_depth_consistency
+    from airzoo_bench.geometry_checks.frame_chain import check_frame_chain
+    from airzoo_bench.geometry_checks.report import SceneGeometry
+
+    folder = scene.folder.resolve().parent / DEPTH_FOLDER if depth is None else depth
+    if depth is not None and (depth / scene.name).is_dir():
+        folder = depth / scene.name
+    has_depth = depth is not None or folder.is_dir()
+    if scene.crs is None and not has_depth:
+        raise UsageError(
+            "nothing can be checked: neither the CRS of the poses nor depth is known",
+            mend="give --crs EPSG:..., or --depth DIR",
+        )
+    chain = None if scene.crs is None else check_frame_chain(scene.cameras, scene.poses, scene.crs)
+    consistency = (
+        check_depth_consistency(
+            scene,
+            folder,
+            sampling=sampling,
+            rule=rule,
+            median_below=median_below,
+            progress=progress,
+        )
+        if has_depth
+        else None
+    )
+    return SceneGeometry(scene, chain, consistency)

@@ -1,0 +1,1 @@
+"""Checks of a dataset's geometry: frames, depth against poses, splits against each other."""

@@ -1,0 +1,171 @@
+"""The chain pixel -> ray -> ENU -> ECEF -> WGS84 -> CRS of the poses, and all the way back.
+
+It closes to rounding (about 1e-8 m) where lens, rotation, position and CRS are sound. It does not
+where a pixel has no ray (beyond the range of the lens model), where a position is no place of the
+CRS, or where the CRS cannot be inverted to a micrometre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
+from airzoo_bench.geometry.attitude import grid_convergence_deg
+from airzoo_bench.geometry.cameras import Cameras, back_project, project
+from airzoo_bench.geometry.frames import (
+    ecef_to_geodetic,
+    from_lonlat,
+    geodetic_to_ecef,
+    to_lonlat,
+)
+from airzoo_bench.geometry.poses import Poses, rays_to_world
+
+__all__ = ["CLOSES_M", "CLOSES_PX", "RANGES_M", "FrameChain", "check_frame_chain"]
+
+CLOSES_M = 1e-6
+"""The chain closes where no point comes back farther off than this (PROTOCOLS.md)."""
+
+CLOSES_PX = 1e-3
+"""Nor any pixel: 1e-6 m at 10 m from a camera of 10,000 px focal length."""
+
+RANGES_M = (10.0, 100.0, 1000.0)
+"""Distances from the camera at which points are sent through the chain."""
+
+_SIDE = 5
+_BLOCK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class FrameChain:
+    """How well the chain closes for N photos.
+
+    Attributes
+    ----------
+    closure_m, closure_px : (N,) float64
+        The farthest that a point or pixel of the photo comes back from where it started; infinite
+        where one does not come back.
+    lens_fails : (N,) bool
+        A pixel of the photo, borders included, has no ray.
+    off_crs : (N,) bool
+        The camera, or a point that it sees, is no place of the CRS.
+    convergence_deg : (N,) float64
+        From true north to the north of the grid, clockwise; NaN where `off_crs`.
+    """
+
+    closure_m: Floats
+    closure_px: Floats
+    lens_fails: Bools
+    off_crs: Bools
+    convergence_deg: Floats
+
+    @property
+    def open_photos(self) -> Bools:
+        """The photos (N,) whose chain does not close."""
+        return ~((self.closure_m < CLOSES_M) & (self.closure_px < CLOSES_PX))
+
+    @property
+    def worst(self) -> int:
+        """The photo whose chain closes worst."""
+        share = np.maximum(self.closure_m / CLOSES_M, self.closure_px / CLOSES_PX)
+        return int(np.argmax(share))
+
+
+def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
+    """Send a grid of 5 x 5 pixels of each photo, borders included, through the chain and back.
+
+    The ray is turned from the axes of the grid to east, north and up by the convergence of the
+    meridians; points lie on it at `RANGES_M`. Heights are taken as above the WGS84 ellipsoid.
+
+    Parameters
+    ----------
+    cameras, poses : Cameras, Poses
+        Of N photos.
+    crs : Any
+        Projected CRS of the poses; see `frames.horizontal_crs`.
+
+    Returns
+    -------
+    FrameChain
+
+    Raises
+    ------
+    UserError
+        The CRS is unknown, or not projected.
+    """
+    parts = [
+        _checked(cameras.take(part), poses.take(part), crs)
+        for start in range(0, len(poses), _BLOCK)
+        for part in [slice(start, start + _BLOCK)]
+    ]
+    names = ("closure_m", "closure_px", "lens_fails", "off_crs", "convergence_deg")
+    return FrameChain(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+
+def _checked(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
+    pixels = _pixel_grid(cameras)
+    rays = back_project(cameras, pixels)
+    lonlat = to_lonlat(crs, poses.centres[:, :2])
+    convergence = grid_convergence_deg(crs, lonlat)
+    to_true = _turn_about_up(convergence)
+    directions = apply_matrix(to_true[:, None], rays_to_world(poses, rays))
+    sent = (np.array(RANGES_M)[:, None] * directions[:, :, None]).reshape(len(poses), -1, 3)
+    axes = _enu_axes(lonlat)
+    origin = geodetic_to_ecef(np.concatenate([lonlat, poses.centres[:, 2:]], axis=1))
+
+    geodetic = ecef_to_geodetic(apply_matrix(axes[:, None], sent) + origin[:, None])
+    plane = from_lonlat(crs, geodetic[..., :2])
+    back = np.concatenate([to_lonlat(crs, plane), geodetic[..., 2:]], axis=-1)
+    there = geodetic_to_ecef(back) - origin[:, None]
+    returned = apply_matrix(_transposed(axes)[:, None], there)
+    grid = apply_matrix(_transposed(to_true)[:, None], returned)
+    seen = project(cameras, apply_matrix(poses.rotation[:, None], grid))
+
+    no_ray = np.asarray(np.isnan(rays).any(axis=(1, 2)))
+    lost = np.asarray(np.isnan(plane).any(axis=-1) & ~np.isnan(sent).any(axis=-1))
+    nowhere = np.asarray(lost.any(axis=1) | np.isnan(lonlat).any(axis=1))
+    return FrameChain(
+        _worst(returned - sent),
+        _worst(seen - np.repeat(pixels, len(RANGES_M), axis=1)),
+        no_ray,
+        nowhere,
+        convergence,
+    )
+
+
+def _pixel_grid(cameras: Cameras) -> Floats:
+    share = np.linspace(0.0, 1.0, _SIDE)
+    grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
+    pixels: Floats = grid * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
+    return pixels
+
+
+def _turn_about_up(convergence_deg: Floats) -> Floats:
+    """Rotations (N, 3, 3) of vectors on the grid to true east, north and up."""
+    angle = np.radians(convergence_deg)
+    cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
+    rows = ((cosine, sine, zero), (-sine, cosine, zero), (zero, zero, zero + 1.0))
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _enu_axes(lonlat: Floats) -> Floats:
+    """Rotations (N, 3, 3) from ENU to ECEF, as `frames.Enu` has them for one place."""
+    lon, lat = np.radians(lonlat).T
+    zero = np.zeros_like(lon)
+    east = (-np.sin(lon), np.cos(lon), zero)
+    north = (-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat))
+    up = (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
+    return np.array((east, north, up)).T
+
+
+def _transposed(matrices: Floats) -> Floats:
+    return np.swapaxes(matrices, -1, -2)
+
+
+def _worst(differences: Floats) -> Floats:
+    """Greatest length (N,) of differences (N, M, D); infinite where one is NaN."""
+    lengths = np.sqrt((differences * differences).sum(axis=-1))
+    worst: Floats = np.where(np.isnan(lengths), np.inf, lengths).max(axis=1)
+    return worst
