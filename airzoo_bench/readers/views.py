@@ -1,0 +1,199 @@
+"""Depth maps and point maps with their cameras, in npz files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import CameraError
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.readers.arrays import Arrays, check_fields, numbers, open_arrays, texts
+from airzoo_bench.readers.image_poses import (
+    CAMERA_FIELDS,
+    ImagePoses,
+    camera_fault,
+    check_count,
+    field_fault,
+    image_poses,
+)
+from airzoo_bench.readers.view_suspicions import refuse_other_resolution
+
+__all__ = ["Views", "holds_views", "read_views"]
+
+_DEPTH = "depth"
+_POINTS = ("world_points", "points")
+_CONFIDENCE = ("conf", "confidence")
+_COLOURS = ("colours", "colors", "image")
+_EXPECTED = (
+    "depth (N, H, W) or world_points (N, H, W, 3), intrinsics (N, 3, 3), extrinsics (N, 3, 4) or "
+    "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, 3)"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Depth maps or point maps of N images.
+
+    Attributes
+    ----------
+    path : Path
+    depth : (N, H, W) float array or None
+        Depth along the camera's z axis. 0, negative, NaN and infinite stand for no surface.
+    points : (N, H, W, 3) float array or None
+        World coordinates, instead of `depth`.
+    cameras : Cameras or None
+        At the size of the maps. Pixel centres sit at integer + 0.5: the corner of the first pixel
+        is (0, 0).
+    images : ImagePoses or None
+        Only point maps may lack them.
+    confidence : (N, H, W) float array or None
+    colours : (N, H, W, 3) uint8 array or None
+    notes : tuple of str
+        What looks odd and need not be wrong.
+    """
+
+    path: Path
+    depth: NDArray[np.floating[Any]] | None
+    points: NDArray[np.floating[Any]] | None
+    cameras: Cameras | None
+    images: ImagePoses | None
+    confidence: NDArray[np.floating[Any]] | None
+    colours: NDArray[np.uint8] | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the maps, in pixels."""
+        maps = self.depth if self.depth is not None else self.points
+        height, width = (0, 0) if maps is None else maps.shape[1:3]
+        return int(width), int(height)
+
+
+def holds_views(path: Path, limit_bytes: int) -> bool:
+    """Whether an npz holds depth maps or point maps (else it is a cloud)."""
+    arrays = open_arrays(path, limit_bytes)
+    names = arrays.names()
+    cloud = "points" in names and not names & {_DEPTH, "world_points", *CAMERA_FIELDS}
+    return not cloud or arrays.map("points").ndim == 4
+
+
+def read_views(path: Path, limit_bytes: int) -> Views:
+    """Read depth maps or point maps.
+
+    Maps that `numpy.savez` wrote stay in the file until they are used, so that they may be larger
+    than memory.
+
+    Parameters
+    ----------
+    path : Path
+        An npz with ``depth`` (N, H, W) or (N, H, W, 1), ``intrinsics``, ``extrinsics`` and
+        ``image_names``; or with ``world_points`` or ``points`` (N, H, W, 3) and, as far as there
+        are any, these. ``conf`` and ``colours`` are optional.
+    limit_bytes : int
+        The most that one array may take in memory.
+
+    Raises
+    ------
+    PredictionError
+        Another kind of file; a field is missing, misnamed or of another shape; intrinsics of
+        another resolution; extrinsics that are no poses; names that are missing or doubled.
+    """
+    arrays = open_arrays(path, limit_bytes)
+    names = arrays.names()
+    kinds = [name for name in (_DEPTH, *_POINTS) if name in names]
+    if len(kinds) > 1:
+        raise field_fault(
+            arrays, f"holds {' and '.join(kinds)}, and they could disagree", "one of them"
+        )
+    needed = (_DEPTH, *CAMERA_FIELDS) if kinds == [_DEPTH] else (kinds[0] if kinds else _DEPTH,)
+    maps_name = needed[0]
+    allowed = ("protocol", maps_name, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
+    check_fields(arrays, needed, allowed, _EXPECTED)
+    maps = _maps(arrays, maps_name)
+    count, height, width = maps.shape[:3]
+    cameras, notes = _cameras(arrays, count, width, height)
+    images = image_poses(arrays, count) if "extrinsics" in names else None
+    return Views(
+        path,
+        maps if maps_name == _DEPTH else None,
+        None if maps_name == _DEPTH else maps,
+        cameras,
+        images,
+        _confidence(arrays, (count, height, width)),
+        _colours(arrays, (count, height, width, 3)),
+        notes,
+    )
+
+
+def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
+    values = arrays.map(name)
+    if name == _DEPTH and values.ndim == 4 and values.shape[-1] == 1:
+        values = values[..., 0]
+    shape = (3,) if name in _POINTS else ()
+    fits = values.ndim == 3 + len(shape) and values.shape[3:] == shape and 0 not in values.shape
+    if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
+        raise field_fault(
+            arrays,
+            f"field '{name}' is {values.dtype} of shape {values.shape}",
+            f"floating point, {_EXPECTED.split(',')[0]} ...",
+        )
+    return values
+
+
+def _cameras(
+    arrays: Arrays, count: int, width: int, height: int
+) -> tuple[Cameras | None, tuple[str, ...]]:
+    if "intrinsics" not in arrays.names():
+        return None, ()
+    matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
+    check_count(arrays, "intrinsics", len(matrices), count)
+    names = _labels(arrays, count)
+    try:
+        cameras = Cameras.from_matrices(matrices, width, height, names=names)
+    except CameraError as error:
+        raise camera_fault(arrays, "intrinsics", error) from error
+    notes = refuse_other_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
+    return cameras, notes
+
+
+def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> NDArray[np.floating[Any]] | None:
+    values = _optional(arrays, _CONFIDENCE, shape)
+    if values is not None and (values.dtype.kind != "f" or values.dtype.itemsize > 8):
+        raise field_fault(arrays, f"the confidence is {values.dtype}", "floating point")
+    return values
+
+
+def _colours(arrays: Arrays, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
+    values = _optional(arrays, _COLOURS, shape)
+    if values is not None and values.dtype != np.uint8:
+        raise field_fault(arrays, f"the colours are {values.dtype}", "uint8")
+    return values
+
+
+def _optional(
+    arrays: Arrays, names: tuple[str, ...], shape: tuple[int, ...]
+) -> NDArray[Any] | None:
+    given = [name for name in names if name in arrays.names()]
+    if not given:
+        return None
+    if len(given) > 1:
+        raise field_fault(arrays, f"holds {' and '.join(given)}", "one of them")
+    values = arrays.map(given[0])
+    if values.shape != shape:
+        raise field_fault(
+            arrays,
+            f"field '{given[0]}' has shape {values.shape}",
+            f"{shape}: the size of the maps and of '{given[0]}' must be the same",
+        )
+    return values
+
+
+def _labels(arrays: Arrays, count: int) -> list[str] | None:
+    if "image_names" not in arrays.names():
+        return None
+    names = texts(arrays, "image_names", 1)
+    return names.tolist() if len(names) == count else None
