@@ -6,43 +6,80 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from airzoo_bench.reconstruction.consensus import RansacSettings
+from airzoo_bench.reconstruction.icp import IcpSettings
+from airzoo_bench.reconstruction.tsdf import TsdfSettings
 from airzoo_bench.settings import Limits, Positive, Strict
 
 __all__ = ["Alignment", "Fusion", "Meshes", "Preparation", "ReconstructionScores"]
 
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 Count = Annotated[int, Field(ge=1)]
+Share = Annotated[float, Field(gt=0, le=1)]
 
 
 class Alignment(Strict):
     """How a prediction is brought into the frame of the truth.
 
-    The values of `icp_*` are used by ``sim3+icp`` only.
+    ``inlier_below_m = "nearest-camera"`` is Depth Anything 3's rule; see `consensus`. The values of
+    `icp_*` are used by ``sim3+icp`` only.
     """
 
     method: Literal["none", "sim3", "sim3+icp"]
-    inlier_below_m: Positive
+    inlier_below_m: Positive | Literal["nearest-camera"]
     trials: Count
+    sample_share: Share
+    line_ratio: Share
     seed: Seed
     icp_below_m: Positive
     icp_points: Count
     icp_iterations: Count
+    icp_tolerance: Positive
+    icp_with_scale: bool
+
+    def ransac(self) -> RansacSettings:
+        """Return what finding inliers among camera centres needs."""
+        limit = None if isinstance(self.inlier_below_m, str) else self.inlier_below_m
+        return RansacSettings(self.trials, self.sample_share, limit, self.line_ratio, self.seed)
+
+    def icp(self) -> IcpSettings:
+        """Return what refining by the clouds needs."""
+        return IcpSettings(
+            max_points=self.icp_points,
+            max_distance=self.icp_below_m,
+            max_iterations=self.icp_iterations,
+            tolerance=self.icp_tolerance,
+            with_scale=self.icp_with_scale,
+            seed=self.seed,
+        )
 
 
 class Fusion(Strict):
-    """How depth maps and point maps become a cloud."""
+    """How depth maps and point maps become a cloud; the values of `tsdf_*` serve ``tsdf`` only."""
 
     method: Literal["back-projection", "tsdf"]
     confidence_above: Annotated[float, Field(allow_inf_nan=False)] | Literal["none"]
     max_depth_m: Positive
     tsdf_voxel_m: Positive
     tsdf_truncation_m: Positive
+    tsdf_max_voxels: Count
+
+    @property
+    def least_confidence(self) -> float | None:
+        """The confidence that pixels must exceed; None takes all."""
+        return None if isinstance(self.confidence_above, str) else self.confidence_above
+
+    def tsdf(self) -> TsdfSettings:
+        """Return what fusing by a signed distance needs."""
+        return TsdfSettings(
+            self.tsdf_voxel_m, self.tsdf_truncation_m, self.max_depth_m, self.tsdf_max_voxels
+        )
 
 
 class Meshes(Strict):
-    """How a surface becomes points."""
+    """How a surface becomes points: so many on the whole mesh, whatever its units."""
 
-    points_per_m2: Positive
+    points: Annotated[int, Field(ge=1, le=100_000_000)]
     seed: Seed
 
 
@@ -61,3 +98,4 @@ class ReconstructionScores(Strict):
     curve_up_to_m: Positive
     curve_steps: Annotated[int, Field(ge=2, le=10_000)]
     pose_auc_below_deg: Limits
+    least_baseline_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -1,0 +1,232 @@
+"""Depth maps and point maps into clouds, read view by view.
+
+Pixel centres sit at integer + 0.5, the image's corner being (0, 0), as in `geometry.cameras`: the
+pixel in column u and row v looks through (u + 0.5, v + 0.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.cameras import Cameras, back_project
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.clouds import Cloud
+from airzoo_bench.reconstruction.similarity import Similarity
+
+__all__ = ["DepthCloud", "DepthMaps", "PointCloudOfMaps", "PointMaps", "surface_depth"]
+
+FloatMaps = NDArray[np.floating[Any]]
+Colours = NDArray[np.uint8]
+
+# Views are worked through in parts of so many pixels, whatever pieces are asked for.
+_BLOCK_PIXELS = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMaps:
+    """Depth maps of N views.
+
+    Attributes
+    ----------
+    depth : (N, H, W) float array
+        Along the camera's z axis. 0, negative, NaN and infinite stand for no surface.
+    cameras : Cameras
+        N, at the size of the maps.
+    poses : Poses
+        N, in the frame of the prediction.
+    confidence : (N, H, W) float array or None
+    colours : (N, H, W, 3) uint8 array or None
+    """
+
+    depth: FloatMaps
+    cameras: Cameras
+    poses: Poses
+    confidence: FloatMaps | None = None
+    colours: Colours | None = None
+
+    def __post_init__(self) -> None:
+        _check_shapes(self.depth.shape[:3], self.depth.ndim == 3, self.confidence, self.colours)
+        if not len(self.depth) == len(self.cameras) == len(self.poses):
+            raise ValueError(
+                f"{len(self.depth)} maps, {len(self.cameras)} cameras, {len(self.poses)} poses"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class PointMaps:
+    """Point maps of N views.
+
+    Attributes
+    ----------
+    points : (N, H, W, 3) float array
+        In the frame of the prediction; not finite for no surface.
+    confidence : (N, H, W) float array or None
+    colours : (N, H, W, 3) uint8 array or None
+    """
+
+    points: FloatMaps
+    confidence: FloatMaps | None = None
+    colours: Colours | None = None
+
+    def __post_init__(self) -> None:
+        whole = self.points.ndim == 4 and self.points.shape[3] == 3
+        _check_shapes(self.points.shape[:3], whole, self.confidence, self.colours)
+
+
+@dataclass(frozen=True, eq=False)
+class DepthCloud:
+    """The cloud of all pixels of depth maps that have a surface; a `CloudSource`.
+
+    Attributes
+    ----------
+    maps : DepthMaps
+    transform : Similarity
+        Into the frame of the truth; depths grow by its scale.
+    max_depth : float
+        In units of the truth. A surface beyond it is none.
+    confidence_above : float or None
+        Pixels need a higher one; None takes all, as do maps without confidence.
+    """
+
+    maps: DepthMaps
+    transform: Similarity
+    max_depth: float
+    confidence_above: float | None
+
+    @cached_property
+    def count(self) -> int:
+        """How many points there are."""
+        return sum(int((self._depth(row) > 0.0).sum()) for row in range(len(self.maps.depth)))
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, view by view and row by row, at most so many at a time."""
+        poses = self.transform.apply_poses(self.maps.poses)
+        for row in range(len(self.maps.depth)):
+            depth = self._depth(row).ravel()
+            for pixels in _parts(depth > 0.0, points):
+                yield self._lift(poses, row, depth[pixels], pixels)
+
+    def _depth(self, row: int) -> Floats:
+        return surface_depth(
+            self.maps,
+            row,
+            scale=self.transform.scale,
+            max_depth=self.max_depth,
+            confidence_above=self.confidence_above,
+        )
+
+    def _lift(self, poses: Poses, row: int, depth: Floats, pixels: Ints) -> Cloud:
+        places = np.stack(np.divmod(pixels, self.maps.depth.shape[2])[::-1], axis=-1) + 0.5
+        rays = back_project(self.maps.cameras.take(row), places[None])[0]
+        local = rays * (depth / rays[:, 2])[:, None]
+        world = apply_matrix(poses.rotation[row].T, local) + poses.centres[row]
+        return _cloud(world, row, pixels, self.maps.confidence, self.maps.colours)
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloudOfMaps:
+    """The cloud of all pixels of point maps that have a surface; a `CloudSource`.
+
+    Attributes
+    ----------
+    maps : PointMaps
+    transform : Similarity
+        Into the frame of the truth.
+    confidence_above : float or None
+        See `DepthCloud`.
+    """
+
+    maps: PointMaps
+    transform: Similarity
+    confidence_above: float | None
+
+    @cached_property
+    def count(self) -> int:
+        """How many points there are."""
+        return sum(int(self._surface(row).sum()) for row in range(len(self.maps.points)))
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, view by view and row by row, at most so many at a time."""
+        for row in range(len(self.maps.points)):
+            flat = self.maps.points[row].reshape(-1, 3)
+            for pixels in _parts(self._surface(row), points):
+                world = self.transform.apply(flat[pixels].astype(np.float64))
+                yield _cloud(world, row, pixels, self.maps.confidence, self.maps.colours)
+
+    def _surface(self, row: int) -> Bools:
+        finite: Bools = np.isfinite(self.maps.points[row]).all(axis=-1)
+        return (finite & _trusted(self.maps.confidence, row, self.confidence_above)).ravel()
+
+
+def surface_depth(
+    maps: DepthMaps,
+    row: int,
+    *,
+    scale: float,
+    max_depth: float,
+    confidence_above: float | None,
+) -> Floats:
+    """Return the depth map (H, W) of one view, 0 where it has no surface that counts.
+
+    Parameters
+    ----------
+    maps : DepthMaps
+    row : int
+    scale : float
+        Depths are multiplied by it.
+    max_depth : float
+        Of the depths so multiplied.
+    confidence_above : float or None
+        See `DepthCloud`.
+    """
+    depth = maps.depth[row].astype(np.float64) * scale
+    # NaN compares false.
+    surface = (depth > 0.0) & (depth <= max_depth)
+    surface &= _trusted(maps.confidence, row, confidence_above)
+    return np.where(surface, depth, 0.0)
+
+
+def _trusted(confidence: FloatMaps | None, row: int, above: float | None) -> Bools | np.bool_:
+    if confidence is None or above is None:
+        return np.True_
+    return np.asarray(confidence[row] > above)
+
+
+def _parts(surface: Bools, points: int) -> Iterator[Ints]:
+    pixels = np.flatnonzero(surface)
+    size = min(points, _BLOCK_PIXELS)
+    for start in range(0, len(pixels), size):
+        yield pixels[start : start + size]
+
+
+def _cloud(
+    world: Floats,
+    row: int,
+    pixels: Ints,
+    confidence: FloatMaps | None,
+    colours: Colours | None,
+) -> Cloud:
+    return Cloud(
+        world,
+        None if colours is None else colours[row].reshape(-1, 3)[pixels],
+        None if confidence is None else confidence[row].ravel()[pixels].astype(np.float32),
+    )
+
+
+def _check_shapes(
+    shape: tuple[int, ...],
+    whole: bool,
+    confidence: FloatMaps | None,
+    colours: Colours | None,
+) -> None:
+    fits = whole and (confidence is None or confidence.shape == shape)
+    if not fits or not (colours is None or colours.shape == (*shape, 3)):
+        found = [None if a is None else a.shape for a in (confidence, colours)]
+        raise ValueError(f"maps {shape}, confidence and colours {found}")

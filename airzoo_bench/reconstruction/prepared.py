@@ -1,0 +1,162 @@
+"""What is done to a cloud before distances are taken, piece by piece.
+
+Points that are not finite are left out and counted, then those outside the box, and the rest is
+thinned by voxels; each step only where a protocol asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Bools
+from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
+from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
+from airzoo_bench.reconstruction.settings import Preparation
+from airzoo_bench.reconstruction.similarity import Similarity
+from airzoo_bench.reconstruction.voxels import VoxelGrid
+
+__all__ = ["Held", "Moved", "PreparedCloud", "box_of", "prepared"]
+
+# Where voxels of both clouds have a corner, whatever the clouds.
+_GRID_ORIGIN = np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A cloud in memory, as a `CloudSource`."""
+
+    cloud: Cloud
+
+    @property
+    def count(self) -> int:
+        """How many points it holds."""
+        return len(self.cloud)
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, at most so many at a time."""
+        for start in range(0, len(self.cloud), points):
+            yield take(self.cloud, slice(start, start + points))
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A cloud brought into another frame, without points of too little confidence."""
+
+    source: CloudSource
+    transform: Similarity
+    confidence_above: float | None
+
+    @property
+    def count(self) -> int:
+        """How many points it holds at most."""
+        return self.source.count
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, at most so many at a time."""
+        for piece in self.source.pieces(points):
+            kept = piece
+            if self.confidence_above is not None and piece.confidence is not None:
+                kept = take(piece, piece.confidence > self.confidence_above)
+            yield Cloud(self.transform.apply(kept.points), kept.colours, kept.confidence)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCloud:
+    """A cloud as it is compared, and what was left out of it.
+
+    Attributes
+    ----------
+    source : CloudSource
+        Finite points only.
+    not_finite, outside, thinned : int
+        Points with NaN or infinite coordinates, outside the box, and merged by voxels.
+    """
+
+    source: CloudSource
+    not_finite: int
+    outside: int
+    thinned: int
+
+
+def box_of(source: CloudSource, points: int = 1 << 20) -> Box:
+    """Return the smallest box that holds the finite points of a cloud.
+
+    Raises
+    ------
+    BenchmarkError
+        There are none.
+    """
+    box: Box | None = None
+    for piece in source.pieces(points):
+        finite = piece.points[finite_rows(piece.points)]
+        if len(finite):
+            found = bounding_box(finite)
+            box = found if box is None else box.joined(found)
+    if box is None:
+        raise BenchmarkError(
+            "the true cloud holds no finite point",
+            expected="at least one point",
+            mend="check the benchmark's cloud",
+        )
+    return box
+
+
+def prepared(
+    source: CloudSource, settings: Preparation, truth: Box, block_points: int
+) -> PreparedCloud:
+    """Prepare a cloud.
+
+    Parameters
+    ----------
+    source : CloudSource
+    settings : Preparation
+    truth : Box
+        Around the true cloud.
+    block_points : int
+        Points that are read at a time.
+    """
+    margin = settings.crop_margin_m
+    kept = _Kept(source, None if isinstance(margin, str) else truth.grown(margin))
+    grid = None
+    if not isinstance(settings.voxel_m, str):
+        grid = VoxelGrid(settings.voxel_m, _GRID_ORIGIN)
+    not_finite = outside = inside = 0
+    for piece in source.pieces(block_points):
+        finite, within = kept.rows(piece)
+        not_finite += len(piece) - int(np.count_nonzero(finite))
+        outside += int(np.count_nonzero(finite & ~within))
+        inside += int(np.count_nonzero(within))
+        if grid is not None:
+            grid.add(take(piece, within))
+    if grid is None:
+        return PreparedCloud(_Counted(kept, inside), not_finite, outside, 0)
+    thin = grid.cloud()
+    return PreparedCloud(Held(thin), not_finite, outside, inside - len(thin))
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """The finite points of a cloud that lie in a box."""
+
+    source: CloudSource
+    box: Box | None
+
+    def rows(self, piece: Cloud) -> tuple[Bools, Bools]:
+        finite = finite_rows(piece.points)
+        return finite, finite if self.box is None else finite & self.box.holds(piece.points)
+
+
+@dataclass(frozen=True, eq=False)
+class _Counted:
+    kept: _Kept
+    count: int
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, at most so many at a time."""
+        for piece in self.kept.source.pieces(points):
+            _, within = self.kept.rows(piece)
+            yield piece if within.all() else take(piece, within)

@@ -1,0 +1,69 @@
+"""Which scores the reconstruction track has, and their columns in the records."""
+
+from __future__ import annotations
+
+from airzoo_bench.reconstruction.settings import ReconstructionScores
+from airzoo_bench.scores import Score
+
+__all__ = ["f1_column", "pose_auc_column", "reconstruction_scores", "share_column"]
+
+
+def f1_column(limit_m: float) -> str:
+    """Name the column of F1."""
+    return f"f1_{limit_m:g}m"
+
+
+def share_column(what: str, limit_m: float) -> str:
+    """Name the column of ``precision`` or ``recall``."""
+    return f"{what}_{limit_m:g}m"
+
+
+def pose_auc_column(limit_deg: float) -> str:
+    """Name the column of the area under the curve of relative pose errors."""
+    return f"pose_auc_{limit_deg:g}deg"
+
+
+def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -> list[Score]:
+    """Return the scores that a protocol asks for.
+
+    The headline is the paper's: Chamfer distance, and F1 with its precision and recall.
+
+    Parameters
+    ----------
+    settings : ReconstructionScores
+    with_poses : bool
+        Whether the predictions hold camera poses; the others have no pose scores.
+
+    Returns
+    -------
+    list of Score
+        The columns are those of `airzoo_bench.reconstruction.track.score_scene`.
+    """
+    main = settings.headline_below_m
+    scores = [
+        _distance("chamfer_m", "Chamfer", headline=True),
+        _distance("accuracy_m", "Accuracy", headline=True),
+        _distance("completeness_m", "Completeness", headline=True),
+        _share(share_column("precision", main), f"P@{main:g}m", headline=True),
+        _share(share_column("recall", main), f"R@{main:g}m", headline=True),
+        _share(f1_column(main), f"F1@{main:g}m", headline=True),
+    ]
+    for limit in settings.f1_below_m:
+        if limit != main:
+            scores.append(_share(share_column("precision", limit), f"P@{limit:g}m"))
+            scores.append(_share(share_column("recall", limit), f"R@{limit:g}m"))
+            scores.append(_share(f1_column(limit), f"F1@{limit:g}m", headline=True))
+    scores.append(_distance("accuracy_median_m", "Accuracy, median"))
+    scores.append(_distance("completeness_median_m", "Completeness, median"))
+    if with_poses:
+        scores += [_share(pose_auc_column(a), f"AUC@{a:g}°") for a in settings.pose_auc_below_deg]
+        scores.append(_distance("ate_m", "ATE"))
+    return scores
+
+
+def _distance(column: str, title: str, *, headline: bool = False) -> Score:
+    return Score(column, title, "m", higher_is_better=False, average="mean", headline=headline)
+
+
+def _share(column: str, title: str, *, headline: bool = False) -> Score:
+    return Score(column, title, "share", higher_is_better=True, average="mean", headline=headline)

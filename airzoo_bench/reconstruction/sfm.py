@@ -1,0 +1,261 @@
+"""Two views and many: what pycolmap does for the baseline, with seeds and one thread.
+
+With more than one thread bundle adjustment sums in another order on every run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.sfm_model import Colours, Lens, Model
+
+__all__ = ["TwoViews", "map_photos", "verify"]
+
+_LEAST_MODEL = 3
+
+
+class TwoViews(NamedTuple):
+    """Matches of a pair that one motion of the camera explains.
+
+    Attributes
+    ----------
+    first, second : int
+        Rows of the photos.
+    config : int
+        COLMAP's kind of geometry; 0 and 1 stand for none.
+    matches : (M, 2) array
+        Rows of the features.
+    """
+
+    first: int
+    second: int
+    config: int
+    matches: Ints
+
+
+def verify(
+    lenses: tuple[Lens, Lens],
+    places: tuple[Floats, Floats],
+    matches: Ints,
+    *,
+    max_error_px: float,
+    least_inliers: int,
+    seed: int,
+) -> tuple[int, Ints]:
+    """Keep the matches that one motion of the camera, or one plane, explains.
+
+    Parameters
+    ----------
+    lenses : pair of Lens
+    places : pair of (n, 2) array
+        Features in pixels, corner (0, 0).
+    matches : (M, 2) int64 array
+    max_error_px : float
+    least_inliers : int
+    seed : int
+
+    Returns
+    -------
+    config : int
+        See `TwoViews`.
+    kept : (K, 2) int64 array
+    """
+    import pycolmap
+
+    if len(matches) < least_inliers:
+        return 0, np.zeros((0, 2), np.int64)
+    _be_quiet(pycolmap)
+    options = pycolmap.TwoViewGeometryOptions(min_num_inliers=least_inliers)
+    options.ransac.max_error = max_error_px
+    options.ransac.random_seed = seed
+    options.ransac.num_threads = 1
+    pycolmap.set_random_seed(seed)
+    first, second = (_camera(pycolmap, lens, 1) for lens in lenses)
+    found = pycolmap.estimate_two_view_geometry(
+        first, places[0], second, places[1], matches.astype(np.uint32), options
+    )
+    kept = np.asarray(found.inlier_matches, np.int64).reshape(-1, 2)
+    return int(found.config), kept
+
+
+def map_photos(
+    lenses: Sequence[Lens],
+    places: Sequence[Floats],
+    colours: Sequence[Colours],
+    pairs: Iterable[TwoViews],
+    folder: Path,
+    *,
+    max_error_px: float,
+    least_inliers: int,
+    seed: int,
+) -> Model | None:
+    """Reconstruct incrementally (Schönberger and Frahm, CVPR 2016).
+
+    Parameters
+    ----------
+    lenses, places, colours : sequences of N
+        Of each photo: its lens, its features' pixels (n, 2) and colours (n, 3).
+    pairs : iterable of TwoViews
+    folder : Path
+        An empty one, for COLMAP's database and models.
+    max_error_px : float
+        Largest reprojection error of a point.
+    least_inliers : int
+        Pairs with fewer matches are left out.
+    seed : int
+
+    Returns
+    -------
+    Model or None
+        The one with the most photos, then the most points; None where no two photos fit.
+    """
+    import pycolmap
+
+    _be_quiet(pycolmap)
+    database = folder / "database.db"
+    _write_database(pycolmap, database, lenses, places, pairs)
+    options = _options(pycolmap, max_error_px, least_inliers, seed)
+    _fix_lenses(
+        options,
+        known=all(lens.known for lens in lenses),
+        focal_known=all(lens.focal_known for lens in lenses),
+    )
+    pycolmap.set_random_seed(seed)
+    models = pycolmap.incremental_mapping(database, folder, folder, options)
+    if not models:
+        return None
+    best = max(
+        sorted(models), key=lambda key: (models[key].num_reg_images(), models[key].num_points3D())
+    )
+    return _read(models[best], colours)
+
+
+def _be_quiet(pycolmap: Any) -> None:
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
+
+
+def _camera(pycolmap: Any, lens: Lens, number: int) -> Any:
+    camera = pycolmap.Camera(
+        camera_id=number,
+        model=lens.model,
+        width=lens.width,
+        height=lens.height,
+        params=list(lens.params),
+    )
+    camera.has_prior_focal_length = lens.focal_known
+    return camera
+
+
+def _write_database(
+    pycolmap: Any,
+    path: Path,
+    lenses: Sequence[Lens],
+    places: Sequence[Floats],
+    pairs: Iterable[TwoViews],
+) -> None:
+    # Photos of one lens share its camera. Image i + 1 is photo i.
+    numbers = {lens: n for n, lens in enumerate(dict.fromkeys(lenses), start=1)}
+    with pycolmap.Database.open(path) as database:
+        for lens, number in numbers.items():
+            database.write_camera(_camera(pycolmap, lens, number), use_camera_id=True)
+            rig = pycolmap.Rig(rig_id=number)
+            rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number))
+            database.write_rig(rig, use_rig_id=True)
+        for row, (lens, xy) in enumerate(zip(lenses, places, strict=True), start=1):
+            _write_image(pycolmap, database, row, numbers[lens], xy)
+        for pair in pairs:
+            _write_pair(pycolmap, database, pair)
+
+
+def _write_image(pycolmap: Any, database: Any, row: int, camera: int, xy: Floats) -> None:
+    image = pycolmap.Image(name=f"{row}", camera_id=camera, image_id=row)
+    database.write_image(image, use_image_id=True)
+    frame = pycolmap.Frame(frame_id=row, rig_id=camera)
+    frame.add_data_id(image.data_id)
+    database.write_frame(frame, use_frame_id=True)
+    database.write_keypoints(row, xy.astype(np.float32))
+
+
+def _write_pair(pycolmap: Any, database: Any, pair: TwoViews) -> None:
+    matches = pair.matches.astype(np.uint32)
+    geometry = pycolmap.TwoViewGeometry(
+        config=pycolmap.TwoViewGeometryConfiguration(pair.config), inlier_matches=matches
+    )
+    database.write_matches(pair.first + 1, pair.second + 1, matches)
+    database.write_two_view_geometry(pair.first + 1, pair.second + 1, geometry)
+
+
+def _options(pycolmap: Any, max_error_px: float, least_inliers: int, seed: int) -> Any:
+    options = pycolmap.IncrementalPipelineOptions(
+        min_num_matches=least_inliers,
+        min_model_size=_LEAST_MODEL,
+        extract_colors=False,
+        num_threads=1,
+        random_seed=seed,
+    )
+    options.mapper.num_threads = 1
+    options.mapper.random_seed = seed
+    options.mapper.init_max_error = max_error_px
+    options.mapper.filter_max_reproj_error = max_error_px
+    options.triangulation.random_seed = seed
+    options.triangulation.merge_max_reproj_error = max_error_px
+    options.triangulation.complete_max_reproj_error = max_error_px
+    return options
+
+
+def _fix_lenses(options: Any, *, known: bool, focal_known: bool) -> None:
+    options.ba_refine_focal_length = not focal_known
+    options.ba_refine_extra_params = not known
+    options.mapper.abs_pose_refine_focal_length = not focal_known
+    options.mapper.abs_pose_refine_extra_params = not known
+
+
+def _read(model: Any, colours: Sequence[Colours]) -> Model:
+    images = [model.images[key] for key in sorted(model.images) if model.images[key].has_pose]
+    poses = [image.cam_from_world() for image in images]
+    points = [model.points3D[key] for key in sorted(model.points3D)]
+    return Model(
+        rows=np.array([image.image_id - 1 for image in images], np.int64),
+        cameras=_brown([model.cameras[image.camera_id] for image in images]),
+        poses=Poses.from_translations(
+            np.array([pose.rotation.matrix() for pose in poses]),
+            np.array([pose.translation for pose in poses]),
+        ),
+        points=np.array([point.xyz for point in points]).reshape(-1, 3),
+        colours=_mean_colours(points, colours),
+        reprojection_px=float(model.compute_mean_reprojection_error()) if points else np.nan,
+    )
+
+
+def _mean_colours(points: Sequence[Any], colours: Sequence[Colours]) -> Colours:
+    elements = [(e.image_id - 1, e.point2D_idx) for p in points for e in p.track.elements]
+    if not elements:
+        return np.zeros((0, 3), np.uint8)
+    photo, feature = np.array(elements, np.int64).T
+    before = np.cumsum([0, *map(len, colours)])
+    seen = np.concatenate(list(colours))[before[photo] + feature].astype(np.int64)
+    lengths = np.array([point.track.length() for point in points])
+    starts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
+    sums = np.add.reduceat(seen, starts, axis=0)
+    mean: Colours = np.round(sums / lengths[:, None]).astype(np.uint8)
+    return mean
+
+
+def _brown(cameras: Sequence[Any]) -> Cameras:
+    lenses = np.zeros((len(cameras), 5))
+    for row, camera in zip(lenses, cameras, strict=True):
+        given = camera.params[4:9] if camera.model.name == "FULL_OPENCV" else camera.params[3:4]
+        row[: len(given)] = given
+    return Cameras.from_matrices(
+        np.array([camera.calibration_matrix() for camera in cameras]),
+        [camera.width for camera in cameras],
+        [camera.height for camera in cameras],
+        lenses,
+    )

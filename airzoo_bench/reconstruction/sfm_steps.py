@@ -1,0 +1,231 @@
+"""The steps of structure from motion, each kept in a file named by what it was made from."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.geometry.arrays import Ints
+from airzoo_bench.reconstruction.sfm import TwoViews, map_photos, verify
+from airzoo_bench.reconstruction.sfm_model import Lens, Model, model_arrays, model_from_arrays
+from airzoo_bench.sift import extract, mutual_nearest
+
+__all__ = [
+    "Batch",
+    "Photo",
+    "Reader",
+    "SfmSettings",
+    "build_models",
+    "extract_features",
+    "focal_from_exif",
+    "list_photo",
+    "match_batch",
+    "plan_batches",
+]
+
+Reader = Callable[[Path, int], NDArray[np.uint8]]
+"""Reads a photo in colour (height, width, 3), so small that its long side fits."""
+
+_GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
+_FILM_MM = 36.0
+_FOCAL_35MM = 0xA405  # EXIF's FocalLengthIn35mmFilm; 0 is unknown
+_VERSION = 1  # of the files in the folder
+
+
+@dataclass(frozen=True)
+class SfmSettings:
+    """How photos become a sparse model.
+
+    Attributes
+    ----------
+    long_side_px : int
+        Photos are made this small before features are extracted.
+    max_features : int
+        The largest SIFT features of a photo that are kept.
+    peak_threshold : float
+        Least contrast of a feature, of grey values from 0 to 1.
+    ratio : float
+        A match is kept where its distance is below this share of the second nearest's.
+    neighbours : int or None
+        Each photo is matched with so many of the nearest, by the priors; None, or without priors:
+        with all.
+    least_inliers : int
+        Matches that a pair needs.
+    max_error_px : float
+        Largest reprojection error, in pixels of the photo made small.
+    seed : int
+    """
+
+    long_side_px: int
+    max_features: int
+    peak_threshold: float
+    ratio: float
+    neighbours: int | None
+    least_inliers: int
+    max_error_px: float
+    seed: int
+
+
+class Photo(NamedTuple):
+    """A photo at full size, and where its features go."""
+
+    path: Path
+    width: int
+    height: int
+    features: Path
+
+
+class Batch(NamedTuple):
+    """A photo, those to match it with, and where the matches go."""
+
+    first: int
+    seconds: tuple[int, ...]
+    matches: Path
+
+
+def list_photo(path: Path, size: Ints, settings: SfmSettings, folder: Path) -> Photo:
+    """Return a photo of (width, height), its features named by its bytes and the settings."""
+    import pycolmap
+
+    extraction = [settings.long_side_px, settings.max_features, settings.peak_threshold]
+    key = fingerprint([_VERSION, pycolmap.__version__, sha256_of(path), extraction])
+    return Photo(path, int(size[0]), int(size[1]), folder / "features" / f"{key}.npz")
+
+
+def focal_from_exif(path: Path, size: Ints) -> float:
+    """Return the focal length in pixels that EXIF states as that of 35 mm film; NaN without.
+
+    The frame of such film is 36 mm wide, here the photo's long side.
+    """
+    from PIL import ExifTags, Image
+
+    try:
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
+            given = float(image.getexif().get_ifd(ExifTags.IFD.Exif).get(_FOCAL_35MM, 0) or 0)
+    except (OSError, ValueError, TypeError, SyntaxError, struct.error, ZeroDivisionError):
+        return np.nan  # reading the photo itself will say what is wrong with it
+    return given / _FILM_MM * float(max(size)) if 0.0 < given < np.inf else np.nan
+
+
+def extract_features(settings: SfmSettings, read: Reader, photo: Photo) -> None:
+    """Extract features of a photo into its file: pixels at full size, descriptors, colours."""
+    colour = read(photo.path, settings.long_side_px)
+    grey = np.round(colour @ _GREY).astype(np.uint8)
+    seen, found = extract(grey, settings.max_features, settings.peak_threshold)
+    column, row = np.floor(seen).astype(np.int64).T
+    scale = np.array((photo.width, photo.height)) / (grey.shape[1], grey.shape[0])
+    arrays: dict[str, NDArray[np.generic]] = {
+        "places": seen * scale,
+        "descriptors": found.astype(np.uint8),
+        "colours": colour[row, column],
+    }
+    with atomic_write(photo.features) as stream:
+        write_npz(stream, arrays)
+
+
+def plan_batches(
+    photos: Sequence[Photo],
+    lenses: Sequence[Lens],
+    pairs: Ints,
+    settings: SfmSettings,
+    folder: Path,
+) -> list[Batch]:
+    """Group sorted pairs (P, 2) of photos by the first, a file of matches each."""
+    batches = []
+    firsts, starts = np.unique(pairs[:, 0], return_index=True)
+    parts = np.split(pairs[:, 1], starts[1:])
+    for first, part in zip(firsts.tolist(), parts[: len(firsts)], strict=True):
+        seconds = tuple(part.tolist())
+        involved = [(photos[row].features.stem, lenses[row]) for row in (first, *seconds)]
+        key = fingerprint([_VERSION, involved, asdict(replace(settings, neighbours=None))])
+        batches.append(Batch(first, seconds, folder / "matches" / f"{key}.npz"))
+    return batches
+
+
+def match_batch(
+    settings: SfmSettings, photos: Sequence[Photo], lenses: Sequence[Lens], batch: Batch
+) -> None:
+    """Match a photo with its others into the batch's file."""
+    here = _load(photos[batch.first].features)
+    configs, kept = [], []
+    for second in batch.seconds:
+        there = _load(photos[second].features)
+        a, b = (side["descriptors"].astype(np.float32) for side in (here, there))
+        matches = np.stack(mutual_nearest(a, b, settings.ratio), axis=1)
+        pair = (photos[batch.first], photos[second])
+        config, inliers = verify(
+            (lenses[batch.first], lenses[second]),
+            (here["places"], there["places"]),
+            matches,
+            max_error_px=settings.max_error_px * _shrunk(pair, settings),
+            least_inliers=settings.least_inliers,
+            seed=settings.seed,
+        )
+        configs.append(config)
+        kept.append(inliers)
+    counts = np.array([len(part) for part in kept], np.int64)
+    arrays: dict[str, NDArray[np.generic]] = {
+        "configs": np.array(configs, np.int64),
+        "counts": counts,
+        "matches": np.concatenate(kept),
+    }
+    with atomic_write(batch.matches) as stream:
+        write_npz(stream, arrays)
+
+
+def build_models(
+    photos: Sequence[Photo],
+    lenses: Sequence[Lens],
+    batches: Sequence[Batch],
+    settings: SfmSettings,
+    folder: Path,
+) -> Iterator[Model | None]:
+    """Yield the one model, from its file where it has been made; None where nothing fits."""
+    images = [photo.features.stem for photo in photos]
+    matched = [(batch.first, batch.seconds, batch.matches.stem) for batch in batches]
+    path = folder / "models" / f"{fingerprint([_VERSION, images, matched])}.npz"
+    if not path.is_file():
+        features = [_load(photo.features) for photo in photos]
+        with TemporaryDirectory(dir=folder) as scratch:
+            model = map_photos(
+                lenses,
+                [kept["places"] for kept in features],
+                [kept["colours"] for kept in features],
+                _two_views(batches),
+                Path(scratch),
+                max_error_px=settings.max_error_px * _shrunk(photos, settings),
+                least_inliers=settings.least_inliers,
+                seed=settings.seed,
+            )
+        with atomic_write(path) as stream:
+            write_npz(stream, {} if model is None else model_arrays(model))
+    arrays = _load(path)
+    yield model_from_arrays(arrays) if arrays else None
+
+
+def _two_views(batches: Sequence[Batch]) -> Iterator[TwoViews]:
+    for batch in batches:
+        kept = _load(batch.matches)
+        parts = np.split(kept["matches"], np.cumsum(kept["counts"])[:-1])
+        for second, config, matches in zip(batch.seconds, kept["configs"], parts, strict=True):
+            if len(matches):
+                yield TwoViews(batch.first, second, int(config), matches)
+
+
+def _shrunk(photos: Sequence[Photo], settings: SfmSettings) -> float:
+    longest = max(max(photo.width, photo.height) for photo in photos)
+    return max(1.0, longest / settings.long_side_px)
+
+
+def _load(path: Path) -> dict[str, Any]:
+    with np.load(path, allow_pickle=False) as file:
+        return dict(file)

@@ -1,0 +1,234 @@
+"""Similarity transforms, and the one that brings points nearest to their partners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
+from airzoo_bench.geometry.poses import Poses
+
+__all__ = [
+    "RANK_TOLERANCE",
+    "AlignmentError",
+    "Similarity",
+    "fit_many",
+    "fit_rotated",
+    "local",
+    "point_rank",
+    "umeyama",
+]
+
+# An extent below this share of the largest is rounding: single precision keeps 6e-8 of it.
+RANK_TOLERANCE = 1e-6
+_EPSILON = float(np.finfo(np.float64).eps)
+
+
+class AlignmentError(PredictionError):
+    """A prediction cannot be brought into the frame of the truth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """The transform y = scale * rotation (x - origin) + translation.
+
+    With the origin amid the points what is multiplied is small, so that projected coordinates of
+    millions of metres keep their last bits.
+
+    Attributes
+    ----------
+    scale : float
+        Above 0.
+    rotation : (3, 3) array
+    translation : (3,) array
+        Where the origin goes.
+    origin : (3,) array
+        Of the source; zero where left out, which makes the usual form.
+    """
+
+    scale: float
+    rotation: Floats
+    translation: Floats
+    origin: Floats = field(default_factory=lambda: np.zeros(3))
+
+    @classmethod
+    def identity(cls) -> Similarity:
+        """Return the transform that changes nothing, to the last bit."""
+        return cls(1.0, np.eye(3), np.zeros(3))
+
+    @property
+    def matrix(self) -> Floats:
+        """The (4, 4) matrix, scale times rotation beside the translation from origin 0."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.scale * self.rotation
+        matrix[:3, 3] = self.apply(np.zeros((1, 3)))[0]
+        return matrix
+
+    def apply(self, points: Floats) -> Floats:
+        """Transform points (..., 3)."""
+        turned = apply_matrix(self.rotation, points - self.origin)
+        moved: Floats = self.scale * turned + self.translation
+        return moved
+
+    def apply_poses(self, poses: Poses) -> Poses:
+        """Transform the world that world-to-camera poses are in."""
+        return Poses(rotation=poses.rotation @ self.rotation.T, centres=self.apply(poses.centres))
+
+    def inverse(self) -> Similarity:
+        """Return the transform back."""
+        return Similarity(1.0 / self.scale, self.rotation.T, self.origin, self.translation)
+
+    def after(self, first: Similarity) -> Similarity:
+        """Return the transform that does `first`, then this one."""
+        return Similarity(
+            self.scale * first.scale,
+            self.rotation @ first.rotation,
+            self.apply(first.translation),
+            first.origin,
+        )
+
+
+def point_rank(points: Floats, tolerance: float) -> int:
+    """Count the dimensions in which points extend: 0 a point, 1 a line, 2 a plane, 3 space.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        N at least 1.
+    tolerance : float
+        A dimension counts where its singular value, about the mean, is above this share of the
+        largest. The largest itself counts where it is above the rounding of the coordinates.
+
+    Returns
+    -------
+    int
+    """
+    _, offset = local(points)
+    # Roots of eigenvalues keep half the digits of a decomposition, and need no BLAS.
+    scatter = np.einsum("ni,nj->ij", offset, offset)
+    values = np.sqrt(np.maximum(np.linalg.eigvalsh(scatter)[::-1], 0.0))
+    rounding = 8.0 * _EPSILON * np.abs(points).max() * np.sqrt(len(points))
+    if values[0] <= rounding:
+        return 0
+    return int((values > tolerance * values[0]).sum())
+
+
+def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
+    """Return the similarity that brings points nearest to their partners, in least squares.
+
+    Parameters
+    ----------
+    source, target : (N, 3) array
+        Finite; row by row partners.
+    with_scale : bool
+        Otherwise the scale is 1.
+
+    Returns
+    -------
+    Similarity
+
+    Raises
+    ------
+    AlignmentError
+        Fewer than 3 points; points that are one, or on one line, in the source, in the target, or
+        in what the two have in common: a rotation is then left free.
+
+    References
+    ----------
+    Umeyama, Least-squares estimation of transformation parameters between two point patterns,
+    PAMI 13(4), 1991, equations 34 to 42.
+    """
+    _check_partners(source, target)
+    for name, points in (("source", source), ("target", target)):
+        _require_plane(point_rank(points, RANK_TOLERANCE), name)
+    found, determined = fit_many(source[None], target[None], with_scale=with_scale)
+    _require_plane(2 if determined[0] else 1, "what source and target have in common")
+    return found[0]
+
+
+def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[Similarity], Bools]:
+    """Fit many sets of points at once, as `umeyama` does, without its refusals.
+
+    Parameters
+    ----------
+    source, target : (S, N, 3) array
+    with_scale : bool
+
+    Returns
+    -------
+    fits : list of S Similarity
+    determined : (S,) bool array
+        Whether the rotation is determined and the scale above 0; else the fit is one of many.
+    """
+    origin, a = local(source)
+    goal, b = local(target)
+    # Not by BLAS, whose sums depend on its threads.
+    covariance = np.einsum("sni,snj->sij", b, a) / source.shape[1]
+    u, values, vt = np.linalg.svd(covariance)
+    last = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    signs = np.stack((np.ones_like(last), np.ones_like(last), last), axis=-1)
+    rotation = (u * signs[:, None]) @ vt
+    variance = (a * a).sum(axis=(1, 2)) / source.shape[1]
+    determined = values[:, 1] > RANK_TOLERANCE**2 * values[:, 0]
+    scale = np.ones(len(a))
+    if with_scale:
+        numerator = (values * signs).sum(axis=1)
+        determined &= (numerator > 0.0) & (variance > 0.0)
+        scale[determined] = numerator[determined] / variance[determined]
+    fits = [
+        Similarity(float(s), r, g, o)
+        for s, r, g, o in zip(scale, rotation, goal, origin, strict=True)
+    ]
+    return fits, determined
+
+
+def fit_rotated(source: Floats, target: Floats, rotation: Floats) -> tuple[Similarity, bool]:
+    """Fit scale and translation, the rotation being given, in least squares.
+
+    Parameters
+    ----------
+    source, target : (N, 3) array
+    rotation : (3, 3) array
+
+    Returns
+    -------
+    fit : Similarity
+    determined : bool
+        False where the points of the source are one, or the best scale is not above 0: the
+        rotation turns the source against the target. The scale is then 1.
+    """
+    origin, a = local(source)
+    goal, b = local(target)
+    # Umeyama's equation 42 with R given.
+    numerator = float((b * apply_matrix(rotation, a)).sum())
+    variance = float((a * a).sum())
+    determined = numerator > 0.0 and variance > 0.0
+    scale = numerator / variance if determined else 1.0
+    return Similarity(scale, rotation, goal, origin), determined
+
+
+def local(points: Floats) -> tuple[Floats, Floats]:
+    """Split points (..., N, 3) into their mean (..., 3) and the offsets from it."""
+    first = points[..., :1, :]
+    mean = first + (points - first).mean(axis=-2, keepdims=True)
+    return mean[..., 0, :], points - mean
+
+
+def _check_partners(source: Floats, target: Floats) -> None:
+    if source.ndim != 2 or source.shape[1] != 3 or source.shape != target.shape:
+        raise ValueError(f"points have shapes {source.shape} and {target.shape}")
+    if len(source) < 3:
+        raise AlignmentError(
+            f"a similarity cannot be had from {len(source)} points", expected="at least 3"
+        )
+
+
+def _require_plane(rank: int, name: str) -> None:
+    if rank < 2:
+        where = "one point" if rank == 0 else "one line"
+        raise AlignmentError(
+            f"the points of {name} lie on {where}, which leaves a rotation free",
+            expected="points that span at least a plane",
+        )

@@ -1,0 +1,168 @@
+"""Intervals and tests beside SciPy's."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from airzoo_bench.statistics.averages import weighted_averages
+from airzoo_bench.statistics.draws import resample_counts, sign_flips, stream_key
+from airzoo_bench.statistics.intervals import bootstrap
+from airzoo_bench.statistics.printed import hit_rate_interval
+from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.significance import mcnemar, paired_permutation
+
+SIZES = (40, 61, 25)
+METHODS = {"bca": "BCa", "percentile": "percentile"}
+
+
+def drawn(kind: str, size: int, seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    if kind == "hits":
+        return (random.random(size) < 0.7).astype(float)
+    return random.exponential(5.0, size)
+
+
+def overall(kind: str) -> Any:
+    average = np.median if kind == "errors" else np.mean
+
+    def statistic(*groups: np.ndarray, axis: int = -1) -> Any:
+        return sum(average(group, axis=axis) for group in groups) / len(groups)
+
+    return statistic
+
+
+def sample(kind: str, sizes: tuple[int, ...] = SIZES) -> Sample:
+    names = tuple(f"s{number}" for number in range(len(sizes)))
+    values = tuple(drawn(kind, size, size)[None] for size in sizes)
+    return Sample("query", names, values, np.array([kind == "errors"]))
+
+
+def own_resamples(made: Sample, plan: Plan) -> np.ndarray:
+    """Return the resamples of the mean over groups, (B,)."""
+    parts = []
+    for group, values in zip(made.groups, made.values, strict=True):
+        key = stream_key(plan.seed, "bootstrap", group)
+        counts = resample_counts(values.shape[1], 0, plan.resamples, key)
+        parts.append(weighted_averages(values, made.medians, counts)[0])
+    return np.mean(parts, axis=0)
+
+
+@pytest.mark.parametrize("method", ["bca", "percentile"])
+@pytest.mark.parametrize("kind", ["hits", "soft", "errors"])
+def test_the_same_resamples_give_scipy_s_interval(kind: str, method: str) -> None:
+    # SciPy takes resamples that were made before; z0, acceleration and quantiles are its own.
+    made, plan = sample(kind), Plan(resamples=2_000, interval=method)  # type: ignore[arg-type]
+    found = bootstrap(made, plan).overall[0]
+    peer = stats.bootstrap(
+        tuple(values[0] for values in made.values),
+        overall(kind),
+        n_resamples=0,
+        method=METHODS[method],
+        bootstrap_result=SimpleNamespace(bootstrap_distribution=own_resamples(made, plan)),
+    ).confidence_interval
+    assert found.method == method
+    assert (found.low, found.high) == pytest.approx((peer.low, peer.high), rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["bca", "percentile"])
+@pytest.mark.parametrize("kind", ["hits", "soft", "errors"])
+def test_scipy_s_own_resamples_give_nearly_the_same(kind: str, method: str) -> None:
+    made, plan = sample(kind), Plan(resamples=5_000, interval=method)  # type: ignore[arg-type]
+    found = bootstrap(made, plan).overall[0]
+    peer = stats.bootstrap(
+        tuple(values[0] for values in made.values),
+        overall(kind),
+        n_resamples=5_000,
+        method=METHODS[method],
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    width = peer.high - peer.low
+    assert (found.low, found.high) == pytest.approx((peer.low, peer.high), abs=0.06 * width)
+
+
+@pytest.mark.parametrize("kind", ["soft", "errors"])
+def test_paired_differences(kind: str) -> None:
+    first, second = drawn(kind, 50, 1), drawn(kind, 50, 2)
+    made = Sample("query", ("s",), (np.stack([first, second]),), np.full(2, kind == "errors"))
+    found = bootstrap(made, Plan(resamples=5_000), [(0, 1)]).overall[2]
+    average = np.median if kind == "errors" else np.mean
+    peer = stats.bootstrap(
+        (first, second),
+        lambda x, y, axis: average(x, axis=axis) - average(y, axis=axis),
+        paired=True,
+        n_resamples=5_000,
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    width = peer.high - peer.low
+    assert (found.low, found.high) == pytest.approx((peer.low, peer.high), abs=0.06 * width)
+
+
+@pytest.mark.parametrize("average", [np.mean, np.median])
+def test_exact_permutation(average: Any) -> None:
+    random = np.random.default_rng(0)
+    for shift in (0.0, 0.4, 1.0):
+        first, second = random.random(9) + shift, random.random(9)
+        made = Sample(
+            "query", ("s",), (np.stack([first, second]),), np.full(2, average is np.median)
+        )
+        test = paired_permutation(made, Plan(resamples=1_000), [(0, 1)])[0]
+        peer = stats.permutation_test(
+            (first, second),
+            lambda x, y, axis: np.abs(average(x, axis=axis) - average(y, axis=axis)),
+            permutation_type="samples",
+            alternative="greater",
+            n_resamples=np.inf,
+        )
+        assert test.exact
+        assert test.p_value == pytest.approx(peer.pvalue, abs=1e-12)
+
+
+def test_random_permutation() -> None:
+    random = np.random.default_rng(0)
+    first, second = random.random(80) + 0.08, random.random(80)
+    made = Sample("query", ("s",), (np.stack([first, second]),), np.zeros(2, bool))
+    test = paired_permutation(made, Plan(), [(0, 1)])[0]
+    peer = stats.permutation_test(
+        (first, second),
+        lambda x, y, axis: np.abs(np.mean(x, axis=axis) - np.mean(y, axis=axis)),
+        permutation_type="samples",
+        alternative="greater",
+        n_resamples=9_999,
+        rng=np.random.default_rng(0),
+    )
+    assert 0.01 < peer.pvalue < 0.5
+    assert test.p_value == pytest.approx(peer.pvalue, abs=0.02)
+
+
+def test_mcnemar() -> None:
+    random = np.random.default_rng(0)
+    for wins, losses in [*random.integers(0, 60, (50, 2)).tolist(), (0, 1), (1, 0), (4_000, 3_900)]:
+        peer = stats.binomtest(wins, wins + losses, 0.5).pvalue if wins + losses else 1.0
+        assert float(mcnemar(np.array(wins), np.array(losses))) == pytest.approx(peer, rel=1e-9)
+
+
+@pytest.mark.parametrize("hits", [0, 1, 254, 264])
+def test_clopper_and_pearson(hits: int) -> None:
+    peer = stats.binomtest(hits, 264).proportion_ci(0.95, method="exact")
+    assert hit_rate_interval(hits, 264).tolist() == pytest.approx([peer.low, peer.high])
+
+
+def test_draws_are_uniform() -> None:
+    counts = resample_counts(50, 0, 2_000, 9)
+    assert stats.chisquare(counts.sum(axis=1)).pvalue > 1e-3
+    # One unit's counts are binomial, hardly other than Poisson's with mean 1.
+    observed = np.bincount(counts[0], minlength=8)[:5]
+    expected = stats.binom.pmf(np.arange(5), 50, 1 / 50) * 2_000
+    assert (np.abs(observed - expected) < 4 * np.sqrt(expected)).all()
+    coins = sign_flips(50, 0, 2_000, 9).sum(axis=0)
+    assert (
+        stats.kstest(
+            coins + np.linspace(-0.5, 0.5, 2_000), stats.norm(25, np.sqrt(12.5)).cdf
+        ).pvalue
+        > 1e-3
+    )

@@ -1,0 +1,258 @@
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+from PIL import ExifTags, Image
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from airzoo_bench.datasets.images import read_rgb_photo
+from airzoo_bench.errors import UsageError
+from airzoo_bench.geometry.cameras import Cameras, back_project
+from airzoo_bench.geometry.poses import Poses, rays_to_world
+from airzoo_bench.reconstruction.alignment import align
+from airzoo_bench.reconstruction.baseline import (
+    SfmResult,
+    SfmSettings,
+    photo_pairs,
+    sparse_reconstruction,
+)
+from airzoo_bench.reconstruction.consensus import PosedCameras, RansacSettings
+from airzoo_bench.reconstruction.sfm_model import assumed_lenses
+from airzoo_bench.reconstruction.sfm_steps import focal_from_exif
+from tests.geometry.support import looking_down
+
+FREE: dict[str, Any] = {"priors": None, "alignment": None}
+T = TypeVar("T")
+UTM = np.array((576600.0, 5188100.0, 160.0))
+SIZE = (320, 240)
+SETTINGS = SfmSettings(
+    long_side_px=320,
+    max_features=800,
+    peak_threshold=0.005,
+    ratio=0.8,
+    neighbours=None,
+    least_inliers=15,
+    max_error_px=2.0,
+    seed=0,
+)
+RANSAC = RansacSettings(iterations=50, sample_share=0.0, inlier_limit=0.5, line_ratio=0.02, seed=0)
+
+
+def photo(camera: Cameras, pose: Poses, texture: np.ndarray) -> np.ndarray:
+    """Render the ground at height 0 and a roof of 20 m x 20 m at height 6, of 10 pixels a metre."""
+    x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    rays = rays_to_world(pose, back_project(camera, np.stack((x, y), axis=-1).reshape(1, -1, 2)))[0]
+    centre = pose.centres[0] - UTM
+    ground, roof = (centre + rays * ((h - centre[2]) / rays[:, 2])[:, None] for h in (0.0, 6.0))
+    on_roof = (np.abs(roof[:, :2] - 30) < 10).all(axis=1)
+    at = np.where(on_roof[:, None], roof + np.array((60.0, 0, 0)), ground)[:, :2]
+    grey = map_coordinates(texture, at.T * 10 - 0.5, order=1, mode="grid-wrap")
+    tint = np.stack((grey, grey, np.where(on_roof, 255.0, grey)), axis=-1)
+    return np.clip(np.round(tint), 0, 255).astype(np.uint8).reshape(SIZE[1], SIZE[0], 3)
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Path], Cameras, PosedCameras]:
+    rng = np.random.default_rng(0)
+    texture = sum(
+        gaussian_filter(rng.normal(size=(1200, 600)), s, mode="wrap") * s for s in (1.5, 4, 9)
+    )
+    texture = 128 + 50 * texture / texture.std()
+    folder = tmp_path_factory.mktemp("flight")
+    east, north = np.meshgrid((20.0, 28.0, 36.0), (24.0, 34.0))
+    centres = UTM + np.stack((east.ravel(), north.ravel(), rng.uniform(29, 31, 6)), axis=1)
+    names = tuple(f"p{row}.png" for row in range(6))
+    K = [[[300.0, 0, 161.0], [0, 300.0, 119.0], [0, 0, 1]]] * 6
+    cameras = Cameras.from_matrices(K, *SIZE, [[-0.05, 0.02, 0.001, -0.001, 0.0]] * 6)
+    turns = np.concatenate([looking_down(5.0 * (row % 3), 10.0 * row) for row in range(6)])
+    poses = Poses(rotation=turns, centres=centres)
+    for row, name in enumerate(names):
+        picture = photo(cameras.take(row), poses.take(row), texture)
+        Image.fromarray(picture).save(folder / name)
+    return [folder / name for name in names], cameras, PosedCameras(names, centres, turns)
+
+
+Flight = tuple[list[Path], Cameras, PosedCameras]
+
+
+class Heard:
+    """A progress that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, int]] = []
+
+    def __call__(self, items: Iterable[T], label: str, total: int) -> Iterator[T]:
+        self.told.append((label, total))
+        yield from items
+
+
+def run(flight: Flight, folder: Path, **changes: Any) -> SfmResult:
+    photos, cameras, truth = flight
+    options: dict[str, Any] = {
+        "settings": SETTINGS,
+        "cameras": cameras,
+        "priors": replace(truth, rotation=None),
+        "alignment": RANSAC,
+        "workers": 1,
+    }
+    options |= changes
+    settings = options.pop("settings")
+    sizes = np.tile(SIZE, (len(photos), 1))
+    return sparse_reconstruction(photos, sizes, read_rgb_photo, settings, folder, **options)
+
+
+def as_bytes(result: SfmResult) -> list[bytes]:
+    assert result.cloud.colours is not None
+    arrays = (result.cloud.points, result.cloud.colours, result.poses.rotation)
+    return [array.tobytes() for array in (*arrays, result.poses.centres, result.cameras.focal)]
+
+
+@pytest.fixture(scope="module")
+def made(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> tuple[SfmResult, Path]:
+    folder = tmp_path_factory.mktemp("work")
+    return run(flight, folder), folder
+
+
+def test_poses_and_points_are_right(flight: Flight, made: tuple[SfmResult, Path]) -> None:
+    result, truth = made[0], flight[2]
+    assert result.names == truth.names
+    assert result.photos == 6
+    # Aligned by positions alone; a hundredth of 300 px at 30 m is 0.1 pixel.
+    found = align("none", result.posed, truth, ransac=None, icp=None)
+    assert found.centres is not None
+    assert found.centres.largest < 0.1
+    assert found.rotations_deg is not None
+    assert found.rotations_deg.largest < 0.2
+    assert result.reprojection_px < 0.5
+    points = result.cloud.points - UTM
+    assert len(points) > 200
+    on_roof = (np.abs(points[:, :2] - 30) < 9).all(axis=1)
+    off_roof = (np.abs(points[:, :2] - 30) > 11).any(axis=1)
+    assert np.median(np.abs(points[on_roof, 2] - 6)) < 0.05
+    assert np.median(np.abs(points[off_roof, 2])) < 0.05
+    assert result.cloud.colours is not None
+    # The roof is blue, the ground is grey.
+    assert np.median(result.cloud.colours[on_roof, 2]) == 255
+    ground = result.cloud.colours[off_roof].astype(int)
+    assert np.median(np.abs(ground[:, 2] - ground[:, 0])) == 0
+
+
+def test_known_cameras_stay(flight: Flight, made: tuple[SfmResult, Path]) -> None:
+    np.testing.assert_array_equal(made[0].cameras.matrices, flight[1].matrices)
+    np.testing.assert_array_equal(made[0].cameras.distortion, flight[1].distortion)
+
+
+def test_workers_and_runs_change_no_byte(
+    flight: Flight, made: tuple[SfmResult, Path], tmp_path: Path
+) -> None:
+    assert as_bytes(run(flight, tmp_path, workers=2)) == as_bytes(made[0])
+
+
+def test_a_second_run_takes_up_what_there_is(flight: Flight, made: tuple[SfmResult, Path]) -> None:
+    result, folder = made
+    heard = Heard()
+    assert as_bytes(run(flight, folder, progress=heard)) == as_bytes(result)
+    assert heard.told == [("features", 0), ("matches", 0), ("model", 1)]
+    # Files that an interrupted run had not come to.
+    sorted((folder / "matches").iterdir())[2].unlink()
+    sorted((folder / "features").iterdir())[0].unlink()
+    (model,) = (folder / "models").iterdir()
+    model.unlink()
+    heard = Heard()
+    assert as_bytes(run(flight, folder, progress=heard)) == as_bytes(result)
+    assert heard.told == [("features", 1), ("matches", 1), ("model", 1)]
+
+
+def test_other_settings_share_only_what_is_the_same(
+    flight: Flight, made: tuple[SfmResult, Path]
+) -> None:
+    heard = Heard()
+    stricter = replace(SETTINGS, ratio=0.7)
+    result = run(flight, made[1], settings=stricter, progress=heard)
+    assert heard.told[:2] == [("features", 0), ("matches", 5)]
+    assert len(result.cloud) != len(made[0].cloud)
+
+
+def test_without_positions_the_frame_is_free(flight: Flight, made: tuple[SfmResult, Path]) -> None:
+    free = run(flight, made[1], priors=None, alignment=None)
+    assert free.alignment is None
+    found = align("sim3", free.posed, flight[2], ransac=RANSAC, icp=None)
+    np.testing.assert_allclose(
+        found.transform.apply(free.poses.centres), made[0].poses.centres, atol=1e-6
+    )
+
+
+def test_cameras_can_be_estimated(flight: Flight, made: tuple[SfmResult, Path]) -> None:
+    result = run(flight, made[1], cameras=None)
+    assert len(result.names) == 6
+    np.testing.assert_allclose(result.cameras.focal, 300.0, rtol=0.05)
+    assert (result.cameras.focal == result.cameras.focal[0, 0]).all()
+
+
+def test_focal_length_of_exif(tmp_path: Path) -> None:
+    picture = Image.fromarray(np.zeros((30, 40, 3), np.uint8))
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif)[0xA405] = 27
+    picture.save(tmp_path / "a.jpg", exif=exif)
+    picture.save(tmp_path / "b.jpg")
+    sizes = np.array((40, 30))
+    assert focal_from_exif(tmp_path / "a.jpg", sizes) == 30.0
+    assert np.isnan(focal_from_exif(tmp_path / "b.jpg", sizes))
+    assert np.isnan(focal_from_exif(tmp_path / "none.jpg", sizes))
+    a, b = assumed_lenses(np.tile(sizes, (2, 1)), np.array((30.0, np.nan)))
+    assert (a.params[0], b.params[0]) == (30.0, 48.0)
+
+
+def test_a_focal_length_of_exif_is_kept(flight: Flight, tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif)[0xA405] = 34
+    photos = [tmp_path / f"{path.stem}.jpg" for path in flight[0]]
+    for before, after in zip(flight[0], photos, strict=True):
+        Image.open(before).save(after, exif=exif, quality=95)
+    result = run((photos, *flight[1:]), tmp_path / "work", cameras=None, **FREE)
+    assert len(result.names) == 6
+    np.testing.assert_array_equal(result.cameras.focal, 34 / 36 * 320)
+    assert (result.cameras.distortion[:, 0] != 0).all()
+
+
+def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    photos = [tmp_path / f"{row}.png" for row in range(3)]
+    for path in photos:
+        noise = gaussian_filter(rng.normal(128, 60, (240, 320, 3)), (2, 2, 0))
+        Image.fromarray(noise.astype(np.uint8)).save(path)
+    result = run((photos, flight[1].take([0, 1, 2]), flight[2]), tmp_path / "work")
+    assert (result.names, len(result.cloud), result.photos) == ((), 0, 3)
+    assert result.alignment is None
+
+
+def test_photos_without_texture(flight: Flight, tmp_path: Path) -> None:
+    photos = [tmp_path / f"{row}.png" for row in range(3)]
+    for path in photos:
+        Image.fromarray(np.full((240, 320, 3), 99, np.uint8)).save(path)
+    result = run((photos, flight[1].take([0, 1, 2]), flight[2]), tmp_path / "work")
+    assert result.names == ()
+
+
+def test_pairs_by_hand() -> None:
+    assert photo_pairs(3, None, 1).tolist() == [[0, 1], [0, 2], [1, 2]]
+    line = np.array((0.0, 1.0, 3.0, 7.0))[:, None] * (1, 0, 0) + UTM
+    assert photo_pairs(4, line, None).tolist() == photo_pairs(4, None, None).tolist()
+    assert photo_pairs(4, line, 1).tolist() == [[0, 1], [1, 2], [2, 3]]
+    line[3] = np.nan
+    assert photo_pairs(4, line, 1).tolist() == [[0, 1], [0, 3], [1, 2], [1, 3], [2, 3]]
+
+
+def test_refusals(flight: Flight, tmp_path: Path) -> None:
+    photos, cameras, truth = flight
+    with pytest.raises(UsageError, match="no positions to align to"):
+        run(flight, tmp_path, priors=None)
+    with pytest.raises(UsageError, match="needs 3 photos, not 2"):
+        run((photos[:2], cameras, truth), tmp_path)
+    with pytest.raises(UsageError, match=r"one name: 1 \(p0.png\)"):
+        run(([*photos, photos[0]], cameras, truth), tmp_path)

@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.reconstruction import fusion
+from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
+from airzoo_bench.reconstruction.fusion import (
+    DepthCloud,
+    DepthMaps,
+    PointCloudOfMaps,
+    PointMaps,
+    surface_depth,
+)
+from airzoo_bench.reconstruction.similarity import Similarity
+from airzoo_bench.reconstruction.tsdf import TsdfSettings, fuse
+from tests.geometry.support import looking_down
+
+UTM = np.array((576663.25, 5188165.5, 197.0))
+STILL = Similarity.identity()
+TSDF = TsdfSettings(voxel=0.5, truncation=2.0, max_depth=100.0, max_voxels=10**7)
+SLOPE = np.array((0.1, -0.05, 1.0))
+ABOVE = 30.0
+
+
+def joined(source: CloudSource, points: int = 1000) -> Cloud:
+    parts = list(source.pieces(points))
+    assert all(0 < len(part) <= points for part in parts)
+
+    def whole(name: str) -> Any:
+        found = [getattr(part, name) for part in parts]
+        return None if found[0] is None else np.concatenate(found)
+
+    return Cloud(whole("points"), whole("colours"), whole("confidence"))
+
+
+def depth_cloud(maps: DepthMaps, **changes: Any) -> DepthCloud:
+    options = {"transform": STILL, "max_depth": 100.0, "confidence_above": None} | changes
+    return DepthCloud(maps, **options)
+
+
+def one_view(depth: list[list[float]], **maps: Any) -> DepthMaps:
+    grid = np.array(depth, np.float32)[None]
+    K = [[[2.0, 0, 1.0], [0, 2.0, 1.0], [0, 0, 1]]]
+    cameras = Cameras.from_matrices(K, grid.shape[2], grid.shape[1])
+    return DepthMaps(grid, cameras, Poses(rotation=np.eye(3)[None], centres=UTM[None]), **maps)
+
+
+def slope_maps(views: int = 6, width: int = 64, height: int = 48) -> DepthMaps:
+    """Views of the plane SLOPE . (X - UTM) = 0, from some 30 m above."""
+    K = np.tile([[60.0, 0, 33.0], [0, 60.0, 22.5], [0, 0, 1]], (views, 1, 1))
+    cameras = Cameras.from_matrices(K, width, height)
+    turns = np.concatenate([looking_down(5.0 * row, 40.0 * row) for row in range(views)])
+    centres = UTM + np.stack([(3.0 * row, 2.0 * (row % 3), ABOVE) for row in range(views)])
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    rays = np.stack(((x - 33.0) / 60, (y - 22.5) / 60, np.ones_like(x)), axis=-1)
+    normal = turns @ SLOPE
+    down = (centres - UTM) @ SLOPE
+    depth = -down[:, None, None] / np.einsum("hwi,ni->nhw", rays, normal)
+    return DepthMaps(depth, cameras, Poses(rotation=turns, centres=centres))
+
+
+def off_plane(points: np.ndarray) -> np.ndarray:
+    distances: np.ndarray = (points - UTM) @ SLOPE / np.linalg.norm(SLOPE)
+    return distances
+
+
+def assert_on_plane(points: np.ndarray) -> None:
+    # A voxel takes the depth of the pixel that it falls on: the slant over half a pixel, of some
+    # 0.5 m, is its error, either way.
+    away = off_plane(points)
+    assert abs(away.mean()) < 0.01
+    assert np.median(np.abs(away)) < 0.05
+    assert np.abs(away).max() < 0.5
+
+
+def test_pixels_by_hand() -> None:
+    found = joined(depth_cloud(one_view([[4, 8], [0, 2]])))
+    # Through (0.5, 0.5), (1.5, 0.5) and (1.5, 1.5) of a camera with f = 2 and c = (1, 1).
+    expected = UTM + np.array(((-1, -1, 4.0), (2, -2, 8), (0.5, 0.5, 2)))
+    np.testing.assert_allclose(found.points, expected, rtol=0, atol=1e-9)
+    assert (found.colours, found.confidence) == (None, None)
+
+
+def test_what_is_no_surface() -> None:
+    maps = one_view([[np.nan, np.inf, -1.0], [0.0, 101.0, 7.0]])
+    cloud = depth_cloud(maps)
+    assert cloud.count == 1
+    assert joined(cloud).points[0, 2] == UTM[2] + 7.0
+    assert depth_cloud(maps, max_depth=101.0).count == 2
+
+
+def test_confidence_and_colours_go_along() -> None:
+    confidence = np.array([[[0.5, 2.0], [np.nan, 3.0]]], np.float16)
+    colours = np.arange(12, dtype=np.uint8).reshape(1, 2, 2, 3)
+    maps = one_view([[1, 2], [3, 4]], confidence=confidence, colours=colours)
+    found = joined(depth_cloud(maps, confidence_above=0.5))
+    assert found.confidence is not None
+    assert found.colours is not None
+    assert found.confidence.tolist() == [2.0, 3.0]
+    assert found.colours.tolist() == [[3, 4, 5], [9, 10, 11]]
+    assert depth_cloud(maps, confidence_above=None).count == 4
+
+
+def test_lens_distortion_is_undone() -> None:
+    rng = np.random.default_rng(0)
+    K = [[[60.0, 0, 33.0], [0, 61.0, 22.5], [0, 0, 1]]]
+    cameras = Cameras.from_matrices(K, 64, 48, [[-0.1, 0.03, 0.001, -0.002, 0.0]])
+    pose = Poses(rotation=Rotation.random(1, random_state=rng).as_matrix(), centres=UTM[None])
+    maps = DepthMaps(rng.uniform(5, 50, (1, 48, 64)), cameras, pose)
+    seen = world_to_camera(pose, joined(depth_cloud(maps)).points[None])
+    pixels = project(cameras, seen)[0]
+    expected = np.stack(np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5), -1).reshape(-1, 2)
+    np.testing.assert_allclose(pixels, expected, atol=1e-6)
+    np.testing.assert_allclose(seen[0, :, 2], maps.depth.ravel(), atol=1e-8)
+
+
+def test_the_plane_comes_back_in_another_frame() -> None:
+    maps = slope_maps()
+    made = Similarity(0.01, Rotation.random(random_state=1).as_matrix(), np.ones(3), UTM)
+    there = replace(maps, depth=maps.depth * 0.01, poses=made.apply_poses(maps.poses))
+    found = joined(depth_cloud(there, transform=made.inverse()))
+    assert len(found) == maps.depth.size
+    assert np.abs(off_plane(found.points)).max() < 1e-7
+    np.testing.assert_allclose(found.points, joined(depth_cloud(maps)).points, atol=1e-7)
+
+
+@pytest.mark.parametrize("points", [1, 7, 3072, 10**6])
+def test_pieces_do_not_change_a_bit(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    maps = slope_maps(views=2, width=32, height=24)
+    whole = joined(depth_cloud(maps), 10**6).points
+    monkeypatch.setattr(fusion, "_BLOCK_PIXELS", 500)
+    assert joined(depth_cloud(maps), points).points.tobytes() == whole.tobytes()
+
+
+def test_point_maps() -> None:
+    points = np.arange(24.0).reshape(2, 2, 2, 3)
+    points[0, 0, 1, 2] = np.nan
+    points[1, 1, 1, 0] = np.inf
+    confidence = np.full((2, 2, 2), 2.0)
+    confidence[1, 0, 0] = 1.0
+    colours = np.arange(24, dtype=np.uint8).reshape(2, 2, 2, 3)
+    maps = PointMaps(points.astype(np.float32), confidence, colours)
+    doubled = Similarity(2.0, np.eye(3), UTM)
+    cloud = PointCloudOfMaps(maps, doubled, confidence_above=1.0)
+    kept = [0, 2, 3, 5, 6]
+    assert cloud.count == 5
+    found = joined(cloud, 2)
+    np.testing.assert_array_equal(found.points, 2 * points.reshape(-1, 3)[kept] + UTM)
+    assert found.colours is not None
+    assert found.colours.tolist() == colours.reshape(-1, 3)[kept].tolist()
+
+
+def test_maps_that_do_not_fit() -> None:
+    maps = slope_maps(2)
+    with pytest.raises(ValueError, match="2 maps, 2 cameras, 1 poses"):
+        replace(maps, poses=maps.poses.take([0]))
+    with pytest.raises(ValueError, match="confidence and colours"):
+        replace(maps, confidence=np.ones((2, 3, 3)))
+    with pytest.raises(ValueError, match="confidence and colours"):
+        PointMaps(np.ones((2, 3, 3)))
+
+
+def test_tsdf_gives_the_plane_back() -> None:
+    maps = slope_maps()
+    found = fuse(maps, STILL, TSDF, confidence_above=None)
+    assert len(found) > 1000
+    assert_on_plane(found.points)
+    seen = joined(depth_cloud(maps)).points
+    # Half a pixel off would be 0.25 m at 30 m, seen by the border of the surface.
+    lower, upper = seen.min(axis=0), seen.max(axis=0)
+    assert (found.points > lower - TSDF.truncation).all()
+    assert (found.points < upper + TSDF.truncation).all()
+
+
+def test_tsdf_pixel_centres() -> None:
+    # A step in depth, between columns 31 and 32, seen from straight above: it lies at u = 32.
+    depth = np.full((1, 48, 64), 30.0)
+    depth[:, :, 32:] = 33.0
+    K = [[[60.0, 0, 33.0], [0, 60.0, 22.5], [0, 0, 1]]]
+    cameras = Cameras.from_matrices(K, 64, 48)
+    poses = Poses(rotation=looking_down(0.0), centres=UTM[None] + (0, 0, ABOVE))
+    maps = DepthMaps(depth, cameras, poses)
+    fine = replace(TSDF, voxel=0.1, truncation=0.4)
+    found = fuse(maps, STILL, fine, confidence_above=None).points - UTM
+    high, low = found[found[:, 2] > -0.2], found[found[:, 2] < -2.8]
+    # The pixel right of the step ends at (31.5 + 0.5 - 33) / 60 * 30 = -0.5 m.
+    assert high[:, 0].max() == pytest.approx(-0.5, abs=0.11)
+    assert low[:, 0].min() == pytest.approx(-0.55, abs=0.11)
+    # Rows 0 to 48 lie from 22.5 / 60 * 30 = 11.25 m north to 12.75 m south.
+    assert high[:, 1].max() == pytest.approx(11.25, abs=0.15)
+    assert high[:, 1].min() == pytest.approx(-12.75, abs=0.15)
+
+
+def test_tsdf_finds_a_ground_at_a_round_height() -> None:
+    depth = np.full((1, 48, 64), 30.0)
+    K = [[[60.0, 0, 32.0], [0, 60.0, 24.0], [0, 0, 1]]]
+    poses = Poses(rotation=looking_down(0.0), centres=np.array(((0.0, 0.0, 30.0),)))
+    maps = DepthMaps(depth, Cameras.from_matrices(K, 64, 48), poses)
+    # Pixels of 0.5 m, five times the voxels: no holes either.
+    found = fuse(maps, STILL, replace(TSDF, voxel=0.1, truncation=0.4), confidence_above=None)
+    np.testing.assert_allclose(found.points[:, 2], 0.0, atol=1e-5)
+    cells = np.unique(np.floor(found.points[:, :2] / 0.5).astype(int), axis=0)
+    assert len(cells) >= 60 * 44
+
+
+def test_tsdf_colours_are_means() -> None:
+    maps = slope_maps(2)
+    colours = np.zeros((2, 48, 64, 3), np.uint8)
+    colours[0] = (200, 0, 40)
+    colours[1] = (100, 0, 40)
+    found = fuse(replace(maps, colours=colours), STILL, TSDF, confidence_above=None)
+    assert found.colours is not None
+    assert len(found.colours) == len(found)
+    assert found.colours[:, 2].tolist() == [40] * len(found)
+    assert set(np.unique(found.colours[:, 0])) >= {100, 150, 200}
+
+
+def test_tsdf_in_another_frame_and_scale() -> None:
+    maps = slope_maps()
+    made = Similarity(0.01, Rotation.random(random_state=2).as_matrix(), np.ones(3), UTM)
+    there = replace(maps, depth=maps.depth * 0.01, poses=made.apply_poses(maps.poses))
+    found = fuse(there, made.inverse(), TSDF, confidence_above=None)
+    expected = fuse(maps, STILL, TSDF, confidence_above=None)
+    assert len(found) == pytest.approx(len(expected), rel=0.01)
+    assert_on_plane(found.points)
+
+
+def test_tsdf_of_nothing() -> None:
+    maps = slope_maps(1)
+    found = fuse(replace(maps, depth=maps.depth * np.nan), STILL, TSDF, confidence_above=None)
+    assert len(found) == 0
+    distrusted = replace(maps, confidence=np.zeros(maps.depth.shape))
+    assert len(fuse(distrusted, STILL, TSDF, confidence_above=0.5)) == 0
+
+
+def test_tsdf_outliers_do_not_allocate_the_world() -> None:
+    maps = slope_maps(2)
+    maps.depth[:, ::7, ::7] = 1e9
+    maps.depth[:, 1::7, ::7] = 99.0
+    assert len(fuse(maps, STILL, TSDF, confidence_above=None)) > 1000
+    with pytest.raises(PredictionError, match="more than 50,000 voxels"):
+        fuse(maps, STILL, replace(TSDF, max_voxels=50_000), confidence_above=None)
+
+
+def test_tsdf_needs_pinholes_and_a_truncation() -> None:
+    maps = slope_maps(1)
+    bent = replace(maps.cameras, distortion=np.full((1, 5), 0.01))
+    with pytest.raises(PredictionError, match="lens distortion"):
+        fuse(replace(maps, cameras=bent), STILL, TSDF, confidence_above=None)
+    with pytest.raises(ValueError, match="truncated at"):
+        fuse(maps, STILL, replace(TSDF, truncation=0.1), confidence_above=None)
+
+
+_HASH = """
+import hashlib
+import numpy as np
+from tests.reconstruction.test_fusion import STILL, TSDF, fuse, replace, slope_maps
+maps = slope_maps()
+noise = np.random.default_rng(3).normal(0, 0.2, maps.depth.shape)
+colours = np.random.default_rng(4).integers(0, 255, (*maps.depth.shape, 3)).astype(np.uint8)
+maps = replace(maps, depth=maps.depth + noise, colours=colours)
+found = fuse(maps, STILL, replace(TSDF, voxel=0.2, truncation=0.8), confidence_above=None)
+print(hashlib.sha256(found.points.tobytes() + found.colours.tobytes()).hexdigest(), len(found))
+"""
+
+
+def test_tsdf_is_the_same_for_any_number_of_threads() -> None:
+    outputs = set()
+    for threads in ("1", "2"):
+        environment = os.environ | {"OMP_NUM_THREADS": threads}
+        done = subprocess.run(
+            [sys.executable, "-c", _HASH], env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        outputs.add(done.stdout.splitlines()[-1])
+    assert len(outputs) == 1
+    assert int(outputs.pop().split()[1]) > 10_000
+
+
+def test_surface_depth_scales_before_it_cuts() -> None:
+    maps = one_view([[1.0, 2.0]])
+    found = surface_depth(maps, 0, scale=10.0, max_depth=15.0, confidence_above=None)
+    assert found.tolist() == [[10.0, 0.0]]

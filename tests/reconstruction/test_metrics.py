@@ -1,0 +1,220 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction import curves as curves_module
+from airzoo_bench.reconstruction import metrics as metrics_module
+from airzoo_bench.reconstruction.curves import counts_below, curve, even_thresholds, f1_score
+from airzoo_bench.reconstruction.metrics import (
+    CloudScores,
+    exact_mean,
+    score_distances,
+    summarise_distances,
+)
+from airzoo_bench.reconstruction.neighbours import mutual_distances
+from tests.geometry.support import quick, seeds
+from tests.reconstruction.cloud_support import clouds
+
+INF = math.inf
+CUBE = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+
+distances = hnp.arrays(
+    np.float64,
+    st.integers(1, 60),
+    elements=st.one_of(
+        st.sampled_from((0.0, 0.1, 1.0, 10.0, 1e16, INF)), st.floats(0.0, 1e12, allow_nan=False)
+    ),
+)
+
+
+def scored(to_truth: list[float] | Floats, to_prediction: list[float] | Floats) -> CloudScores:
+    return score_distances(
+        np.array(to_truth),
+        np.array(to_prediction),
+        thresholds=(10.0, 1.0),
+        percentiles=(50.0, 90.0),
+        max_distance=None,
+    )
+
+
+def test_by_hand() -> None:
+    scores = scored([0.0, 2.0, 9.0, 10.0], [0.5, 20.0])
+    ten, one = scores.at
+    # 10 is not below 10.
+    assert (ten.threshold, ten.predicted_right, ten.true_found) == (10.0, 3, 1)
+    assert (ten.precision, ten.recall) == (0.75, 0.5)
+    assert ten.f1 == pytest.approx(0.6, rel=1e-15)
+    assert (one.threshold, one.predicted_right, one.true_found) == (1.0, 1, 1)
+    assert one.f1 == pytest.approx(2 * 0.25 * 0.5 / 0.75)
+    assert (scores.accuracy, scores.completeness, scores.chamfer) == (5.25, 10.25, 7.75)
+    assert (scores.to_truth.median, scores.to_prediction.median) == (5.5, 10.25)
+    assert scores.to_truth.percentiles == {50.0: 2.0, 90.0: 10.0}
+    assert (scores.to_truth.largest, scores.to_truth.count) == (10.0, 4)
+
+
+def test_cube_against_itself_made_a_tenth_larger() -> None:
+    # Corners: one stays, three move along an axis, three along a face, one along the diagonal.
+    scores = scored(*mutual_distances(CUBE * 1.1, CUBE, threads=1))
+    mean = 0.1 * (0 + 3 * 1 + 3 * math.sqrt(2) + math.sqrt(3)) / 8
+    assert mean == pytest.approx(0.1121837, abs=1e-7)
+    assert scores.accuracy == pytest.approx(mean, rel=1e-12)
+    assert scores.completeness == pytest.approx(mean, rel=1e-12)
+    assert scores.chamfer == pytest.approx(mean, rel=1e-12)
+    assert scores.to_truth.largest == pytest.approx(math.sqrt(3) / 10, rel=1e-12)
+    assert scores.to_prediction.largest == pytest.approx(math.sqrt(3) / 10, rel=1e-12)
+
+
+def test_perfect() -> None:
+    scores = scored(*mutual_distances(CUBE, CUBE[::-1], threads=1))
+    assert [at.f1 for at in scores.at] == [1.0, 1.0]
+    assert (scores.accuracy, scores.completeness, scores.chamfer) == (0.0, 0.0, 0.0)
+
+
+def test_nothing_near_scores_0_not_nan() -> None:
+    scores = scored([50.0], [50.0, 60.0])
+    assert [(at.precision, at.recall, at.f1) for at in scores.at] == [(0.0, 0.0, 0.0)] * 2
+
+
+def test_empty_prediction_scores_0_with_infinite_distances() -> None:
+    scores = scored([], [INF, INF])
+    assert [(at.precision, at.recall, at.f1) for at in scores.at] == [(0.0, 0.0, 0.0)] * 2
+    assert (scores.accuracy, scores.completeness, scores.chamfer) == (INF, INF, INF)
+    assert (scores.to_truth.count, scores.to_truth.median, scores.to_truth.largest) == (0, INF, INF)
+    assert scores.to_truth.percentiles == {50.0: INF, 90.0: INF}
+
+
+def test_empty_truth_is_an_error() -> None:
+    with pytest.raises(BenchmarkError, match="no point"):
+        scored([INF], [])
+
+
+def test_clipping_by_name_changes_means_only() -> None:
+    to_truth, to_prediction = np.array([1.0, 50.0]), np.array([3.0, 30.0])
+
+    def clipped(limit: float | None) -> CloudScores:
+        return score_distances(
+            to_truth, to_prediction, thresholds=[40.0], percentiles=[100.0], max_distance=limit
+        )
+
+    assert (clipped(20.0).accuracy, clipped(20.0).completeness) == (10.5, 11.5)
+    assert clipped(20.0).chamfer == 11.0
+    assert clipped(None).chamfer == (25.5 + 16.5) / 2
+    assert clipped(20.0).at == clipped(None).at
+    assert clipped(20.0).to_truth == clipped(None).to_truth
+    empty = score_distances(
+        np.zeros(0), np.array([INF]), thresholds=[1.0], percentiles=[], max_distance=20.0
+    )
+    assert (empty.accuracy, empty.completeness, empty.chamfer) == (INF, INF, INF)
+
+
+@given(distances, distances, seeds)
+@quick
+def test_no_bit_depends_on_order(to_truth: Floats, to_prediction: Floats, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    shuffled = random.permutation(to_truth), random.permutation(to_prediction)
+    assert scored(*shuffled) == scored(to_truth, to_prediction)
+
+
+@given(clouds(), clouds())
+@quick
+def test_chamfer_is_symmetric_and_precision_is_the_others_recall(
+    first: Floats, second: Floats
+) -> None:
+    there, back = mutual_distances(first, second, threads=1)
+    one, other = scored(there, back), scored(back, there)
+    assert one.chamfer == other.chamfer
+    assert [at.f1 for at in one.at] == [at.f1 for at in other.at]
+    assert [at.precision for at in one.at] == [at.recall for at in other.at]
+
+
+@given(distances, st.lists(st.floats(0.01, 100.0), min_size=1, max_size=4, unique=True))
+@quick
+def test_summary_against_a_sorted_list(found: Floats, percentiles: list[float]) -> None:
+    summary = summarise_distances(found, percentiles)
+    ordered, count = sorted(found.tolist()), len(found)
+    assert summary.count == count
+    assert summary.mean == math.fsum(ordered) / count
+    assert summary.median == (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
+    assert summary.largest == ordered[-1]
+    for percentile, value in summary.percentiles.items():
+        # The least value that so many do not exceed.
+        assert sum(other <= value for other in ordered) * 100 >= percentile * count
+        assert sum(other < value for other in ordered) * 100 < percentile * count
+
+
+@given(distances, hnp.arrays(np.float64, 7, elements=st.floats(0.01, 1e12), unique=True))
+@quick
+def test_counts_against_comparing_each(found: Floats, thresholds: Floats) -> None:
+    thresholds = np.sort(np.append(thresholds, 10.0))
+    thresholds = np.unique(thresholds)
+    expected = (found[:, None] < thresholds).sum(axis=0)
+    assert counts_below(found, thresholds).tolist() == expected.tolist()
+
+
+def test_counts_of_several_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = np.random.default_rng(0).random(1000)
+    counted, mean = counts_below(found, np.array([0.2, 0.7])), exact_mean(found)
+    monkeypatch.setattr(curves_module, "_CHUNK", 7)
+    monkeypatch.setattr(metrics_module, "_CHUNK", 7)
+    assert counts_below(found, np.array([0.2, 0.7])).tolist() == counted.tolist()
+    assert exact_mean(found) == mean
+
+
+def test_counts_beyond_what_float32_can_count() -> None:
+    # A float32 sum of ones stays at 16,777,216.
+    found = np.zeros(16_777_220, dtype=np.float64)
+    assert counts_below(found, np.array([1.0])).tolist() == [16_777_220]
+
+
+def test_means_are_not_sums_with_roundings() -> None:
+    found = np.array([1e16, 1.0, 1.0, 0.0])
+    assert exact_mean(found) == (1e16 + 2) / 4
+    assert np.cumsum(found)[-1] == 1e16
+
+
+def test_curve_by_hand() -> None:
+    curves = curve(np.array([0.5, 1.5]), np.array([1.0, 2.0, 3.0, INF]), even_thresholds(4.0, 4))
+    assert curves.thresholds.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert curves.precision.tolist() == [0.5, 1.0, 1.0, 1.0]
+    assert curves.recall.tolist() == [0.0, 0.25, 0.5, 0.75]
+    assert curves.f1.tolist() == pytest.approx([0.0, 0.4, 2 / 3, 6 / 7])
+    nothing = curve(np.zeros(0), np.array([INF]), even_thresholds(1.0, 2))
+    assert nothing.f1.tolist() == nothing.precision.tolist() == [0.0, 0.0]
+
+
+@given(distances, distances)
+@quick
+def test_curve_agrees_with_the_scores_and_never_falls(first: Floats, second: Floats) -> None:
+    curves = curve(first, second, np.array([1.0, 10.0, 1e16]))
+    ten, one = scored(first, second).at
+    assert (curves.f1[0], curves.f1[1]) == (one.f1, ten.f1)
+    assert (np.diff(curves.precision) >= 0).all()
+    assert (np.diff(curves.recall) >= 0).all()
+    assert ((curves.f1 >= 0) & (curves.f1 <= 1)).all()
+
+
+def test_f1_of_nothing_is_0() -> None:
+    assert f1_score(np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 1.0])).tolist() == [0, 1, 0]
+
+
+def test_what_cannot_be_is_refused() -> None:
+    limits = np.array([1.0])
+    for bad in ([np.nan], [-1.0]):
+        with pytest.raises(ValueError, match="negative or NaN"):
+            counts_below(np.array(bad), limits)
+    for thresholds in ([1.0, 1.0], [2.0, 1.0], [INF], [np.nan]):
+        with pytest.raises(ValueError, match="increase"):
+            counts_below(np.zeros(1), np.array(thresholds))
+    for percentile in (0.0, 101.0, np.nan):
+        with pytest.raises(ValueError, match="percentiles"):
+            summarise_distances(np.zeros(1), [percentile])
+    with pytest.raises(ValueError, match="no true point"):
+        curve(np.zeros(1), np.zeros(0), limits)

@@ -1,0 +1,244 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction import neighbours
+from airzoo_bench.reconstruction.boxes import BoxTree, bound_squared, gap_squared, squared_distance
+from airzoo_bench.reconstruction.neighbours import (
+    NeighbourSearch,
+    mutual_distances,
+    nearest_distances,
+)
+from tests.geometry.support import quick
+from tests.reconstruction.cloud_support import all_pairs, clouds, surface
+
+CORNERS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+
+
+def test_by_hand() -> None:
+    points = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 2.0, 2.0)])
+    others = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 12.0)])
+    assert nearest_distances(points, others, threads=1).tolist() == [0.0, 5.0, 3.0]
+    assert nearest_distances(others, points, threads=1).tolist() == [0.0, np.sqrt(4 + 4 + 100)]
+
+
+@given(clouds(), clouds())
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_same_bits_as_all_pairs(points: Floats, others: Floats) -> None:
+    assert np.array_equal(nearest_distances(points, others, threads=1), all_pairs(points, others))
+
+
+@given(clouds(), clouds(), st.integers(0, 2**32 - 1))
+@quick
+def test_no_bit_depends_on_order_or_threads(points: Floats, others: Floats, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    order, others_order = random.permutation(len(points)), random.permutation(len(others))
+    found = nearest_distances(points, others, threads=1)
+    again = nearest_distances(points[order], others[others_order], threads=3)
+    assert np.array_equal(again, found[order])
+
+
+@given(clouds(), clouds())
+@quick
+def test_mutual_is_both_ways(first: Floats, second: Floats) -> None:
+    one, other = mutual_distances(first, second, threads=2)
+    assert np.array_equal(one, nearest_distances(first, second, threads=1))
+    assert np.array_equal(other, nearest_distances(second, first, threads=1))
+
+
+@given(clouds())
+@quick
+def test_a_cloud_is_nowhere_far_from_itself(points: Floats) -> None:
+    assert not nearest_distances(points, points[::-1], threads=1).any()
+
+
+@given(clouds(), clouds(), st.tuples(*[st.integers(-(2**20), 2**20)] * 3))
+@quick
+def test_moving_both_by_whole_metres_keeps_distances(
+    points: Floats, others: Floats, shift: tuple[int, int, int]
+) -> None:
+    # On a grid of 2^-20 m, no sum with whole metres is rounded.
+    small = [np.round(np.clip(cloud, -1e6, 1e6) * 2**20) / 2**20 for cloud in (points, others)]
+    found = nearest_distances(*small, threads=1)
+    moved = nearest_distances(*(cloud + np.array(shift) for cloud in small), threads=1)
+    assert np.array_equal(found, moved)
+
+
+def test_a_million_metres_from_the_origin_nothing_is_lost() -> None:
+    origin = np.array((1_000_000.0, 4_000_000.0, 0.0))
+    points, others = np.round(surface(3000, 0), 6), np.round(surface(3000, 1), 6)
+    near = nearest_distances(points, others, threads=2)
+    far = nearest_distances(points + origin, others + origin, threads=2)
+    assert np.abs(far - near).max() < 2e-9
+    rounded = ((cloud + origin).astype(np.float32).astype(np.float64) for cloud in (points, others))
+    assert np.abs(nearest_distances(*rounded, threads=2) - near).max() > 0.1  # float32 does lose
+
+
+def test_ties_that_differ_in_their_last_bits_are_decided_exactly() -> None:
+    # The middles of a grid's cells have eight neighbours, equally far but for the roundings.
+    axis = np.arange(15) * 0.1
+    grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    middles = grid + 0.05
+    assert len(np.unique(all_pairs(middles, grid))) > 2
+    found = nearest_distances(middles, grid, threads=2)
+    assert np.array_equal(found, all_pairs(middles, grid))
+
+
+def test_more_ties_than_neighbours_asked_for_are_decided_exactly() -> None:
+    random = np.random.default_rng(0)
+    sphere = random.normal(size=(5000, 3))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    middle = random.normal(size=(20, 3)) * 1e-17
+    found = nearest_distances(middle, sphere, threads=2)
+    assert np.array_equal(found, all_pairs(middle, sphere))
+    assert (found < 1.0).all()
+
+
+class _Careless:
+    """A tree as careless as errors of its bounds allow: it misses the nearest where all tie."""
+
+    def __init__(self, tree: Any) -> None:
+        self._tree = tree
+
+    def query(self, points: Floats, *, k: int, sqr_dists: bool) -> tuple[Floats, Any]:
+        near, index = self._tree.query(points, k=k + 1, sqr_dists=sqr_dists)
+        near, index = near.copy(), index.copy()
+        tied = near[:, k] <= near[:, 0] * (1.0 + 1e-13)
+        near[tied, :-1], index[tied, :-1] = near[tied, 1:], index[tied, 1:]
+        return near[:, :-1], index[:, :-1]
+
+
+def careless(points: Floats, leafsize: int, build: Any = neighbours.kdtree.KDTree) -> _Careless:
+    return _Careless(build(points, leafsize=leafsize))
+
+
+@pytest.mark.parametrize("shift", [0.0, 7.3])
+def test_a_neighbour_missed_by_the_tree_is_found_again(
+    monkeypatch: pytest.MonkeyPatch, shift: float
+) -> None:
+    axis = np.arange(13) * 0.1 + shift
+    grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    middles, expected = grid + 0.05, all_pairs(grid + 0.05, grid)
+    monkeypatch.setattr(neighbours.kdtree, "KDTree", careless)
+    assert np.array_equal(nearest_distances(middles, grid, threads=2), expected)
+    monkeypatch.setattr(NeighbourSearch, "_settled", lambda self, points: self._ask(points, 2)[0])
+    assert not np.array_equal(nearest_distances(middles, grid, threads=2), expected)
+
+
+def test_a_neighbour_missed_among_very_many_is_found_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random = np.random.default_rng(0)
+    sphere = random.normal(size=(3000, 3))
+    sphere *= 1.2 / np.linalg.norm(sphere, axis=1, keepdims=True)
+    middles = random.normal(size=(50, 3)) * 1e-14
+    expected = all_pairs(middles, sphere)
+    monkeypatch.setattr(neighbours.kdtree, "KDTree", careless)
+    assert np.array_equal(nearest_distances(middles, sphere, threads=2), expected)
+    monkeypatch.setattr(neighbours.BoxTree, "improve", lambda *_: None)
+    assert not np.array_equal(nearest_distances(middles, sphere, threads=2), expected)
+
+
+@pytest.mark.parametrize("scale", [1e3, 1e9, 1e14, 1e30, 1e200])
+def test_points_however_far(scale: float) -> None:
+    points, others = surface(400, 0, far=0.05), surface(400, 1, far=0.05)
+    points[:20] *= scale
+    others[:5] *= scale
+    with np.errstate(over="ignore"):
+        expected = all_pairs(points, others)
+    assert np.array_equal(nearest_distances(points, others, threads=2), expected)
+
+
+def test_distances_too_small_for_relative_bounds() -> None:
+    points, others = surface(300, 0) * 1e-160, surface(300, 1) * 1e-160
+    with np.errstate(under="ignore"):
+        expected = all_pairs(points, others)
+    assert np.array_equal(nearest_distances(points, others, threads=2), expected)
+
+
+def test_a_hundred_thousand_copies_cost_no_more_than_one() -> None:
+    # All pairs would be 10^10.
+    same = np.zeros((100_000, 3))
+    assert (
+        nearest_distances(same + np.array((3.0, 4.0, 0.0)), same, threads=2).tolist()
+        == [5.0] * 100_000
+    )
+
+
+def test_few_copies_of_all() -> None:
+    points, others = surface(500, 0), surface(500, 1)
+    found = nearest_distances(points, np.tile(others, (3, 1)), threads=1)
+    assert np.array_equal(found, all_pairs(points, others))
+
+
+def test_copies_are_told_from_points_that_hash_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(neighbours, "_hashes", lambda points: np.zeros(len(points), np.uint64))
+    points, others = surface(500, 0), surface(500, 1)
+    assert np.array_equal(nearest_distances(points, others, threads=1), all_pairs(points, others))
+
+
+def test_nothing_is_infinitely_far_from_everything() -> None:
+    nothing, points = np.zeros((0, 3)), np.zeros((2, 3))
+    assert nearest_distances(points, nothing, threads=1).tolist() == [np.inf, np.inf]
+    assert nearest_distances(nothing, points, threads=1).tolist() == []
+    one, other = mutual_distances(points, nothing, threads=1)
+    assert (one.tolist(), other.tolist()) == ([np.inf, np.inf], [])
+    assert mutual_distances(nothing, points, threads=1)[1].tolist() == [np.inf, np.inf]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_refused(bad: float) -> None:
+    points = np.zeros((5, 3))
+    points[3, 1] = bad
+    with pytest.raises(ValueError, match="not finite"):
+        nearest_distances(points, np.zeros((1, 3)), threads=1)
+    with pytest.raises(ValueError, match="not finite"):
+        mutual_distances(np.zeros((1, 3)), points, threads=1)
+    with pytest.raises(ValueError, match=r"\(N, 3\)"):
+        nearest_distances(np.zeros((5, 2)), points, threads=1)
+
+
+def test_other_layouts_and_views() -> None:
+    points, others = surface(500, 0), surface(500, 1)
+    expected = all_pairs(points, others)
+    wide = np.hstack((others, others))
+    assert np.array_equal(nearest_distances(np.asfortranarray(points), others, threads=1), expected)
+    assert np.array_equal(nearest_distances(points, wide[:, 3:], threads=1), expected)
+    assert np.array_equal(nearest_distances(points[::-1], others, threads=1), expected[::-1])
+
+
+@given(clouds(), clouds())
+@quick
+def test_bounds_of_boxes_hold_to_the_last_bit(points: Floats, others: Floats) -> None:
+    low, high = others.min(axis=0), others.max(axis=0)
+    bounds = bound_squared(points, low, high)
+    assert (bounds[:, None] <= squared_distance(points[:, None], others)).all()
+    assert gap_squared(points.min(axis=0), points.max(axis=0), low, high) <= bounds.min()
+
+
+def test_bounds_by_hand() -> None:
+    low, high = np.zeros(3), np.array((1.0, 2.0, 3.0))
+    points = np.array([(0.5, 1.0, 3.0), (4.0, 6.0, 3.0), (-1.0, -2.0, -2.0)])
+    assert bound_squared(points, low, high).tolist() == [0.0, 25.0, 9.0]
+    assert gap_squared(low, high, low + 4.0, high + 4.0) == 9.0 + 4.0 + 1.0
+
+
+@given(clouds(most=400), clouds())
+@quick
+def test_boxes_alone_find_the_same(others: Floats, points: Floats) -> None:
+    squared = np.full(len(points), np.inf)
+    BoxTree(others).improve(points, squared)
+    assert np.array_equal(np.sqrt(squared), all_pairs(points, others))
+
+
+def test_boxes_of_many_levels() -> None:
+    others, points = surface(10_000, 0), surface(500, 1)
+    squared = np.full(len(points), np.inf)
+    BoxTree(others[np.argsort(others[:, 0])]).improve(points, squared)
+    assert np.array_equal(np.sqrt(squared), nearest_distances(points, others, threads=2))

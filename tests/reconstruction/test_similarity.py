@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.reconstruction.similarity import (
+    AlignmentError,
+    Similarity,
+    fit_many,
+    fit_rotated,
+    point_rank,
+    umeyama,
+)
+from tests.geometry.support import quick, seeds
+
+UTM = np.array((576663.330376941, 5188165.013024779, 197.192794194657))
+
+
+def some(rng: np.random.Generator, scale: float = 1.7) -> Similarity:
+    rotation = Rotation.random(random_state=rng).as_matrix()
+    return Similarity(scale, rotation, rng.uniform(-9, 9, 3), rng.uniform(-9, 9, 3))
+
+
+def test_a_quarter_turn_by_hand() -> None:
+    quarter = np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    transform = Similarity(2.0, quarter, np.array((10.0, 20.0, 30.0)), np.array((1.0, 1.0, 1.0)))
+    # (3, 1, 0) is (2, 0, -1) from the origin, turned (0, 2, -1), doubled (0, 4, -2).
+    np.testing.assert_array_equal(transform.apply(np.array((3.0, 1.0, 0.0))), (10.0, 24.0, 28.0))
+
+
+@quick
+@given(seeds)
+def test_inverse_composition_and_matrix(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = some(rng), some(rng, 0.3)
+    points = rng.normal(size=(20, 3))
+    np.testing.assert_allclose(a.inverse().apply(a.apply(points)), points, atol=1e-13)
+    np.testing.assert_allclose(b.after(a).apply(points), b.apply(a.apply(points)), atol=1e-13)
+    homogeneous = np.hstack((points, np.ones((20, 1)))) @ a.matrix.T
+    np.testing.assert_allclose(homogeneous[:, :3], a.apply(points), atol=1e-13)
+
+
+def test_identity_changes_no_bit() -> None:
+    points = UTM + np.random.default_rng(0).normal(size=(50, 3))
+    np.testing.assert_array_equal(Similarity.identity().apply(points), points)
+
+
+def test_poses_move_with_their_world() -> None:
+    rng = np.random.default_rng(1)
+    transform, points = some(rng), rng.normal(size=(1, 9, 3))
+    poses = Poses(
+        rotation=Rotation.random(1, random_state=rng).as_matrix(), centres=rng.normal(size=(1, 3))
+    )
+    moved = world_to_camera(transform.apply_poses(poses), transform.apply(points))
+    # What a camera sees is the same, at another scale.
+    np.testing.assert_allclose(moved, transform.scale * world_to_camera(poses, points), atol=1e-13)
+
+
+@quick
+@given(seeds, st.floats(1e-3, 1e3), st.booleans())
+def test_umeyama_finds_the_transform(seed: int, scale: float, with_scale: bool) -> None:
+    rng = np.random.default_rng(seed)
+    made = some(rng, scale if with_scale else 1.0)
+    source = rng.normal(size=(7, 3))
+    found = umeyama(source, made.apply(source), with_scale=with_scale)
+    assert found.scale == pytest.approx(made.scale, rel=1e-11)
+    np.testing.assert_allclose(found.rotation, made.rotation, atol=1e-11)
+    np.testing.assert_allclose(found.apply(source), made.apply(source), atol=1e-11 * made.scale)
+
+
+def test_projected_coordinates_lose_nothing() -> None:
+    rng = np.random.default_rng(2)
+    local = rng.uniform(-60, 60, (30, 3))
+    made = some(rng, 0.01)
+    found = umeyama(made.apply(local), local + UTM, with_scale=True)
+    # A nanometre is the last bit of the coordinates themselves.
+    np.testing.assert_allclose(found.apply(made.apply(local)), local + UTM, rtol=0, atol=3e-9)
+    back = umeyama(local + UTM, made.apply(local), with_scale=True)
+    np.testing.assert_allclose(back.apply(local + UTM), made.apply(local), rtol=0, atol=1e-9)
+
+
+def test_a_mirror_image_is_turned_not_mirrored() -> None:
+    source = np.random.default_rng(3).normal(size=(40, 3)) * (5.0, 3.0, 1.0)
+    found = umeyama(source, source * (1.0, 1.0, -1.0), with_scale=True)
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    # Least squares: scale (25 + 9 - 1) / 35 of the variances; nearly no rotation.
+    values = np.linalg.svd(source - source.mean(axis=0), compute_uv=False) ** 2
+    assert found.scale == pytest.approx((values[:2].sum() - values[2]) / values.sum(), rel=0.02)
+
+
+def test_flat_centres_will_do() -> None:
+    rng = np.random.default_rng(4)
+    source = rng.normal(size=(5, 3)) * (1.0, 1.0, 0.0)
+    made = some(rng)
+    found = umeyama(source, made.apply(source), with_scale=True)
+    np.testing.assert_allclose(found.rotation, made.rotation, atol=1e-12)
+
+
+LINE = np.arange(6.0)[:, None] * (1.0, 2.0, 3.0)
+PLANE = np.random.default_rng(5).normal(size=(6, 3))
+
+
+@pytest.mark.parametrize("far", [0.0, 1.0], ids=["near", "projected"])
+@pytest.mark.parametrize(
+    ("source", "target", "said"),
+    [
+        (PLANE[:2], PLANE[:2], "2 points"),
+        (LINE, PLANE, "source lie on one line"),
+        (PLANE, LINE, "target lie on one line"),
+        (LINE.astype(np.float32) / 7, PLANE, "source lie on one line"),
+        (np.ones((6, 3)), PLANE, "source lie on one point"),
+        (PLANE, np.full((6, 3), 0.1), "target lie on one point"),
+    ],
+)
+def test_degenerate_points_are_refused(
+    source: np.ndarray, target: np.ndarray, said: str, far: float
+) -> None:
+    source, target = (np.asarray(a, np.float64) + far * UTM for a in (source, target))
+    with pytest.raises(AlignmentError, match=said):
+        umeyama(source, target, with_scale=True)
+
+
+@pytest.mark.parametrize(
+    ("extent", "rank"),
+    [((0, 0, 0), 0), ((1, 0, 0), 1), ((5, 0.04, 0), 1), ((5, 0.06, 0), 2), ((5, 4, 3), 3)],
+)
+def test_rank_by_share(extent: tuple[float, ...], rank: int) -> None:
+    corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+    assert point_rank(corners * extent, 0.01) == rank
+    assert point_rank(corners * extent + UTM, 0.01) == rank
+
+
+def test_many_fits_are_the_single_ones() -> None:
+    rng = np.random.default_rng(6)
+    source, target = rng.normal(size=(2, 4, 5, 3))
+    fits, determined = fit_many(source, target, with_scale=True)
+    for fit, good, a, b in zip(fits, determined, source, target, strict=True):
+        alone = umeyama(a, b, with_scale=True)
+        assert good
+        np.testing.assert_array_equal(fit.matrix, alone.matrix)
+
+
+def test_fit_with_a_given_rotation() -> None:
+    rng = np.random.default_rng(7)
+    made = some(rng, 3.0)
+    fit, determined = fit_rotated(LINE, made.apply(LINE), made.rotation)
+    assert determined
+    assert fit.scale == pytest.approx(3.0)
+    np.testing.assert_allclose(fit.apply(LINE), made.apply(LINE), atol=1e-12)
+    backwards, determined = fit_rotated(LINE, made.apply(-LINE), made.rotation)
+    assert (backwards.scale, determined) == (1.0, False)
