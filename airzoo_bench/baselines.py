@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,22 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.datasets.images import read_grey
+from airzoo_bench.datasets.images import read_grey, read_rgb_photo
 from airzoo_bench.datasets.tiles import read_tile
 from airzoo_bench.errors import UsageError
-from airzoo_bench.files import atomic_write, write_npz
+from airzoo_bench.files import atomic_write, check_output_folder, write_npz
 from airzoo_bench.matching.baseline import SiftSettings, Task, match_photos, plan
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.protocol import MatchingProtocol, RetrievalProtocol, protocol_of_track
+from airzoo_bench.protocol import (
+    MatchingProtocol,
+    ReconstructionProtocol,
+    RetrievalProtocol,
+    protocol_of_track,
+)
+from airzoo_bench.queries import PRIOR_COLUMNS, poses_of
+from airzoo_bench.reconstruction.baseline import SfmResult, SfmSettings, sparse_reconstruction
+from airzoo_bench.reconstruction.consensus import PosedCameras
+from airzoo_bench.reconstruction.ply import write_ply
+from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction_truth
 from airzoo_bench.retrieval.baseline import Reader, VladSettings, describe
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["matching_baseline", "retrieval_baseline"]
+__all__ = ["matching_baseline", "reconstruction_baseline", "retrieval_baseline"]
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as in the grey of photos
 
@@ -132,6 +145,92 @@ def matching_baseline(
         "map_xy": np.concatenate([np.zeros((0, 2)), *(map_xy for _, map_xy in matches)]),
     }
     with atomic_write(out) as stream:
+        write_npz(stream, arrays)
+
+
+def reconstruction_baseline(
+    protocol: str,
+    out: Path,
+    *,
+    data: Path,
+    settings: SfmSettings,
+    jobs: int = 1,
+    progress: Progress = silent,
+    note: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Reconstruct every scene of a benchmark by structure from motion, and write predictions.
+
+    The frame is COLMAP's own: scoring aligns it by the cameras.
+
+    Parameters
+    ----------
+    protocol : str
+        Name or path.
+    out : Path
+        The folder to write: a cloud and cameras a scene. What a run that was stopped has made is
+        kept beside it and taken up by the next.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    settings : SfmSettings
+    jobs : int
+        Processes; the files do not depend on it.
+    progress : Progress
+    note : callable
+        Takes a sentence on what came of a scene.
+
+    Raises
+    ------
+    UserError
+        The protocol, the benchmark folder or a picture is not as it must be.
+    """
+    chosen = protocol_of_track(protocol, data, ReconstructionProtocol)
+    benchmark = find_benchmark(chosen.benchmark, data)
+    benchmark.check_fits(chosen)
+    check_output_folder(out, ("protocol.txt",))
+    kept = out.with_name(f".{out.name}.unfinished")
+    for scene in chosen.scenes:
+        truth = read_reconstruction_truth(benchmark, scene.id)
+        images = benchmark.resolve(benchmark.scene(scene.id).images)
+        names = truth.photos["image"].tolist()
+        cameras = truth.cameras
+        found = sparse_reconstruction(
+            [images / name for name in names],
+            np.stack([cameras.width, cameras.height], axis=1),
+            read_rgb_photo,
+            settings,
+            kept / scene.id,
+            cameras=cameras,
+            priors=_positions(truth),
+            alignment=None,
+            workers=jobs,
+            progress=progress,
+        )
+        note(
+            f"{scene.id}: {len(found.names)} of {found.photos} photos, {len(found.cloud):,} points"
+        )
+        _write_model(out, scene.id, found)
+    with atomic_write(out / "protocol.txt", "w") as stream:
+        stream.write(chosen.name + "\n")
+    shutil.rmtree(kept, ignore_errors=True)
+
+
+def _positions(truth: ReconstructionTruth) -> PosedCameras | None:
+    """Return where GPS has the photos, for finding neighbours; never the true positions."""
+    if not set(PRIOR_COLUMNS) <= set(truth.photos.columns):
+        return None
+    there = truth.photos.dropna(subset=list(PRIOR_COLUMNS))
+    return PosedCameras(tuple(there["image"]), poses_of(there, PRIOR_COLUMNS).centres)
+
+
+def _write_model(out: Path, scene: str, found: SfmResult) -> None:
+    write_ply(out / f"{scene}.ply", found.cloud)
+    arrays = {
+        "image_names": np.array(found.names, dtype=str),
+        "extrinsics": np.concatenate(
+            [found.poses.rotation, found.poses.translation[..., None]], axis=2
+        ),
+    }
+    with atomic_write(out / f"{scene}.cameras.npz") as stream:
         write_npz(stream, arrays)
 
 

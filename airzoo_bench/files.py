@@ -27,6 +27,7 @@ __all__ = [
     "fingerprint",
     "read_text",
     "sha256_of",
+    "sha256_of_tree",
     "write_npz",
 ]
 
@@ -164,6 +165,14 @@ def sha256_of(path: Path) -> str:
         while chunk := stream.read(_CHUNK_BYTES):
             digest.update(chunk)
     return digest.hexdigest()
+
+
+def sha256_of_tree(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a folder with their names."""
+    if path.is_file():
+        return sha256_of(path)
+    files = sorted(p for p in path.rglob("*") if p.is_file())
+    return fingerprint([[p.relative_to(path).as_posix(), sha256_of(p)] for p in files])
 
 
 def canonical_json(value: object) -> str:

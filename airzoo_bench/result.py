@@ -114,6 +114,8 @@ class Result(_Model):
         What a reader of the numbers must know, in sentences.
     scenes, overall, pooled
         Scores by key; `overall` is the unweighted mean over scenes.
+    records_sha256 : str
+        Of the file of records that was written beside it; empty where none was.
     checksum : str
         Over everything else.
     """
@@ -131,6 +133,7 @@ class Result(_Model):
     scenes: dict[str, dict[str, Value]]
     overall: dict[str, Value]
     pooled: dict[str, Value]
+    records_sha256: str = ""
     checksum: str = ""
 
     @model_validator(mode="after")
@@ -151,6 +154,10 @@ class Result(_Model):
     def sealed(self) -> Result:
         """Return the same result with its checksum."""
         return self.model_copy(update={"checksum": self._content_hash()})
+
+    def with_records(self, sha256: str) -> Result:
+        """Return the same result, sealed, for records whose file has that hash."""
+        return self.model_copy(update={"records_sha256": sha256}).sealed()
 
     def is_intact(self) -> bool:
         """Whether the checksum fits the content."""

@@ -94,3 +94,47 @@ def matching(
     )
     say(f"wrote {out}")
     say(f"next: airzoo-bench eval matching {out}{with_data(data)}")
+
+
+@app.command(
+    epilog="Example: airzoo-bench baseline reconstruction airzoo-mini-reconstruction --out sfm"
+)
+def reconstruction(
+    protocol: Annotated[str, typer.Argument(help="Name or .toml file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write.")] = Path("sfm"),
+    data: DataOption = None,
+    features: Annotated[int, typer.Option(min=100, help="SIFT features of a photo.")] = 4096,
+    neighbours: Annotated[
+        int, typer.Option(min=2, help="Each photo is matched with so many, by GPS.")
+    ] = 12,
+    long_side: Annotated[int, typer.Option(min=64, help="Photos are made this small, px.")] = 1600,
+    seed: Annotated[int, typer.Option(min=0, help="Of every random choice.")] = 0,
+    jobs: JobsOption = 2,
+) -> None:
+    """Reconstruct scenes by structure from motion (pycolmap): a sparse cloud and cameras.
+
+    A run that was stopped goes on.
+    """
+    from airzoo_bench.baselines import reconstruction_baseline
+    from airzoo_bench.reconstruction.baseline import SfmSettings
+
+    reconstruction_baseline(
+        protocol,
+        out,
+        data=resolve_data(data),
+        settings=SfmSettings(
+            long_side_px=long_side,
+            max_features=features,
+            peak_threshold=_PEAK_THRESHOLD,
+            ratio=0.8,
+            neighbours=neighbours,
+            least_inliers=15,
+            max_error_px=4.0,
+            seed=seed,
+        ),
+        jobs=jobs,
+        progress=progress,
+        note=say,
+    )
+    say(f"wrote {out}")
+    say(f"next: airzoo-bench eval reconstruction {out}{with_data(data)}")

@@ -128,6 +128,70 @@ def matching(
     _print_next(out)
 
 
+@app.command(
+    epilog="Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures",
+)
+def reconstruction(
+    predictions: Annotated[
+        Path,
+        typer.Argument(
+            help="A folder or archive with an entry a scene (cloud, mesh, or .npz of depth or "
+            "point maps), or one such file."
+        ),
+    ],
+    protocol: ProtocolOption = None,
+    data: DataOption = None,
+    out: OutOption = None,
+    method: MethodOption = None,
+    form: FormatOption = Format.TERMINAL,
+    every_score: AllOption = False,
+    figures: Annotated[
+        bool, typer.Option("--figures", help="Draw curves and maps of errors into --out.")
+    ] = False,
+    clouds: Annotated[
+        bool, typer.Option("--clouds", help="Write clouds coloured by their errors into --out.")
+    ] = False,
+    jobs: JobsOption = 2,
+    max_memory: MemoryOption = "2G",
+) -> None:
+    """Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."""
+    from airzoo_bench.errors import UsageError
+    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.runner.common import save
+    from airzoo_bench.runner.reconstruction import evaluate_reconstruction
+
+    if (figures or clouds) and out is None:
+        raise UsageError("--figures and --clouds need a folder", mend="add --out DIR")
+    if out is not None:
+        check_output_folder(out, ("result.json", "records.csv", "alignment.json"))
+    scored = evaluate_reconstruction(
+        predictions,
+        data=resolve_data(data),
+        protocol=protocol,
+        method=method,
+        memory_bytes=memory_bytes(max_memory),
+        jobs=jobs,
+        progress=progress,
+    )
+    if out is not None:
+        from airzoo_bench.runner.reconstruction_figures import (
+            draw_figures,
+            save_alignments,
+            write_clouds,
+        )
+
+        save(scored.evaluation, out)
+        save_alignments(scored, out)
+        if figures:
+            drawn = draw_figures(scored, out / "figures", progress)
+            say(f"drew {drawn} pictures into {out / 'figures'}")
+        if clouds:
+            written = write_clouds(scored, out / "clouds", progress)
+            say(f"wrote {written} clouds into {out / 'clouds'}")
+    _print_result(scored.evaluation.result, form, every_score=every_score)
+    _print_next(out)
+
+
 def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
     from airzoo_bench.tables.build import scenes_table
 

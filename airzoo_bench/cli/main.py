@@ -13,7 +13,19 @@ from typing import Annotated
 import typer
 
 import airzoo_bench
-from airzoo_bench.cli import baseline, check, evaluate, prepare, protocols, table, template
+from airzoo_bench.cli import (
+    baseline,
+    check,
+    check_geometry,
+    compare,
+    demo,
+    evaluate,
+    mini,
+    prepare,
+    protocols,
+    table,
+    template,
+)
 from airzoo_bench.cli.common import say
 from airzoo_bench.errors import UserError
 
@@ -27,7 +39,7 @@ app = typer.Typer(
     name="airzoo-bench",
     help="Scores predictions for aerial 3D vision: image retrieval, cross-view matching, "
     "multi-view reconstruction.",
-    epilog="Start with: airzoo-bench eval retrieval preds.npz",
+    epilog="Start with: airzoo-bench demo, or airzoo-bench eval retrieval preds.npz",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -37,8 +49,13 @@ app.add_typer(evaluate.app, name="eval")
 app.add_typer(prepare.app, name="prepare")
 app.add_typer(baseline.app, name="baseline")
 app.command("check")(check.check)
+app.command("check-geometry")(check_geometry.check_geometry)
+app.command("check-split")(check_geometry.check_split)
 app.command("template")(template.template)
 app.command("table")(table.table)
+app.command("compare")(compare.compare)
+app.command("demo")(demo.demo)
+app.add_typer(mini.app, name="mini")
 app.command("protocols")(protocols.protocols)
 
 

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.common import progress, put, say
+from airzoo_bench.cli.common import JobsOption, progress, put, say
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from airzoo_bench.datasets.folder import SceneTruths
     from airzoo_bench.datasets.photos import Prepared
 
 __all__ = ["app"]
@@ -142,6 +145,47 @@ def photos(
     _report(prepared, out)
 
 
+@app.command("airzoo-mini", epilog="Example: airzoo-bench prepare airzoo-mini")
+def airzoo_mini(
+    seed: Annotated[
+        int, typer.Option(min=0, help="Another seed is another place, and another benchmark.")
+    ] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="The folder to make (default: in the data root).")
+    ] = None,
+    copy: Annotated[
+        bool, typer.Option("--copy", help="Copy photos, maps and clouds into the folder.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the folder.")] = False,
+    jobs: JobsOption = 2,
+) -> None:
+    """Make AirZoo-Mini: a made-up world, flights over it, photos, and the truth of every track.
+
+    Needs no data. Worlds and photos are kept in the data root: a run that was stopped goes on.
+    """
+    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
+
+    protocols = mini_protocols(seed)
+    root = data_root()
+    prepared = prepare_airzoo_mini(
+        root,
+        out or root / protocols.retrieval.benchmark,
+        protocols,
+        seed=seed,
+        jobs=jobs,
+        copy=copy,
+        replace=force,
+        progress=progress,
+        note=say,
+    )
+    put(f"{prepared.folder}\n")
+    for name, truths in prepared.scenes.items():
+        put(f"{name}, {len(truths.photos)} photos\n")
+        _report_tracks(truths)
+    _suggest([protocol.name for protocol in protocols.every], out and prepared.folder)
+
+
 def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:
     """Return the overlap to use: what was given, else the protocol's, if it goes by overlap."""
     goes_by_overlap = rule is Rule.IOU or (rule is None and base is not None)
@@ -149,8 +193,14 @@ def _threshold(base: float | None, rule: Rule | None, given: float | None) -> fl
 
 
 def _report(prepared: Prepared, out: Path | None) -> None:
-    truths = prepared.truths
     put(f"{prepared.folder}\n")
+    _report_tracks(prepared.truths)
+    if prepared.without_pose:
+        say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
+    _suggest(prepared.protocols, out and prepared.folder)
+
+
+def _report_tracks(truths: SceneTruths) -> None:
     if truths.retrieval is not None:
         truth = truths.retrieval.truth
         counts = truth.positives.counts
@@ -166,12 +216,14 @@ def _report(prepared: Prepared, out: Path | None) -> None:
         put(f"  reconstruction  {len(truths.reconstruction.photos)} photos, a true cloud\n")
     else:
         put("  reconstruction  no: no true cloud was given (--cloud)\n")
-    if prepared.without_pose:
-        say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
-    where = f" --data {prepared.folder}" if out else ""
-    for name in prepared.protocols:
+
+
+def _suggest(protocols: Sequence[str], folder: Path | None) -> None:
+    where = f" --data {folder}" if folder else ""
+    for name in protocols:
         track = name.rsplit("-", 1)[1]
-        say(f"next: airzoo-bench baseline {track} {name}{where} --out {track}.npz")
+        file = f"{track}.npz" if track != "reconstruction" else track
+        say(f"next: airzoo-bench baseline {track} {name}{where} --out {file}")
 
 
 def _report_left_out(count: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.protocol import MatchingProtocol, find_protocol
+from airzoo_bench.protocol import find_protocol
 from airzoo_bench.readers.arrays import open_arrays, protocol_name
 from airzoo_bench.runner.common import Checked
 
@@ -32,15 +32,28 @@ def check_predictions(
         The file cannot be read at all, or the protocol is unknown.
     """
     from airzoo_bench.runner.matching import check_matching
+    from airzoo_bench.runner.reconstruction import check_reconstruction
     from airzoo_bench.runner.retrieval import check_retrieval
 
-    check = check_matching if _is_matching(path, data, protocol, memory_bytes) else check_retrieval
+    tracks = {
+        "retrieval": check_retrieval,
+        "matching": check_matching,
+        "reconstruction": check_reconstruction,
+    }
+    check = tracks[_track(path, data, protocol, memory_bytes)]
     return check(path, data=data, protocol=protocol, memory_bytes=memory_bytes)
 
 
-def _is_matching(path: Path, data: Path, protocol: str | None, memory_bytes: int) -> bool:
+def _track(path: Path, data: Path, protocol: str | None, memory_bytes: int) -> str:
+    """Find the track of a prediction by its protocol, else by what kind of file it is."""
     if path.suffix == ".txt":
-        return True
-    if protocol is None and path.suffix == ".npz":
+        return "matching"
+    if protocol is None and path.is_file() and path.suffix == ".npz":
         protocol = protocol_name(open_arrays(path, memory_bytes))
-    return protocol is not None and isinstance(find_protocol(protocol, data), MatchingProtocol)
+    if protocol is not None:
+        return find_protocol(protocol, data).track
+    return (
+        "retrieval"
+        if path.suffix in (".npz", ".parquet") or not path.exists()
+        else "reconstruction"
+    )

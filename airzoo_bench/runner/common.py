@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import Benchmark
 from airzoo_bench.errors import BenchmarkError, PredictionError, ProtocolError, first_of
-from airzoo_bench.files import atomic_write, check_output_folder, fingerprint, sha256_of
+from airzoo_bench.files import atomic_write, check_output_folder, fingerprint, sha256_of_tree
 from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
 from airzoo_bench.result import (
@@ -85,9 +86,11 @@ class Run:
 def save(evaluation: Evaluation, folder: Path) -> None:
     """Write ``result.json`` and ``records.csv`` into a folder, each whole or not at all."""
     check_output_folder(folder, ("result.json", "records.csv"))
-    with atomic_write(folder / "records.csv", "w") as stream:
-        evaluation.records.to_csv(stream, index=False, lineterminator="\n")
-    write_result(folder / "result.json", evaluation.result)
+    content = evaluation.records.to_csv(index=False, lineterminator="\n").encode()
+    with atomic_write(folder / "records.csv") as stream:
+        stream.write(content)
+    records_sha256 = hashlib.sha256(content).hexdigest()
+    write_result(folder / "result.json", evaluation.result.with_records(records_sha256))
 
 
 def choose_protocol(
@@ -266,7 +269,7 @@ def make_result(
             scene_titles={scene.id: scene.title for scene in protocol.scenes},
         ),
         predictions=PredictionsUsed(
-            file=run.path.name, sha256=sha256_of(run.path), kind=run.kind, method=run.method
+            file=run.path.name, sha256=sha256_of_tree(run.path), kind=run.kind, method=run.method
         ),
         versions=versions(),
         columns=score_columns(scores),
@@ -282,7 +285,8 @@ def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: i
     missing = sum(scene["missing"] for scene in counts.values())
     notes = []
     if missing:
-        notes.append(f"{missing} queries are missing from the predictions and score their worst")
+        what = "scenes" if protocol.track == "reconstruction" else "queries"
+        notes.append(f"{missing} {what} are missing from the predictions and score their worst")
     if extra:
         notes.append(f"{extra} ids of the predictions are no queries and were left aside")
     for scene in protocol.scenes:

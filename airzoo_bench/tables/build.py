@@ -10,11 +10,13 @@ from airzoo_bench.tables.model import Cell, Column, Row, Table, mark_best, share
 
 __all__ = ["methods_table", "scenes_table"]
 
+# What is counted beside the scores: the heading, and the key of a result's counts.
+_COUNTED = {"reconstruction": ("Points", "points")}
 _UNITS = {"share": "%", "m": "m", "deg": "deg"}
 
 
 def scenes_table(result: Result, *, every_score: bool = False) -> Table:
-    """Lay out one result: a row a scene, the average over scenes, the pooled mean.
+    """Lay out one result: a row a scene, the average over scenes, the mean over all queries.
 
     Parameters
     ----------
@@ -23,17 +25,20 @@ def scenes_table(result: Result, *, every_score: bool = False) -> Table:
         Show all scores instead of the headline ones.
     """
     scores = _shown(result, every_score)
+    heading, key = _COUNTED.get(result.track, ("Queries", "queries"))
     rows = [
-        Row((Cell(title), Cell(result.counts[scene]["queries"]), *_cells(scores, values)))
+        Row((Cell(title), Cell(result.counts[scene][key]), *_cells(scores, values)))
         for scene, values in result.scenes.items()
         for title in [result.truth.scene_titles[scene]]
     ]
     total = sum(counts["queries"] for counts in result.counts.values())
     rows.append(Row((Cell("Average"), Cell(None), *_cells(scores, result.overall)), summary=True))
-    rows.append(Row((Cell("Pooled"), Cell(total), *_cells(scores, result.pooled)), summary=True))
+    if total > len(result.scenes):
+        pooled = _cells(scores, result.pooled)
+        rows.append(Row((Cell("Pooled"), Cell(total), *pooled), summary=True))
     return Table(
         f"{result.predictions.method} on {result.protocol.name} v{result.protocol.version}",
-        (Column("Scene"), Column("Queries"), *map(_column, scores)),
+        (Column("Scene"), Column(heading), *map(_column, scores)),
         tuple(rows),
         (*result.notes, _identity(result)),
     )
@@ -58,7 +63,7 @@ def methods_table(
         The results are not of one protocol and one truth, or have no such scene.
     """
     _check_comparable(results)
-    scores = _shown(results[0], every_score)
+    scores = _shown_of_all(results, every_score)
     rows = tuple(
         Row((Cell(result.predictions.method), *_cells(scores, _values(result, scene))))
         for result in results
@@ -101,15 +106,24 @@ def _shown(result: Result, every_score: bool) -> list[ScoreColumn]:
     return [column for column in result.columns if every_score or column.headline]
 
 
+def _shown_of_all(results: Sequence[Result], every_score: bool) -> list[ScoreColumn]:
+    """Return the columns of all results; one that a method has no score for stays empty."""
+    columns = [column for result in results for column in _shown(result, every_score)]
+    return list({column.key: column for column in columns}.values())
+
+
 def _column(score: ScoreColumn) -> Column:
     return Column(score.title, _UNITS[score.unit], score.higher_is_better)
 
 
 def _cells(scores: list[ScoreColumn], values: dict[str, float]) -> list[Cell]:
-    return [
-        Cell(share_to_percent(values[s.key]) if s.unit == "share" else values[s.key])
-        for s in scores
-    ]
+    return [_cell(score, values.get(score.key)) for score in scores]
+
+
+def _cell(score: ScoreColumn, value: float | None) -> Cell:
+    if value is None or score.unit != "share":
+        return Cell(value)
+    return Cell(share_to_percent(value))
 
 
 def _identity(result: Result) -> str:

@@ -1,0 +1,45 @@
+"""``airzoo-bench demo``: every track on AirZoo-Mini, from nothing to tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from airzoo_bench.cli.common import Format, JobsOption, progress, put, say, show
+
+__all__ = ["demo"]
+
+
+def demo(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Where predictions and results go.")
+    ] = Path("airzoo-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Another seed is another place.")] = 0,
+    jobs: JobsOption = 2,
+) -> None:
+    """Make a world, run a plain method on every track, and print the tables. Needs no data.
+
+    The world and its photos are kept in the data root. A run that was stopped goes on.
+
+    Example: airzoo-bench demo
+    """
+    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.demo import demo_benchmark, demo_tracks, run_track
+    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.tables.build import scenes_table
+
+    check_output_folder(out, ())
+    say(f"AirZoo-Mini: a made-up city and a valley, kept in {data_root()}")
+    data = demo_benchmark(data_root(), seed=seed, jobs=jobs, progress=progress, note=say)
+    for track in demo_tracks():
+        say(f"{track.name}: {track.method}")
+        result = run_track(track, data, out, seed=seed, jobs=jobs, progress=progress)
+        show(scenes_table(result), Format.TERMINAL)
+        put("\n")
+    say(f"predictions, result.json and records.csv of each track lie in {out}")
+    first = out / demo_tracks()[0].name
+    say(f"next: airzoo-bench table {first / 'result.json'} --format latex")
+    say(f"      look at the photos in {data}: benchmark.toml says where they are")
+    say("      put your own method beside it: airzoo-bench template airzoo-mini-retrieval")

@@ -1,0 +1,110 @@
+"""Pictures of reconstruction: scores over distance, and errors as seen from above."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction.curves import Curve
+from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
+
+__all__ = ["draw_curve", "draw_error_map", "error_colours"]
+
+_MAP = "viridis"  # even steps of lightness, for print and colour-blind readers
+_BEYOND = (213, 94, 0)  # vermilion: at the limit or farther
+_CELLS = 400
+
+
+def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
+    """Draw precision, recall and F1 over the distance below which points count as right.
+
+    Parameters
+    ----------
+    path : Path
+        The ``.png`` to write.
+    curve : Curve
+    limit : float
+        The distance of the headline score, marked.
+    title : str
+    """
+    figure, axes = new_figure(6.0, 4.0)
+    for values, name, colour, style in (
+        (curve.precision, "precision", COLOURS[0], "-"),
+        (curve.recall, "recall", COLOURS[1], "--"),
+        (curve.f1, "F1", COLOURS[6], "-."),
+    ):
+        axes.plot(curve.thresholds, 100 * values, style, color=colour, label=name)
+    axes.axvline(limit, color="0.6", linewidth=0.8)
+    axes.set(xlabel="distance d [m]", ylabel="points nearer than d [%]", title=title)
+    axes.set_xlim(0, float(curve.thresholds[-1]))
+    axes.set_ylim(0, 102)
+    axes.grid(color="0.9")
+    axes.legend(loc="lower right")
+    save_figure(figure, path)
+
+
+def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, title: str) -> None:
+    """Draw the mean distance of points as seen from above, cut at a limit.
+
+    Parameters
+    ----------
+    path : Path
+        The ``.png`` to write.
+    points : (N, 3) array
+        World coordinates in metres.
+    distances : (N,) array
+    limit : float
+        Of the colours; what is farther has the last one.
+    title : str
+    """
+    figure, axes = new_figure(6.4, 5.2)
+    axes.set(xlabel="east [m]", ylabel="north [m]", title=title)
+    if len(points):
+        low = np.floor(np.percentile(points[:, :2], 0.5, axis=0))
+        high = np.ceil(np.percentile(points[:, :2], 99.5, axis=0))
+        mean = _mean_by_cell(points[:, :2], np.minimum(distances, limit), low, high)
+        extent = (0.0, float(high[0] - low[0]), 0.0, float(high[1] - low[1]))
+        image = axes.imshow(
+            mean, origin="lower", extent=extent, cmap=_MAP, vmin=0, vmax=limit, aspect="equal"
+        )
+        figure.colorbar(image, ax=axes, label=f"mean distance, cut at {limit:g} [m]", shrink=0.85)
+        axes.set_xlabel(f"east of {low[0]:.0f} [m]")
+        axes.set_ylabel(f"north of {low[1]:.0f} [m]")
+    save_figure(figure, path)
+
+
+def error_colours(distances: Floats, limit: float) -> NDArray[np.uint8]:
+    """Colour points by their distance: dark to bright up to the limit, vermilion from there on.
+
+    Parameters
+    ----------
+    distances : (N,) array
+    limit : float
+
+    Returns
+    -------
+    (N, 3) uint8 array
+    """
+    import matplotlib
+
+    table = (matplotlib.colormaps[_MAP](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
+    steps = np.minimum(distances / limit * 256, 255).astype(np.intp)
+    colours: NDArray[np.uint8] = table[steps]
+    colours[distances >= limit] = _BEYOND
+    return colours
+
+
+def _mean_by_cell(xy: Floats, values: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the mean (rows, columns) of values over a grid of square cells, NaN where none is."""
+    side = float((high - low).max()) / _CELLS or 1.0
+    shape = np.maximum(np.ceil((high - low) / side).astype(int), 1)
+    cells = np.floor((xy - low) / side).astype(np.int64)
+    inside = ((cells >= 0) & (cells < shape)).all(axis=1)
+    flat = cells[inside, 1] * shape[0] + cells[inside, 0]
+    total = np.bincount(flat, values[inside], minlength=int(shape.prod()))
+    count = np.bincount(flat, minlength=int(shape.prod()))
+    mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
+    return np.asarray(mean.reshape(shape[1], shape[0]), dtype=np.float64)

@@ -1,0 +1,1 @@
+"""Statistics on records: intervals, paired tests, comparisons; they know nothing of tracks."""

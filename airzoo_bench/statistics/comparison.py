@@ -1,0 +1,275 @@
+"""Comparison of methods on the same queries: differences, intervals, tests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from airzoo_bench.errors import UsageError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.records import Scored
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.statistics.compatibility import check_comparable, find_scene
+from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.statistics.intervals import Bootstrap, Interval, bootstrap
+from airzoo_bench.statistics.samples import Plan, Sample, gap
+from airzoo_bench.statistics.significance import (
+    PairedTest,
+    are_hits,
+    mcnemar,
+    paired_permutation,
+)
+
+__all__ = ["Comparison", "Pair", "compare", "find_reference", "make_sample", "score_intervals"]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A method beside the reference, by one score.
+
+    Attributes
+    ----------
+    score : ScoreColumn
+    method, reference : str
+    value, reference_value : float
+        Of the scene, or the unweighted mean over scenes.
+    difference : float or None
+        The method's value minus the reference's; None where both are infinite.
+    interval : Interval
+        Of the difference.
+    test : PairedTest
+    p_holm : float
+        p adjusted for the number of methods that were compared with the reference.
+    p_mcnemar : float or None
+        Over all queries, whatever their scene; None where the score is no hit.
+    wins, ties, losses : int
+        Queries, or scenes, on which the method is better, as good, worse.
+    """
+
+    score: ScoreColumn
+    method: str
+    reference: str
+    value: float
+    reference_value: float
+    difference: float | None
+    interval: Interval
+    test: PairedTest
+    p_holm: float
+    p_mcnemar: float | None
+    wins: int
+    ties: int
+    losses: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All methods against one.
+
+    Attributes
+    ----------
+    reference : str
+    unit : str
+        What was resampled: "query" or "scene".
+    units : int
+    scene : str or None
+        None for all scenes.
+    pairs : list of Pair
+        Score by score, in each the methods in their order.
+    plan : Plan
+    notes : tuple of str
+        What a reader of the numbers must know, in sentences.
+    """
+
+    reference: str
+    unit: str
+    units: int
+    scene: str | None
+    pairs: list[Pair]
+    plan: Plan
+    notes: tuple[str, ...]
+
+
+def make_sample(
+    methods: Sequence[Scored], scores: Sequence[ScoreColumn], scene: str | None = None
+) -> Sample:
+    """Gather variables, score by score and in each method by method.
+
+    Queries are the units, resampled within scenes. Where every scene has one record, scenes are.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        On the same queries.
+    scores : sequence of ScoreColumn
+    scene : str, optional
+        This scene's queries only.
+    """
+    of_unit = methods[0].records["scene"].to_numpy(str)
+    scenes = tuple(scene_ for scene_ in methods[0].result.scenes if scene in (None, scene_))
+    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
+    values = np.array(columns).reshape(len(columns), len(of_unit))
+    medians = np.array([s.average == "median" for s in scores for _ in methods], np.bool_)
+    if len(of_unit) == len(methods[0].result.scenes):
+        # One record a scene: their mean over scenes, whatever the average within a scene.
+        chosen = values if scene is None else values[:, of_unit == scene]
+        return Sample("scene", ("",), (chosen,), np.zeros_like(medians))
+    parts = tuple(np.ascontiguousarray(values[:, of_unit == name]) for name in scenes)
+    return Sample("query", scenes, parts, medians)
+
+
+def score_intervals(method: Scored, scores: Sequence[ScoreColumn], plan: Plan) -> Bootstrap:
+    """Take the interval of every score, of each scene and of the mean over scenes.
+
+    Parameters
+    ----------
+    method : Scored
+    scores : sequence of ScoreColumn
+    plan : Plan
+
+    Returns
+    -------
+    Bootstrap
+        In the order of `scores`; without scenes where scenes are what is resampled.
+    """
+    sample = make_sample([method], scores)
+    found = bootstrap(sample, plan)
+    return found if sample.unit == "query" else replace(found, groups={})
+
+
+def find_reference(methods: Sequence[Scored], wanted: str | None, score: ScoreColumn) -> int:
+    """Return the place of the method that the others are compared with.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+    wanted : str, optional
+        A method's name, or "best" for the best by `score`; by default the first.
+
+    Raises
+    ------
+    UsageError
+        No method, or several, have that name.
+    """
+    names = [method.name for method in methods]
+    if wanted is None:
+        return 0
+    if wanted in names:
+        return names.index(wanted)
+    if wanted == "best":
+        sign = 1 if score.higher_is_better else -1
+        return int(np.argmax([sign * method.result.overall[score.key] for method in methods]))
+    raise UsageError(
+        f"--reference {wanted!r} is no method of these results",
+        expected="best, or one of " + ", ".join(names),
+    )
+
+
+def compare(
+    methods: Sequence[Scored],
+    scores: Sequence[ScoreColumn],
+    *,
+    reference: str | None = None,
+    scene: str | None = None,
+    plan: Plan,
+) -> Comparison:
+    """Compare methods with one of them.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        At least two.
+    scores : sequence of ScoreColumn
+        From `choose_scores`.
+    reference : str, optional
+        See `find_reference`.
+    scene : str, optional
+        Id or title of the scene to compare on, instead of all.
+    plan : Plan
+
+    Raises
+    ------
+    ResultError
+        They cannot be compared; see `check_comparable`. There is no such scene.
+    UsageError
+        There is no such reference.
+    """
+    check_comparable(methods)
+    base = find_reference(methods, reference, scores[0])
+    scene = find_scene(methods[0], scene)
+    sample = make_sample(methods, scores, scene)
+    others = [place for place in range(len(methods)) if place != base]
+    starts = range(0, len(scores) * len(methods), len(methods))
+    places = [(start + other, start + base) for start in starts for other in others]
+    intervals = bootstrap(sample, plan, places, groups=False).overall[len(sample.medians) :]
+    tests = paired_permutation(sample, plan, places)
+    pairs = [
+        _pair(sample, scores[place[0] // len(methods)], methods, place, scene, interval, test)
+        for place, interval, test in zip(places, intervals, tests, strict=True)
+    ]
+    units = sum(values.shape[1] for values in sample.values)
+    adjusted = _adjusted(pairs, len(others))
+    return Comparison(
+        methods[base].name, sample.unit, units, scene, adjusted, plan, _notes(methods)
+    )
+
+
+def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
+    """Repeat each method's notes, and tell of different versions of the suite."""
+    notes = [f"{method.name}: {note}" for method in methods for note in method.result.notes]
+    versions = [method.result.versions["airzoo-bench"] for method in methods]
+    if len(set(versions)) > 1:
+        found = ", ".join(f"{m.name} {v}" for m, v in zip(methods, versions, strict=True))
+        notes.append(f"made with different versions of airzoo-bench: {found}")
+    return tuple(notes)
+
+
+def _pair(
+    sample: Sample,
+    score: ScoreColumn,
+    methods: Sequence[Scored],
+    place: tuple[int, int],
+    scene: str | None,
+    interval: Interval,
+    test: PairedTest,
+) -> Pair:
+    method, base = (methods[row % len(methods)] for row in place)
+    one, other = (np.concatenate([part[row] for part in sample.values]) for row in place)
+    value, base_value = _value(method, score, scene), _value(base, score, scene)
+    both_infinite = math.isinf(value) and value == base_value
+    wins, losses = _wins(score, one, other), _wins(score, other, one)
+    hits = score.unit == "share" and are_hits(one, other)
+    return Pair(
+        score=score,
+        method=method.name,
+        reference=base.name,
+        value=value,
+        reference_value=base_value,
+        difference=None if both_infinite else value - base_value,
+        interval=Interval(None, None, "", "both are infinite") if both_infinite else interval,
+        test=test,
+        p_holm=test.p_value,
+        p_mcnemar=float(mcnemar(np.array(wins), np.array(losses))) if hits else None,
+        wins=wins,
+        ties=len(one) - wins - losses,
+        losses=losses,
+    )
+
+
+def _value(method: Scored, score: ScoreColumn, scene: str | None) -> float:
+    values = method.result.overall if scene is None else method.result.scenes[scene]
+    return values[score.key]
+
+
+def _wins(score: ScoreColumn, one: Floats, other: Floats) -> int:
+    ahead = gap(one, other) if score.higher_is_better else gap(other, one)
+    return int((ahead > 0).sum())
+
+
+def _adjusted(pairs: list[Pair], family: int) -> list[Pair]:
+    """Correct over the methods of each score."""
+    found = np.array([pair.test.p_value for pair in pairs]).reshape(-1, family)
+    corrected = np.array([holm(row) for row in found]).ravel().tolist()
+    return [replace(pair, p_holm=p) for pair, p in zip(pairs, corrected, strict=True)]

@@ -1,0 +1,268 @@
+"""Confidence intervals by bootstrap: percentile and BCa, of averages and of their differences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.statistics.averages import leave_one_out, weighted_averages
+from airzoo_bench.statistics.draws import blocks, resample_counts, stream_key
+from airzoo_bench.statistics.samples import Plan, Sample, gap
+
+__all__ = ["FEWEST", "Bootstrap", "Interval", "acceleration", "bootstrap", "interval_limits"]
+
+FEWEST = 5
+"""Fewer units in a group than these have no interval: resamples of them repeat each other."""
+
+_TIE = 1e-12
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A confidence interval, or the reason why there is none.
+
+    Attributes
+    ----------
+    low, high : float or None
+        None where there is none; a limit may be infinite.
+    method : str
+        "bca" or "percentile"; empty where there is none.
+    reason : str
+        Why there is none; else empty.
+    """
+
+    low: float | None
+    high: float | None
+    method: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Intervals of every variable, then of every difference, in the order that was asked for.
+
+    Attributes
+    ----------
+    groups : dict of str to list of Interval
+    overall : list of Interval
+        Of the unweighted mean over groups.
+    """
+
+    groups: dict[str, list[Interval]]
+    overall: list[Interval]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One group, or all: estimates (V,), resamples (V, B), moments and evenness of V + D rows."""
+
+    estimates: Floats
+    resamples: Floats
+    moments: Floats
+    even: NDArray[np.bool_]
+    fewest: tuple[int, str]
+
+
+def bootstrap(
+    sample: Sample, plan: Plan, differences: Sequence[tuple[int, int]] = (), *, groups: bool = True
+) -> Bootstrap:
+    """Resample units within groups, all variables alike, and take intervals.
+
+    Parameters
+    ----------
+    sample : Sample
+        Values are finite or +inf.
+    plan : Plan
+    differences : sequence of (int, int)
+        Pairs of variables: the first minus the second.
+    groups : bool
+        Whether to take the intervals of each group too.
+
+    Returns
+    -------
+    Bootstrap
+        The same for any number of threads. There is no interval where a group has fewer than
+        `FEWEST` units, or all of them are alike. BCa becomes percentile, and says so, where it
+        does not exist: with infinite leave-one-out values, or all resamples on one side.
+    """
+    pairs = np.array(differences, dtype=np.intp).reshape(-1, 2)
+    found: dict[str, list[Interval]] = {}
+    total: _Part | None = None
+    for group, values in zip(sample.groups, sample.values, strict=True):
+        part = _resampled(group, values, sample.medians, pairs, plan)
+        if groups:
+            found[group] = _intervals(part, pairs, plan, sample.unit)
+        total = part if total is None else _together(total, part)
+    if total is None:
+        raise ValueError("a sample has at least one group")
+    overall = _scaled(total, len(sample.groups)) if len(sample.groups) > 1 else total
+    return Bootstrap(found, _intervals(overall, pairs, plan, sample.unit))
+
+
+def _resampled(
+    group: str, values: Floats, medians: NDArray[np.bool_], pairs: NDArray[np.intp], plan: Plan
+) -> _Part:
+    units = values.shape[1]
+    differences = gap(values[pairs[:, 0]], values[pairs[:, 1]])
+    even = np.concatenate([_all_alike(values), _all_alike(differences)])
+    # On the grid of the resamples: one that is equal to it is then equal to the last bit.
+    ones = np.ones((units, 1), np.int64)
+    estimates = weighted_averages(values, medians, ones)[:, 0]
+    fewest = (units, group)
+    if units < FEWEST:
+        return _Part(estimates, np.empty((len(values), 0)), np.zeros((len(even), 2)), even, fewest)
+    key = stream_key(plan.seed, "bootstrap", group)
+    resamples = np.empty((len(values), plan.resamples))
+    for first, count in blocks(units, plan.resamples):
+        counts = resample_counts(units, first, count, key)
+        resamples[:, first : first + count] = weighted_averages(values, medians, counts)
+    left_out = leave_one_out(values, medians)
+    contrasts = gap(left_out[pairs[:, 0]], left_out[pairs[:, 1]])
+    moments = np.concatenate([_moments(left_out), _moments(contrasts)])
+    return _Part(estimates, resamples, moments, even, fewest)
+
+
+def _all_alike(values: Floats) -> NDArray[np.bool_]:
+    return np.asarray((values == values[:, :1]).all(axis=1))
+
+
+def _moments(left_out: Floats) -> Floats:
+    """Sum the jackknife's influence values, cubed and squared, (R, 2)."""
+    units = left_out.shape[1]
+    failing = np.any(np.isinf(left_out), axis=1, keepdims=True)
+    finite = np.where(failing, 0.0, left_out)
+    influence = (units - 1) * (finite.mean(axis=1, keepdims=True) - finite) / units
+    moments = np.stack([(influence**3).sum(axis=1), (influence**2).sum(axis=1)], axis=1)
+    moments[failing[:, 0]] = np.inf
+    return np.asarray(moments)
+
+
+def _together(one: _Part, other: _Part) -> _Part:
+    if one.resamples.shape != other.resamples.shape:  # one of them has too few units
+        resamples = np.empty((len(one.resamples), 0))
+    else:
+        resamples = one.resamples + other.resamples
+    return _Part(
+        one.estimates + other.estimates,
+        resamples,
+        one.moments + other.moments,
+        one.even & other.even,
+        min(one.fewest, other.fewest),
+    )
+
+
+def _scaled(total: _Part, groups: int) -> _Part:
+    scale = np.array([groups**3, groups**2], np.float64)
+    return _Part(
+        total.estimates / groups,
+        total.resamples / groups,
+        total.moments / scale,
+        total.even,
+        total.fewest,
+    )
+
+
+def _intervals(part: _Part, pairs: NDArray[np.intp], plan: Plan, unit: str) -> list[Interval]:
+    units, group = part.fewest
+    plural = {"query": "queries", "scene": "scenes"}[unit]
+    if units < FEWEST:
+        where = f" in scene {group}" if group else ""
+        number = f"{units} {plural if units != 1 else unit}"
+        reason = f"only {number}{where}: an interval needs {FEWEST}"
+        return [Interval(None, None, "", reason) for _ in part.even]
+    one, other = pairs[:, 0], pairs[:, 1]
+    resamples = [part.resamples, gap(part.resamples[one], part.resamples[other])]
+    estimates = [part.estimates, gap(part.estimates[one], part.estimates[other])]
+    limits, exists = interval_limits(
+        np.concatenate(resamples), np.concatenate(estimates), acceleration(part.moments), plan
+    )
+    methods = np.where(exists, plan.interval, "percentile").tolist()
+    alike = Interval(None, None, "", f"all {plural} are alike: resamples cannot differ")
+    return [
+        alike if even else Interval(low, high, method)
+        for (low, high), method, even in zip(limits.tolist(), methods, part.even, strict=True)
+    ]
+
+
+def acceleration(moments: Floats) -> Floats:
+    """Return the acceleration of BCa (Efron and Tibshirani 1993, eq. 14.15), NaN where none.
+
+    Parameters
+    ----------
+    moments : (R, 2) array
+        Sums over units of the influence values to the third and second power.
+
+    Returns
+    -------
+    (R,) array
+    """
+    third, second = moments.T
+    defined = (second > 0) & np.isfinite(second)
+    found: Floats = np.divide(
+        third,
+        6 * np.where(defined, second, 1.0) ** 1.5,
+        out=np.full(len(third), np.nan),
+        where=defined,
+    )
+    return found
+
+
+def interval_limits(
+    resamples: Floats, estimates: Floats, accelerations: Floats, plan: Plan
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Take the limits of intervals from resamples.
+
+    Parameters
+    ----------
+    resamples : (R, B) array
+        B resamples of R statistics.
+    estimates, accelerations : (R,) arrays
+    plan : Plan
+
+    Returns
+    -------
+    limits : (R, 2) array
+    exists : (R,) bool
+        Whether the method that was asked for exists; elsewhere the limits are percentile's.
+    """
+    tails = np.array([(1 - plan.confidence) / 2, (1 + plan.confidence) / 2])
+    levels = np.broadcast_to(tails, (len(resamples), 2))
+    exists = np.ones(len(resamples), np.bool_)
+    if plan.interval == "bca":
+        adjusted = _bca_levels(resamples, estimates, accelerations, tails)
+        exists = np.asarray(np.isfinite(adjusted).all(axis=1))
+        levels = np.where(exists[:, None], adjusted, levels)
+    return _quantiles(np.sort(resamples, axis=1), levels), exists
+
+
+def _bca_levels(
+    resamples: Floats, estimates: Floats, accelerations: Floats, tails: Floats
+) -> Floats:
+    """Return the levels of Efron and Tibshirani 1993, eq. 14.10; a tie counts half."""
+    from scipy.special import ndtr, ndtri
+
+    tie = _TIE * np.abs(np.where(np.isinf(estimates), 0.0, estimates))[:, None]
+    below = (resamples < estimates[:, None] - tie).sum(axis=1)
+    up_to = (resamples <= estimates[:, None] + tie).sum(axis=1)
+    bias = ndtri((below + up_to) / (2.0 * resamples.shape[1]))[:, None]
+    finite = np.isfinite(bias)
+    shifted = np.where(finite, bias, 0.0) + ndtri(tails)
+    levels = ndtr(bias + shifted / (1 - accelerations[:, None] * shifted))
+    return np.where(finite, levels, np.nan)
+
+
+def _quantiles(ranked: Floats, levels: Floats) -> Floats:
+    """Return quantiles (R, 2), linear between ranks; NumPy's own make NaN of infinite ones."""
+    place = levels * (ranked.shape[1] - 1)
+    below = np.floor(place).astype(np.intp)
+    above = np.minimum(below + 1, ranked.shape[1] - 1)
+    low = np.take_along_axis(ranked, below, axis=1)
+    high = np.take_along_axis(ranked, above, axis=1)
+    share = place - below
+    between = (share > 0) & np.isfinite(low)
+    found: Floats = low + np.multiply(gap(high, low), share, out=np.zeros_like(low), where=between)
+    return found

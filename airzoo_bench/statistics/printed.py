@@ -1,0 +1,121 @@
+"""What printed numbers alone can say: two hit rates on the same queries, without the queries.
+
+McNemar's test needs to know on how many queries only one method is right. Two printed rates give
+the difference of the two numbers only, so p has bounds: it is least where one method is right
+wherever the other is, and greatest where their hits overlap as little as they can.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from airzoo_bench.errors import UsageError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.statistics.significance import mcnemar
+
+__all__ = ["Bounds", "hit_rate_interval", "possible_counts", "printed_bounds"]
+
+_MOST_PAIRS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What is possible for two printed rates on the same queries.
+
+    Attributes
+    ----------
+    counts : (range, range)
+        Hits of each method that round to what is printed.
+    least, most : (int, int, float)
+        Queries that only the first method hits, that only the second hits, and McNemar's p.
+    """
+
+    queries: int
+    counts: tuple[range, range]
+    least: tuple[int, int, float]
+    most: tuple[int, int, float]
+
+
+def printed_bounds(first: str, second: str, queries: int) -> Bounds:
+    """Bound McNemar's exact p from two printed hit rates.
+
+    Parameters
+    ----------
+    first, second : str
+        In percent, as printed: the digits tell the rounding.
+    queries : int
+        On which both were measured, at least 1.
+
+    Raises
+    ------
+    UsageError
+        A text is no percentage, no count of hits rounds to it, or there are too many that do.
+    """
+    counts = possible_counts(first, queries), possible_counts(second, queries)
+    if len(counts[0]) * len(counts[1]) > _MOST_PAIRS:
+        raise UsageError(
+            f"printed too coarsely: {len(counts[0]):,} and {len(counts[1]):,} hits are possible",
+            expected="more digits, or fewer queries",
+        )
+    hits = np.array(counts[0])[:, None], np.array(counts[1])[None, :]
+    ahead = hits[0] - hits[1]
+    nested = np.maximum(ahead, 0), np.maximum(-ahead, 0)
+    wins = np.minimum(hits[0], queries - hits[1])
+    crossed = wins, wins - ahead
+    least, most = mcnemar(*nested), mcnemar(*crossed)
+    low, high = (
+        np.unravel_index(least.argmin(), least.shape),
+        np.unravel_index(most.argmax(), most.shape),
+    )
+    return Bounds(
+        queries,
+        counts,
+        (int(nested[0][low]), int(nested[1][low]), float(least[low])),
+        (int(crossed[0][high]), int(crossed[1][high]), float(most[high])),
+    )
+
+
+def possible_counts(text: str, queries: int) -> range:
+    """Return the numbers of hits that round to a printed percentage, halves either way.
+
+    Raises
+    ------
+    UsageError
+        It is no percentage, or none does.
+    """
+    if not re.fullmatch(r"[0-9]{1,3}(\.[0-9]{1,12})?", text) or Fraction(text) > 100:
+        raise UsageError(
+            f"{text!r} is no printed percentage", expected="a number from 0 to 100, such as 96.21"
+        )
+    value, half = Fraction(text), Fraction(1, 2 * 10 ** len(text.partition(".")[2]))
+    lowest = max(0, math.ceil((value - half) * queries / 100))
+    highest = min(queries, math.floor((value + half) * queries / 100))
+    if lowest > highest:
+        nearest = [math.floor(value * queries / 100), math.ceil(value * queries / 100)]
+        shown = " or ".join(f"{100 * hits / queries:.4f} ({hits})" for hits in nearest)
+        raise UsageError(
+            f"no number of hits among {queries} queries is {text} %: the nearest are {shown}",
+            mend="check --queries; a mean over scenes is no share of queries, so take one scene",
+        )
+    return range(lowest, highest + 1)
+
+
+def hit_rate_interval(hits: int, queries: int, confidence: float = 0.95) -> Floats:
+    """Return Clopper and Pearson's exact interval of a hit rate, (2,), as shares.
+
+    References
+    ----------
+    C. Clopper and E. Pearson, The use of confidence or fiducial limits illustrated in the case of
+    the binomial, Biometrika 26 (1934).
+    """
+    from scipy.special import betaincinv
+
+    tail = (1 - confidence) / 2
+    low = 0.0 if hits == 0 else float(betaincinv(hits, queries - hits + 1, tail))
+    high = 1.0 if hits == queries else float(betaincinv(hits + 1, queries - hits, 1 - tail))
+    return np.array([low, high])

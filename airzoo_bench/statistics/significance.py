@@ -1,0 +1,215 @@
+"""Paired tests of two methods on the same units: permutation, and McNemar's for hits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.statistics.averages import weighted_averages
+from airzoo_bench.statistics.draws import blocks, sign_flips, stream_key
+from airzoo_bench.statistics.samples import Plan, Sample, gap
+
+__all__ = ["PairedTest", "are_hits", "mcnemar", "paired_permutation"]
+
+_SIGNS_SLACK, _SWAPS_SLACK = 1e-12, 1e-10
+_TRIED_WITH_BITS = 62
+
+Flips = Callable[[int, int, int], NDArray[np.uint8]]
+"""Group, first pattern, count of patterns -> (N, count): 0 where two values change places."""
+
+
+@dataclass(frozen=True)
+class PairedTest:
+    """A two-sided p-value.
+
+    Attributes
+    ----------
+    p_value : float
+    exact : bool
+        Whether every pattern was tried; else `patterns` random ones were.
+    patterns : int
+    """
+
+    p_value: float
+    exact: bool
+    patterns: int
+
+
+def paired_permutation(
+    sample: Sample, plan: Plan, pairs: Sequence[tuple[int, int]]
+) -> list[PairedTest]:
+    """Test whether two variables differ: their values change places, unit by unit.
+
+    The statistic is the difference of the averages over groups. Where units are exchangeable
+    between the two, each of the 2**k patterns of the k units that differ is as likely as the one
+    observed; p is the share of patterns that differ at least as much, either way. All are
+    tried where they are no more than `plan.resamples`; else that many random ones are, the same
+    for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0.
+    Where one side's average is infinite, patterns that make it so too are ordered by wins minus
+    losses.
+
+    Parameters
+    ----------
+    sample : Sample
+    plan : Plan
+    pairs : sequence of (int, int)
+        Of variables, both averaged in the same way.
+
+    Returns
+    -------
+    list of PairedTest
+    """
+    tests: list[PairedTest | None] = [None] * len(pairs)
+    many = []
+    for index, pair in enumerate(pairs):
+        unlike = [values[pair[0]] != values[pair[1]] for values in sample.values]
+        bits = sum(int(mask.sum()) for mask in unlike)
+        if bits > _TRIED_WITH_BITS or 2**bits > plan.resamples:
+            many.append(index)
+        else:
+            extreme = _count_extreme(sample, [pair], 2**bits, _every_pattern(unlike))
+            tests[index] = PairedTest(int(extreme[0]) / 2**bits, True, 2**bits)
+    if many:
+        chosen = [pairs[index] for index in many]
+        counts = _count_extreme(sample, chosen, plan.resamples, _random_patterns(sample, plan))
+        for index, extreme in zip(many, counts.tolist(), strict=True):
+            p_value = (extreme + 1) / (plan.resamples + 1)
+            tests[index] = PairedTest(p_value, False, plan.resamples)
+    return [test for test in tests if test is not None]
+
+
+def _every_pattern(unlike: Sequence[NDArray[np.bool_]]) -> Flips:
+    """Count in binary: one digit for each unit that differs."""
+    starts = np.cumsum([0, *(int(mask.sum()) for mask in unlike)])
+
+    def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
+        digits = np.arange(starts[group], starts[group + 1])
+        patterns = np.ones((len(unlike[group]), count), np.uint8)
+        patterns[unlike[group]] = 1 - ((np.arange(first, first + count) >> digits[:, None]) & 1)
+        return patterns
+
+    return flips
+
+
+def _random_patterns(sample: Sample, plan: Plan) -> Flips:
+    keys = [stream_key(plan.seed, "permutation", group) for group in sample.groups]
+
+    def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
+        return sign_flips(sample.values[group].shape[1], first, count, keys[group])
+
+    return flips
+
+
+def _count_extreme(
+    sample: Sample, pairs: Sequence[tuple[int, int]], patterns: int, flips: Flips
+) -> NDArray[np.int64]:
+    """Count, for each pair, the patterns that differ at least as much as what was observed."""
+    chosen = np.array(pairs, np.intp).reshape(-1, 2)
+    finite = [np.isfinite(values).all(axis=1) for values in sample.values]
+    simple = ~sample.medians[chosen[:, 0]] & np.all(finite, axis=0)[chosen].all(axis=1)
+    counts = np.zeros(len(chosen), np.int64)
+    if simple.any():
+        counts[simple] = _by_signs(sample, chosen[simple], patterns, flips)
+    if not simple.all():
+        counts[~simple] = _by_swaps(sample, chosen[~simple], patterns, flips)
+    return counts
+
+
+def _by_signs(
+    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
+) -> NDArray[np.int64]:
+    """For means: a change of places turns the sign of a unit's difference."""
+    differences = [gap(values[pairs[:, 0]], values[pairs[:, 1]]) for values in sample.values]
+    observed, found = _signed_means(differences, patterns, flips)
+    return np.asarray((found >= observed[:, None]).sum(axis=1))
+
+
+def _signed_means(
+    differences: Sequence[Floats], patterns: int, flips: Flips
+) -> tuple[Floats, Floats]:
+    """Sum the groups' means, up to the sign: as they are (C,), and by pattern (C, patterns)."""
+    count = len(differences[0])
+    observed, largest, found = np.zeros(count), np.zeros(count), np.zeros((count, patterns))
+    for group, values in enumerate(differences):
+        units, total = values.shape[1], values.sum(axis=1)
+        observed += total / units
+        largest = np.maximum(largest, np.abs(values).max(axis=1))
+        for first, size in blocks(units, patterns):
+            kept = values @ flips(group, first, size).astype(np.float64)
+            found[:, first : first + size] += (2 * kept - total[:, None]) / units
+    return np.abs(observed) - _SIGNS_SLACK * largest, np.abs(found)
+
+
+def _by_swaps(
+    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
+) -> NDArray[np.int64]:
+    """For medians, and means with infinite values: average what each side then has."""
+    medians = sample.medians[pairs[:, 0]]
+    sides = np.zeros((2, len(pairs), patterns))
+    before = np.zeros((2, len(pairs), 1))
+    for group, values in enumerate(sample.values):
+        pooled = np.concatenate([values[pairs[:, 0]], values[pairs[:, 1]]], axis=1)
+        units = values.shape[1]
+        before += _both_sides(pooled, medians, np.ones((units, 1), np.uint8))
+        for first, count in blocks(2 * units, patterns):
+            block = flips(group, first, count)
+            sides[:, :, first : first + count] += _both_sides(pooled, medians, block)
+    observed = np.abs(gap(before[0], before[1]))
+    slack = np.where(np.isinf(observed), 0.0, _SWAPS_SLACK * observed)
+    extreme = np.abs(gap(sides[0], sides[1])) >= observed - slack
+    boundless = np.isinf(observed[:, 0])
+    if boundless.any():
+        extreme[boundless] &= _more_wins(sample, pairs[boundless], patterns, flips)
+    return np.asarray(extreme.sum(axis=1))
+
+
+def _more_wins(
+    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
+) -> NDArray[np.bool_]:
+    """Order infinite differences, which are all alike, by wins minus losses."""
+    signs = [np.sign(gap(values[pairs[:, 0]], values[pairs[:, 1]])) for values in sample.values]
+    observed, found = _signed_means(signs, patterns, flips)
+    return np.asarray(found >= observed[:, None])
+
+
+def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uint8]) -> Floats:
+    first = np.concatenate([kept, 1 - kept])
+    return np.stack(
+        [
+            weighted_averages(pooled, medians, first),
+            weighted_averages(pooled, medians, 1 - first),
+        ]
+    )
+
+
+def are_hits(*values: Floats) -> bool:
+    """Whether all values are 0 or 1."""
+    return all(bool(np.isin(part, (0.0, 1.0)).all()) for part in values)
+
+
+def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
+    """Test hits of two methods by McNemar's exact test, two-sided.
+
+    Parameters
+    ----------
+    wins, losses : (...) int64
+        Units that only the first, and only the second method answers.
+
+    Returns
+    -------
+    (...) array
+        p-values: a fair coin for each unit on which the two differ.
+
+    References
+    ----------
+    Q. McNemar, Note on the sampling error of the difference between correlated proportions,
+    Psychometrika 12 (1947); its exact form is the sign test.
+    """
+    from scipy.special import bdtr
+
+    fewer = np.minimum(wins, losses)
+    return np.asarray(np.minimum(1.0, 2.0 * bdtr(fewer, wins + losses, 0.5)))

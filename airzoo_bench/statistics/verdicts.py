@@ -1,0 +1,94 @@
+"""What comparisons show, in words."""
+
+from __future__ import annotations
+
+import math
+
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.statistics.comparison import Pair
+from airzoo_bench.statistics.printed import Bounds
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.model import share_to_percent
+
+__all__ = ["LEVEL", "as_shown", "bounds_verdict", "verdict"]
+
+LEVEL = 0.05
+"""A p-value up to here is a finding."""
+
+_OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
+
+
+def as_shown(score: ScoreColumn, value: float) -> float:
+    """Turn a score into what tables show: percent, metres, degrees."""
+    return share_to_percent(value) if score.unit == "share" else value
+
+
+def verdict(pair: Pair, plan: Plan) -> str:
+    """Say in one sentence what a pair shows, at a level of 5 % after Holm's correction."""
+    score = pair.score
+    if pair.difference is None:
+        return f"{pair.method} and {pair.reference} both have an infinite {score.title}."
+    is_better = (pair.difference > 0) == score.higher_is_better
+    names = (pair.method, pair.reference) if is_better else (pair.reference, pair.method)
+    sign = 1 if pair.difference > 0 else -1
+    amount = _amount(score, abs(pair.difference))
+    evidence = f"{_span(pair, sign, plan)}{_p_values(pair)}"
+    if pair.wins == pair.losses == 0:
+        return f"{pair.method} and {pair.reference} are equal on {score.title} everywhere."
+    if pair.difference == 0:
+        return f"{pair.method} and {pair.reference} have the same {score.title}{evidence}."
+    if pair.p_holm <= LEVEL:
+        return f"{names[0]} is better than {names[1]} on {score.title} by {amount}{evidence}."
+    return (
+        f"{pair.method} and {pair.reference} cannot be told apart on {score.title}: "
+        f"{names[0]} is ahead by {amount}{evidence}."
+    )
+
+
+def _amount(score: ScoreColumn, value: float) -> str:
+    if math.isinf(value):
+        return "an infinite amount"
+    return f"{_number(score, value)} {_OF_DIFFERENCE[score.unit]}"
+
+
+def _number(score: ScoreColumn, value: float) -> str:
+    return f"{as_shown(score, value):.2f}"
+
+
+def _span(pair: Pair, sign: int, plan: Plan) -> str:
+    low, high = pair.interval.low, pair.interval.high
+    if low is None or high is None:
+        return " (no interval)"
+    limits = sorted([sign * low + 0.0, sign * high + 0.0])
+    first, last = (_number(pair.score, limit) for limit in limits)
+    return f" ({share_to_percent(plan.confidence):g} % interval {first} to {last})"
+
+
+def _p_values(pair: Pair) -> str:
+    text = f", p {_p(pair.test.p_value)}"
+    if pair.p_holm != pair.test.p_value:
+        text += f", after Holm {_p(pair.p_holm)}"
+    return text if pair.p_mcnemar is None else f"{text}, McNemar {_p(pair.p_mcnemar)}"
+
+
+def _p(value: float) -> str:
+    return "< 0.0001" if value < 5e-5 else f"= {value:.4f}"
+
+
+def bounds_verdict(first: str, second: str, bounds: Bounds) -> str:
+    """Say in one sentence what two printed hit rates show."""
+    least, most = bounds.least[2], bounds.most[2]
+    ahead, behind = (first, second) if float(first) > float(second) else (second, first)
+    if most <= LEVEL:
+        return (
+            f"{ahead} % is better than {behind} %, whichever the queries are: p at most {most:.4f}."
+        )
+    if least > LEVEL:
+        return (
+            f"{ahead} % and {behind} % cannot be told apart, whichever the queries are: "
+            f"p at least {least:.4f}."
+        )
+    return (
+        f"Whether {ahead} % is better than {behind} % depends on the queries: p lies between "
+        f"{least:.4f} and {most:.4f}; compare the results themselves."
+    )
