@@ -12,17 +12,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import airzoo_bench
-from airzoo_bench.baselines import matching_baseline, retrieval_baseline
+from airzoo_bench.baselines import (
+    matching_baseline,
+    reconstruction_baseline,
+    retrieval_baseline,
+)
 from airzoo_bench.benchmark import Benchmark
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import atomic_write, fingerprint
 from airzoo_bench.matching.baseline import SiftSettings
 from airzoo_bench.progress import Progress, silent
+from airzoo_bench.reconstruction.baseline import SfmSettings
 from airzoo_bench.result import Result
 from airzoo_bench.retrieval.baseline import VladSettings
 from airzoo_bench.runner.common import save
 from airzoo_bench.runner.matching import evaluate_matching
+from airzoo_bench.runner.reconstruction import evaluate_reconstruction
 from airzoo_bench.runner.retrieval import evaluate_retrieval
 
 __all__ = ["DemoTrack", "demo_benchmark", "demo_tracks", "run_track"]
@@ -148,7 +154,7 @@ def _read_mark(path: Path) -> str | None:
 
 
 def _describe(protocol: str, out: Path, data: Path, jobs: int, progress: Progress) -> None:
-    settings = VladSettings(words=64, seed=0)
+    settings = VladSettings(words=64, training_features=50_000, seed=0, doubled=False)
     retrieval_baseline(protocol, out, data=data, settings=settings, jobs=jobs, progress=progress)
 
 
@@ -172,6 +178,7 @@ def _match(protocol: str, out: Path, data: Path, jobs: int, progress: Progress) 
         max_features=8192,
         max_map_features=16384,
         peak_threshold=_PEAK_THRESHOLD,
+        doubled=False,
         ratio=0.8,
         max_side_px=2000,
     )
@@ -193,7 +200,40 @@ def _solve(
     return scored.result
 
 
+def _reconstruct(protocol: str, out: Path, data: Path, jobs: int, progress: Progress) -> None:
+    settings = SfmSettings(
+        long_side_px=640,
+        max_features=1500,
+        peak_threshold=_PEAK_THRESHOLD,
+        doubled=False,
+        ratio=0.8,
+        neighbours=8,
+        least_inliers=15,
+        max_error_px=4.0,
+        seed=0,
+    )
+    reconstruction_baseline(
+        protocol, out, data=data, settings=settings, jobs=jobs, progress=progress
+    )
+
+
+def _compare(
+    predictions: Path, data: Path, method: str, jobs: int, progress: Progress, out: Path
+) -> Result:
+    scored = evaluate_reconstruction(
+        predictions,
+        data=data,
+        method=method,
+        memory_bytes=_MEMORY_BYTES,
+        jobs=jobs,
+        progress=progress,
+    ).evaluation
+    save(scored, out)
+    return scored.result
+
+
 _TRACKS = (
     DemoTrack("retrieval", "SIFT and VLAD", "sift-vlad.npz", _describe, _rank),
     DemoTrack("matching", "SIFT", "sift-matches.npz", _match, _solve),
+    DemoTrack("reconstruction", "Structure from motion", "sfm", _reconstruct, _compare),
 )

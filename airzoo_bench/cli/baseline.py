@@ -20,6 +20,13 @@ __all__ = ["app"]
 
 _PEAK_THRESHOLD = 0.02 / 3  # pycolmap's own
 
+DoubleOption = Annotated[
+    bool,
+    typer.Option(
+        "--double/--no-double", help="Look for the finest features too, for four times the time."
+    ),
+]
+
 app = typer.Typer(help="Run a plain method that needs no weights.", no_args_is_help=True)
 
 
@@ -38,6 +45,7 @@ def retrieval(
     words: Annotated[int, typer.Option(min=2, max=4096, help="Visual words.")] = 64,
     long_side: Annotated[int, typer.Option(min=64, help="Photos are made this small, px.")] = 1024,
     seed: Annotated[int, typer.Option(min=0, help="Of sampling and k-means.")] = 0,
+    double: DoubleOption = True,
     jobs: JobsOption = 2,
 ) -> None:
     """Describe photos and tiles by SIFT and VLAD, and write a prediction file."""
@@ -48,7 +56,7 @@ def retrieval(
         protocol,
         out,
         data=resolve_data(data),
-        settings=VladSettings(words=words, seed=seed),
+        settings=VladSettings(words=words, seed=seed, doubled=double),
         long_side_px=long_side,
         jobs=jobs,
         progress=progress,
@@ -72,6 +80,7 @@ def matching(
     long_side: Annotated[
         int, typer.Option(min=64, help="Pictures are made this small, px.")
     ] = 2000,
+    double: DoubleOption = True,
     jobs: JobsOption = 2,
 ) -> None:
     """Match photos to their crops by SIFT, mutual neighbours and ratio test."""
@@ -88,6 +97,7 @@ def matching(
             peak_threshold=_PEAK_THRESHOLD,
             ratio=ratio,
             max_side_px=long_side,
+            doubled=double,
         ),
         jobs=jobs,
         progress=progress,
@@ -109,6 +119,7 @@ def reconstruction(
     ] = 12,
     long_side: Annotated[int, typer.Option(min=64, help="Photos are made this small, px.")] = 1600,
     seed: Annotated[int, typer.Option(min=0, help="Of every random choice.")] = 0,
+    double: DoubleOption = True,
     jobs: JobsOption = 2,
 ) -> None:
     """Reconstruct scenes by structure from motion (pycolmap): a sparse cloud and cameras.
@@ -126,6 +137,7 @@ def reconstruction(
             long_side_px=long_side,
             max_features=features,
             peak_threshold=_PEAK_THRESHOLD,
+            doubled=double,
             ratio=0.8,
             neighbours=neighbours,
             least_inliers=15,

@@ -27,7 +27,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, world_to_pixel
 from airzoo_bench.matching.resampling import resample
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.sift import Grey, extract, mutual_nearest
+from airzoo_bench.sift import Descriptors, Grey, extract, mutual_nearest
 from airzoo_bench.workers import spread
 
 __all__ = ["SiftSettings", "Task", "match", "match_photos", "plan"]
@@ -51,6 +51,8 @@ class SiftSettings:
         A match is kept where its distance is below this share of the second nearest's.
     max_side_px : int
         Photo and crop are made smaller, by the same factor, until both fit.
+    doubled : bool
+        See `sift.extract`.
     """
 
     max_features: int
@@ -58,6 +60,7 @@ class SiftSettings:
     peak_threshold: float
     ratio: float
     max_side_px: int
+    doubled: bool
 
 
 @dataclass(frozen=True)
@@ -198,9 +201,9 @@ def match(
     """
     seen = (query_grey.shape[1], query_grey.shape[0])
     full = np.array((query_camera.width[0], query_camera.height[0]), dtype=np.float64)
-    query_xy, query_found = extract(query_grey, settings.max_features, settings.peak_threshold)
+    query_xy, query_found = _features(query_grey, settings.max_features, settings)
     turned, back = resample(crop_grey, crop_scale, turn_deg)
-    there, crop_found = extract(turned, settings.max_map_features, settings.peak_threshold)
+    there, crop_found = _features(turned, settings.max_map_features, settings)
     crop_xy = there @ back[:, :2].T + back[:, 2]
     known = _has_data(crop_grey, crop_xy)
     crop_xy, crop_found = crop_xy[known], crop_found[known]
@@ -274,3 +277,7 @@ def _has_data(grey: Grey, xy: Floats) -> Bools:
     inside: Bools = (column >= 0) & (row >= 0) & (column < grey.shape[1]) & (row < grey.shape[0])
     inside[inside] = grey[row[inside], column[inside]] > 0
     return inside
+
+
+def _features(image: Grey, count: int, settings: SiftSettings) -> tuple[Floats, Descriptors]:
+    return extract(image, count, settings.peak_threshold, doubled=settings.doubled)

@@ -53,6 +53,8 @@ class SfmSettings:
         The largest SIFT features of a photo that are kept.
     peak_threshold : float
         Least contrast of a feature, of grey values from 0 to 1.
+    doubled : bool
+        See `sift.extract`.
     ratio : float
         A match is kept where its distance is below this share of the second nearest's.
     neighbours : int or None
@@ -68,6 +70,7 @@ class SfmSettings:
     long_side_px: int
     max_features: int
     peak_threshold: float
+    doubled: bool
     ratio: float
     neighbours: int | None
     least_inliers: int
@@ -97,7 +100,8 @@ def list_photo(path: Path, size: Ints, settings: SfmSettings, folder: Path) -> P
     import pycolmap
 
     extraction = [settings.long_side_px, settings.max_features, settings.peak_threshold]
-    key = fingerprint([_VERSION, pycolmap.__version__, sha256_of(path), extraction])
+    made_by = [_VERSION, pycolmap.__version__, *extraction, settings.doubled]
+    key = fingerprint([*made_by, sha256_of(path)])
     return Photo(path, int(size[0]), int(size[1]), folder / "features" / f"{key}.npz")
 
 
@@ -120,7 +124,9 @@ def extract_features(settings: SfmSettings, read: Reader, photo: Photo) -> None:
     """Extract features of a photo into its file: pixels at full size, descriptors, colours."""
     colour = read(photo.path, settings.long_side_px)
     grey = np.round(colour @ _GREY).astype(np.uint8)
-    seen, found = extract(grey, settings.max_features, settings.peak_threshold)
+    seen, found = extract(
+        grey, settings.max_features, settings.peak_threshold, doubled=settings.doubled
+    )
     column, row = np.floor(seen).astype(np.int64).T
     scale = np.array((photo.width, photo.height)) / (grey.shape[1], grey.shape[0])
     arrays: dict[str, NDArray[np.generic]] = {

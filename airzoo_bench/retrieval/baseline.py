@@ -43,12 +43,15 @@ class VladSettings:
         How many features the words are learnt from at the most.
     seed : int
         Of the sampling and of k-means.
+    doubled : bool
+        See `sift.extract`.
     """
 
     words: int = 64
     max_features: int = 2048
     training_features: int = 200_000
     seed: int = 0
+    doubled: bool = True
 
 
 def describe(
@@ -88,9 +91,9 @@ def describe(
     return described, np.stack(asked)
 
 
-def root_sift(image: NDArray[np.uint8], max_features: int) -> Floats:
+def root_sift(image: NDArray[np.uint8], max_features: int, *, doubled: bool) -> Floats:
     """Extract RootSIFT descriptors (n, 128), each of unit length, from a grey image."""
-    _, descriptors = extract(image, max_features, _PEAK_THRESHOLD)
+    _, descriptors = extract(image, max_features, _PEAK_THRESHOLD, doubled=doubled)
     lengths = np.linalg.norm(descriptors, axis=1, keepdims=True)
     unit: Floats = descriptors / np.maximum(lengths, np.finfo(np.float32).tiny)
     return unit
@@ -147,9 +150,9 @@ def _extracted(
     label: str,
 ) -> Iterator[Floats]:
     # Processes, since pycolmap keeps the interpreter's lock while it extracts.
-    found = spread(partial(_features_of, settings.max_features), readers, workers)
+    found = spread(partial(_features_of, settings.max_features, settings.doubled), readers, workers)
     yield from progress(found, label, len(readers))
 
 
-def _features_of(max_features: int, reader: Reader) -> Floats:
-    return root_sift(reader(), max_features)
+def _features_of(max_features: int, doubled: bool, reader: Reader) -> Floats:
+    return root_sift(reader(), max_features, doubled=doubled)

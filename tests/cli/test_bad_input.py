@@ -502,8 +502,14 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
         ["eval", "retrieval", GOOD, "--max-memory", "1K"],
         ["takes 3,", "more than the limit", "at most 1,024 bytes", "raise --max-memory"],
     ),
-    "a folder as predictions": (["check", "."], [".: a folder, not a prediction file", ".npz"]),
-    "another ending": (["check", "p.csv"], ["unknown kind of prediction file '.csv'", ".npz or"]),
+    "a folder as predictions": (
+        ["eval", "retrieval", "."],
+        [".: a folder, not a prediction file", ".npz"],
+    ),
+    "another ending": (
+        ["eval", "retrieval", "p.csv"],
+        ["unknown kind of prediction file '.csv'", ".npz or"],
+    ),
     "output below a file": (
         ["eval", "retrieval", GOOD, "--out", "p.npz/deep/out"],
         ["p.npz: a file, not a folder", "name a folder"],

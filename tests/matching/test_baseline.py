@@ -26,7 +26,12 @@ from airzoo_bench.sift import extract, mutual_nearest
 from tests.geometry.support import write_tif
 
 SETTINGS = SiftSettings(
-    max_features=4096, max_map_features=8192, peak_threshold=0.0067, ratio=0.8, max_side_px=2000
+    doubled=True,
+    max_features=4096,
+    max_map_features=8192,
+    peak_threshold=0.0067,
+    ratio=0.8,
+    max_side_px=2000,
 )
 
 
@@ -177,7 +182,9 @@ def test_features_sit_where_the_blobs_are() -> None:
     grey = np.zeros((100, 120))
     grey[60, 40] = grey[30, 80] = 1
     grey = gaussian_filter(grey, 4)
-    places, descriptors = extract((255 * grey / grey.max()).astype(np.uint8), 100, 0.0067)
+    places, descriptors = extract(
+        (255 * grey / grey.max()).astype(np.uint8), 100, 0.0067, doubled=True
+    )
     for centre in ((40.5, 60.5), (80.5, 30.5)):
         assert np.linalg.norm(places - centre, axis=1).min() < 0.1
     assert descriptors.shape == (len(places), 128)
@@ -194,7 +201,7 @@ def test_features_at_the_border_are_left_out() -> None:
     every = np.array([(k.x, k.y, 200 - k.x, 160 - k.y, k.compute_scale()) for k in found])
     inside = every[:, :4].min(axis=1) > every[:, 4] + 1
     assert not inside.all()
-    places, _ = extract(image, 8192, options.sift.peak_threshold)
+    places, _ = extract(image, 8192, options.sift.peak_threshold, doubled=True)
     assert np.array_equal(places, every[inside, :2])
 
 

@@ -31,6 +31,7 @@ T = TypeVar("T")
 UTM = np.array((576600.0, 5188100.0, 160.0))
 SIZE = (320, 240)
 SETTINGS = SfmSettings(
+    doubled=True,
     long_side_px=320,
     max_features=800,
     peak_threshold=0.005,

@@ -43,7 +43,7 @@ def test_a_blank_image_is_near_to_none() -> None:
 
 
 def test_features_lie_inside_and_have_unit_length() -> None:
-    features = root_sift(textured(3, 256), 500)
+    features = root_sift(textured(3, 256), 500, doubled=True)
     assert 20 < len(features) <= 1000  # up to two orientations a keypoint
     np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1, atol=1e-6)
 

@@ -1,0 +1,146 @@
+"""Results with records made by hand, in memory and on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from airzoo_bench.records import Scored
+from airzoo_bench.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    ScoreColumn,
+    TruthUsed,
+    with_summary,
+)
+from airzoo_bench.runner.common import Evaluation, save
+from airzoo_bench.scores import Score, summarise
+
+HIT = ScoreColumn(
+    key="recall@1",
+    title="R@1",
+    unit="share",
+    higher_is_better=True,
+    average="mean",
+    headline=True,
+)
+ERROR = ScoreColumn(
+    key="error_m",
+    title="Median",
+    unit="m",
+    higher_is_better=False,
+    average="median",
+    headline=True,
+)
+SOFT = ScoreColumn(
+    key="mrr",
+    title="MRR",
+    unit="share",
+    higher_is_better=True,
+    average="mean",
+    headline=False,
+)
+CHAMFER = ScoreColumn(
+    key="chamfer_m",
+    title="Chamfer",
+    unit="m",
+    higher_is_better=False,
+    average="mean",
+    headline=True,
+)
+
+
+def made_records(scenes: Mapping[str, Mapping[str, Sequence[float]]]) -> pd.DataFrame:
+    """Return records from scores of scenes: `scenes["east"]["recall@1"][q]`."""
+    parts = []
+    for scene, scores in scenes.items():
+        count = len(next(iter(scores.values())))
+        ids = [f"{scene}/q{number:05d}" for number in range(count)]
+        parts.append(pd.DataFrame({"scene": scene, "query": ids} | dict(scores)))
+    return pd.concat(parts, ignore_index=True)
+
+
+def made_result(
+    records: pd.DataFrame,
+    columns: Sequence[ScoreColumn],
+    method: str = "Method",
+    *,
+    protocol: str = "p" * 64,
+    truth: str = "t" * 64,
+    settings: Mapping[str, Any] | None = None,
+    version: str = "1",
+) -> Result:
+    """Return the result that records give."""
+    scenes = list(dict.fromkeys(records["scene"]))
+    scores = [
+        Score(c.key, c.title, c.unit, c.higher_is_better, c.average, c.headline) for c in columns
+    ]
+    return Result(
+        track="retrieval",
+        protocol=ProtocolUsed(
+            name="made", version=1, fingerprint=protocol, settings=dict(settings or {})
+        ),
+        truth=TruthUsed(
+            benchmark="made",
+            version=1,
+            fingerprint=truth,
+            scene_titles={scene: scene.title() for scene in scenes},
+        ),
+        predictions=PredictionsUsed(file="p.npz", sha256="0", kind="ranked_ids", method=method),
+        versions={"airzoo-bench": version},
+        columns=tuple(columns),
+        counts={s: {"queries": int((records["scene"] == s).sum())} for s in scenes},
+        extra_queries=0,
+        notes=(),
+        **with_summary(summarise(records, scores, scenes)),
+    ).sealed()
+
+
+def made_method(
+    scenes: Mapping[str, Mapping[str, Sequence[float]]],
+    columns: Sequence[ScoreColumn] = (HIT,),
+    name: str = "Method",
+    **result: Any,
+) -> Scored:
+    """Return a method with its records."""
+    records = made_records(scenes)
+    return Scored(name, made_result(records, columns, name, **result), records)
+
+
+def write_method(folder: Path, method: Scored) -> Path:
+    """Write result and records as `eval` does, and return the result's path."""
+    save(Evaluation(method.result, method.records), folder)
+    return folder / "result.json"
+
+
+def random_methods(
+    count: int, sizes: Mapping[str, int], columns: Sequence[ScoreColumn], seed: int = 0
+) -> list[Scored]:
+    """Return methods that are the better the later they stand."""
+    random = np.random.default_rng(seed)
+    methods = []
+    for number in range(count):
+        rate = 0.3 + 0.4 * (number + 1) / count
+        scenes = {
+            scene: {column.key: _drawn(random, column, rate, size) for column in columns}
+            for scene, size in sizes.items()
+        }
+        methods.append(made_method(scenes, columns, f"method{number:02d}"))
+    return methods
+
+
+def _drawn(
+    random: np.random.Generator, column: ScoreColumn, rate: float, size: int
+) -> Sequence[float]:
+    if column.key.startswith("recall"):
+        return (random.random(size) < rate).astype(np.float64).tolist()
+    if column.unit == "share":
+        return (random.random(size) ** (1 / rate)).tolist()
+    errors = random.exponential(10 / rate, size)
+    errors[random.random(size) < 0.1] = np.inf
+    return errors.tolist()

@@ -1,0 +1,146 @@
+"""``airzoo-bench compare`` as a person calls it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.statistics.support import ERROR, HIT, SOFT, made_method, random_methods, write_method
+from tests.support import run_main, write_predictions
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[Path]:
+    methods = random_methods(3, {"east": 40, "west": 30}, (HIT, ERROR, SOFT))
+    return [write_method(tmp_path / method.name, method) for method in methods]
+
+
+@pytest.fixture
+def compare(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    def run(*arguments: object, code: int = 0) -> str:
+        assert run_main("compare", *arguments) == code
+        said = capsys.readouterr()
+        assert "Traceback" not in said.err
+        return said.err if code else said.out
+
+    return run
+
+
+def test_results_of_eval(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], compare: Callable[..., str]
+) -> None:
+    half = {key: rows[:6] for key, rows in perfect.items()}
+    for name, arrays in (("all", perfect), ("half", half)):
+        path = write_predictions(tmp_path / f"{name}.npz", "made-retrieval", **arrays)
+        assert run_main("eval", "retrieval", path, "--out", tmp_path / name) == 0
+    compare("--printed", "50", "60", "--queries", "10")  # takes what eval has printed
+    out = compare(tmp_path / "half/result.json", tmp_path / "all/result.json")
+    assert "Against half, all scenes, 10 queries" in out
+    assert "all and half cannot be told apart on R@1: all is ahead by 50.00 points" in out
+    assert "p = 0.1250" in out
+
+
+def test_a_verdict_for_every_score_of_two(files: list[Path], compare: Callable[..., str]) -> None:
+    out = compare(*files[:2])
+    assert sum("method01 " in line and " on R@1" in line for line in out.splitlines()) == 1
+    assert sum("method01 " in line and " on Median" in line for line in out.splitlines()) == 1
+
+
+@pytest.mark.parametrize("form", ["terminal", "latex", "csv", "markdown", "html", "json"])
+def test_every_format(form: str, files: list[Path], compare: Callable[..., str]) -> None:
+    for arguments in (files, files[:1], [*files, "--most-different", 3]):
+        out = compare(*arguments, "--format", form, "--resamples", 200)
+        assert "R@1" in out or "east/q000" in out
+        assert "nan" not in out.lower()
+        if form == "json":
+            assert {"title", "columns", "rows", "notes"} <= set(json.loads(out))
+
+
+def test_numbers_for_machines(files: list[Path], compare: Callable[..., str]) -> None:
+    table = json.loads(compare(*files, "--score", "MRR", "-f", "json"))
+    titles = [column["title"] for column in table["columns"]]
+    row = dict(zip(titles, table["rows"][1], strict=True))
+    assert row["Score"] == "MRR [%]"
+    assert row["Method"] == "method02"
+    assert row["Difference"] == pytest.approx(row["Value"] - row["Reference"])
+    assert row["95 % from"] < row["Difference"] < row["to"]
+    assert row["p"] <= row["p, Holm"]
+    assert row["p, McNemar"] is None
+    assert row["Wins"] + row["Ties"] + row["Losses"] == 70
+    lines = list(csv.reader(io.StringIO(compare(*files, "--score", "MRR", "-f", "csv"))))
+    assert len(lines) == 3
+
+
+def test_intervals_of_one(files: list[Path], compare: Callable[..., str]) -> None:
+    table = json.loads(compare(files[0], "-f", "json", "--interval", "percentile"))
+    assert [row[:2] for row in table["rows"]] == [
+        [scene, score]
+        for scene in ("East", "West", "Average")
+        for score in ("R@1 [%]", "Median [m]")
+    ]
+    assert all(row[3] < row[2] < row[4] and row[5] == "percentile" for row in table["rows"])
+
+
+def test_the_same_call_prints_the_same(files: list[Path], compare: Callable[..., str]) -> None:
+    first = compare(*files, "-f", "json")
+    assert compare(*files, "-f", "json") == first
+    assert compare(*files, "-f", "json", "--seed", 1) != first
+
+
+def test_printed_numbers(compare: Callable[..., str]) -> None:
+    out = compare("--printed", "96.21", "94.32", "--queries", 264)
+    assert "cannot be told apart, whichever the queries are: p at least 0.0625" in out
+    assert "96.21 % is 254 of 264" in out
+    surely = compare("--printed", "20.0", "90.0", "--queries", 100)
+    assert "90.0 % is better than 20.0 %, whichever the queries are: p at most" in surely
+    open_ = compare("--printed", "60", "50", "--queries", 100)
+    assert "depends on the queries" in open_
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "nothing to compare"),
+        (["--printed", "96", "94"], "--printed and --queries belong together"),
+        (["--queries", "4"], "--printed and --queries belong together"),
+        (["x.json", "--printed", "96", "94", "--queries", "4"], "leave no place for results"),
+        (["--printed", "96.2", "94", "--queries", "4"], "no number of hits among 4 queries"),
+        (["x.json", "y.json"], "x.json: no such result file"),
+    ],
+)
+def test_wrong_calls(arguments: list[str], message: str, compare: Callable[..., str]) -> None:
+    assert message in compare(*arguments, code=2)
+
+
+def test_options_that_one_result_cannot_take(
+    files: list[Path], compare: Callable[..., str]
+) -> None:
+    for option in (["--reference", "best"], ["--most-different", 3], ["--scene", "east"]):
+        assert "two or more results" in compare(files[0], *option, code=2)
+
+
+def test_other_versions_are_told(tmp_path: Path, compare: Callable[..., str]) -> None:
+    scenes = {"s": {"recall@1": [1.0, 0, 1, 0, 1, 1]}}
+    paths = [
+        write_method(tmp_path / name, made_method(scenes, name=name, version=version))
+        for name, version in (("a", "1.0"), ("b", "1.1"))
+    ]
+    assert "made with different versions of airzoo-bench: a 1.0, b 1.1" in compare(*paths)
+
+
+def test_names_that_steer(tmp_path: Path, compare: Callable[..., str]) -> None:
+    scenes = {"s": {"recall@1": [1.0, 0, 1, 0, 1, 1]}}
+    paths = [
+        write_method(tmp_path / str(number), made_method(scenes, name="=\x1b[2J<b>&_"))
+        for number in range(2)
+    ]
+    for form in ("terminal", "html", "csv", "latex"):
+        out = compare(*paths, "-f", form)
+        assert all(c.isprintable() or c == "\n" for c in out)
+        assert form != "html" or "<b>" not in out

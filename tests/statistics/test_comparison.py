@@ -1,0 +1,290 @@
+"""Comparison of methods: what is paired with what, and what is said of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from airzoo_bench.errors import ResultError, UsageError
+from airzoo_bench.records import Scored
+from airzoo_bench.statistics.comparison import Comparison, compare, make_sample, score_intervals
+from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
+from airzoo_bench.statistics.layout import comparison_table, differences_table, intervals_table
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.verdicts import verdict
+from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
+
+FAST = Plan(resamples=1_000)
+EAST, WEST = [1.0, 1, 1, 1, 1, 0, 0, 0], [1.0, 1, 1, 0, 0]
+
+
+def hits(name: str, east: list[float], west: list[float]) -> Scored:
+    return made_method({"east": {"recall@1": east}, "west": {"recall@1": west}}, name=name)
+
+
+def against(*methods: Scored, **options: object) -> Comparison:
+    scores = choose_scores(methods, [])
+    return compare(methods, scores, plan=FAST, **options)  # type: ignore[arg-type]
+
+
+def test_by_hand():
+    better = hits("better", EAST, WEST)
+    worse = hits("worse", [1.0, 0, 0, 0, 0, 1, 0, 0], [1.0, 1, 0, 0, 0])
+    pair = against(better, worse).pairs[0]
+    assert (pair.method, pair.reference) == ("worse", "better")
+    assert pair.reference_value == pytest.approx((5 / 8 + 3 / 5) / 2)
+    assert pair.value == pytest.approx((2 / 8 + 2 / 5) / 2)
+    assert pair.difference == pytest.approx(-(3 / 8 + 1 / 5) / 2)
+    assert (pair.wins, pair.ties, pair.losses) == (1, 7, 5)
+    assert pair.p_mcnemar == pytest.approx(2 * (1 + 6) / 64)
+    assert pair.test.patterns == 64
+    assert pair.interval.low is not None
+    assert pair.interval.high is not None
+    assert pair.interval.low < pair.difference < pair.interval.high
+
+
+def test_which_side_wins_where_lower_is_better():
+    scenes = [
+        {"s": {"error_m": values}} for values in ([1.0, np.inf, 3, np.inf], [2.0, 5, 3, np.inf])
+    ]
+    first, second = (made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
+    pair = against(first, second).pairs[0]
+    assert (pair.wins, pair.ties, pair.losses) == (1, 2, 1)
+    assert pair.p_mcnemar is None
+
+
+def test_one_scene_only():
+    comparison = against(hits("a", EAST, WEST), hits("b", EAST[::-1], WEST), scene="East")
+    assert comparison.scene == "east"
+    assert comparison.units == 8
+    assert comparison.pairs[0].wins == comparison.pairs[0].losses
+
+
+def test_reference_by_name_and_best():
+    methods = random_methods(4, {"east": 40, "west": 30}, (HIT, ERROR))
+    assert against(*methods).reference == "method00"
+    assert against(*methods, reference="method02").reference == "method02"
+    assert against(*methods, reference="best").reference == "method03"
+    scores = choose_scores(methods, ["Median"])
+    assert compare(methods, scores, reference="best", plan=FAST).reference == "method03"
+    with pytest.raises(UsageError, match="'evil' is no method"):
+        against(*methods, reference="evil")
+
+
+def test_holm_goes_over_the_methods_of_a_score():
+    methods = random_methods(4, {"east": 60, "west": 60}, (HIT, ERROR))
+    pairs = against(*methods).pairs
+    assert [pair.score.key for pair in pairs] == ["recall@1"] * 3 + ["error_m"] * 3
+    for part in (pairs[:3], pairs[3:]):
+        ordered = sorted(part, key=lambda pair: pair.test.p_value)
+        assert ordered[0].p_holm == pytest.approx(min(1, 3 * ordered[0].test.p_value))
+    single = against(*methods[:2]).pairs[0]
+    assert single.p_holm == single.test.p_value
+
+
+def test_other_methods_change_nothing_but_holm():
+    methods = random_methods(4, {"east": 40, "west": 30}, (HIT, ERROR))
+    few = against(methods[0], methods[2]).pairs
+    many = [pair for pair in against(*methods).pairs if pair.method == "method02"]
+    for one, other in zip(few, many, strict=True):
+        assert (one.interval, one.test, one.wins) == (other.interval, other.test, other.wins)
+
+
+def test_the_order_of_rows_changes_nothing():
+    random = np.random.default_rng(0)
+    methods = random_methods(2, {"east": 40, "west": 30}, (HIT, ERROR))
+    order = random.permutation(70)
+    mixed = [
+        Scored(m.name, m.result, m.records.iloc[order].sort_values("query", ignore_index=True))
+        for m in methods
+    ]
+    assert against(*mixed) == against(*methods)
+
+
+def test_scenes_are_resampled_where_they_have_one_record_each():
+    names = [f"s{number}" for number in range(6)]
+    methods = [
+        made_method(
+            {s: {"chamfer_m": [base + number]} for number, s in enumerate(names)}, (CHAMFER,), m
+        )
+        for base, m in ((1.0, "a"), (2.0, "b"))
+    ]
+    sample = make_sample(methods, [CHAMFER])
+    assert (sample.unit, [part.shape for part in sample.values]) == ("scene", [(2, 6)])
+    found = score_intervals(methods[0], [CHAMFER], FAST)
+    assert found.groups == {}
+    assert found.overall[0].low is not None
+    comparison = against(*methods)
+    # Every scene is worse by the same: no resample can tell how sure that is; 2 of 64 patterns.
+    assert "all scenes are alike" in comparison.pairs[0].interval.reason
+    assert comparison.pairs[0].test.p_value == 2 / 64
+    assert "resamples of scenes;" in comparison_table(comparison).notes[-1]
+
+
+def test_too_few_scenes():
+    methods = [
+        made_method(
+            {s: {"chamfer_m": [v]} for s, v in zip("abcd", values, strict=True)}, (CHAMFER,), n
+        )
+        for n, values in (("m", [1.0, 2, 3, 4]), ("n", [2.0, 4, 5, 9]))
+    ]
+    pair = against(*methods).pairs[0]
+    assert pair.interval.reason == "only 4 scenes: an interval needs 5"
+    assert pair.test.p_value == 2 / 16
+    table = intervals_table(
+        methods[0], [CHAMFER], score_intervals(methods[0], [CHAMFER], FAST), FAST
+    )
+    assert table.texts() == [
+        ["Average", "Chamfer [m]", "2.50", "–", "–", f"none: {pair.interval.reason}"]
+    ]
+
+
+class TestVerdict:
+    def test_better(self):
+        methods = random_methods(2, {"east": 300, "west": 200}, (HIT, ERROR))
+        pairs = against(*methods).pairs
+        said = verdict(pairs[0], FAST)
+        assert said.startswith("method01 is better than method00 on R@1 by ")
+        assert f"by {100 * (pairs[0].difference or 0):.2f} points (95 % interval " in said
+        assert "p = 0.0010" in said
+        assert "Holm" not in said
+        assert "McNemar" in said
+        swapped = verdict(against(*methods[::-1]).pairs[0], FAST)
+        assert swapped == said
+        error = verdict(pairs[1], FAST)
+        assert error.startswith("method01 is better than method00 on Median by ")
+        assert " m (95 % interval " in error
+
+    def test_not_told_apart(self):
+        pair = against(hits("a", EAST, WEST), hits("b", [*EAST[1:], 1.0], WEST)).pairs[0]
+        assert verdict(pair, FAST).startswith("b and a have the same R@1")
+        pair = against(hits("a", EAST, WEST), hits("b", [0.0, *EAST[1:]], WEST)).pairs[0]
+        said = verdict(pair, FAST)
+        assert said.startswith("b and a cannot be told apart on R@1: a is ahead by 6.25 points")
+        assert "p = 1.0000" in said
+
+    def test_equal(self):
+        pair = against(hits("a", EAST, WEST), hits("b", EAST, WEST)).pairs[0]
+        assert verdict(pair, FAST) == "b and a are equal on R@1 everywhere."
+        assert pair.difference == 0.0
+        assert pair.test.p_value == pair.p_mcnemar == 1.0
+        assert "alike" in pair.interval.reason
+
+    def test_both_infinite(self):
+        scenes = (
+            {"s": {"error_m": [np.inf] * 5 + [1.0, 2.0]}},
+            {"s": {"error_m": [np.inf] * 4 + [1.0] * 0 + [np.inf, 3.0, 4.0]}},
+        )
+        pair = against(
+            *(made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
+        ).pairs[0]
+        assert pair.difference is None
+        assert pair.interval.reason == "both are infinite"
+        assert verdict(pair, FAST) == "b and a both have an infinite Median."
+
+    def test_one_infinite(self):
+        scenes = {"s": {"error_m": [np.inf] * 8}}, {"s": {"error_m": [1.0] * 8}}
+        pair = against(
+            *(made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
+        ).pairs[0]
+        assert pair.difference == -np.inf
+        assert pair.test.p_value == 2 / 256
+        assert verdict(pair, FAST).startswith(
+            "b is better than a on Median by an infinite amount (no"
+        )
+
+
+def test_one_query():
+    methods = [
+        made_method({"s": {"recall@1": [value]}}, name=n) for value, n in ((1.0, "a"), (0.0, "b"))
+    ]
+    pair = against(*methods).pairs[0]
+    assert pair.difference == -1.0
+    assert "only 1 scene" in pair.interval.reason
+    assert pair.test.p_value == pair.p_mcnemar == 1.0
+
+
+class TestWhereTheyDiffer:
+    def test_order(self):
+        scenes = [
+            {"east": {"recall@1": h, "mrr": m}}
+            for h, m in (([1, 0, 1, 1], [1.0, 1.0, 1.0, 0.5]), ([0, 0, 1, 0], [0.3, 0.0, 1.0, 0.1]))
+        ]
+        methods = [made_method(s, (HIT, SOFT), n) for s, n in zip(scenes, "ab", strict=True)]
+        table = differences_table(methods, [HIT, SOFT], 10)
+        # Two differ by a hit, the first of them by more of MRR; another differs by MRR alone.
+        assert table.texts() == [
+            ["east/q00000", "100.00", "0.00"],
+            ["east/q00003", "100.00", "0.00"],
+        ]
+        assert table.notes == ("2 of 4 queries differ on R@1",)
+        assert differences_table(methods, [HIT, SOFT], 1).rows == table.rows[:1]
+        by_soft = differences_table(methods, [SOFT], 2)
+        assert [row[0] for row in by_soft.texts()] == ["east/q00001", "east/q00000"]
+
+    def test_failures_differ_most_and_ids_belong_to_their_scene(self):
+        # Scenes in the order of the protocol, which is not that of the alphabet.
+        scenes = [
+            {"west": {"error_m": [1.0, 2.0]}, "east": {"error_m": [last, 1.0, 5.0]}}
+            for last in (np.inf, 7.0)
+        ]
+        methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
+        methods = [
+            Scored(m.name, m.result, m.records.sort_values("query", ignore_index=True))
+            for m in methods
+        ]
+        table = differences_table(methods, [ERROR], 5)
+        assert table.texts() == [["east/q00000", "inf", "7.00"]]
+        assert differences_table(methods, [ERROR], 5, "west").texts() == []
+
+
+class TestRefusals:
+    def test_other_protocol(self):
+        one = made_method({"s": {"recall@1": [1.0]}}, settings={"scores": {"k": [1, 3], "ap": "x"}})
+        two = made_method(
+            {"s": {"recall@1": [1.0]}},
+            name="Two",
+            protocol="q" * 64,
+            settings={"scores": {"k": [1], "ap": "x"}, "more": True},
+        )
+        with pytest.raises(ResultError) as error:
+            check_comparable([one, two])
+        assert "Method and Two were made with different protocols (pppppppppppp" in error.value.what
+        assert "scores.k is [1, 3] against [1]; more is absent against True" in error.value.what
+
+    def test_other_truth(self):
+        one = made_method({"s": {"recall@1": [1.0]}})
+        two = made_method({"s": {"recall@1": [1.0, 0.0]}}, name="Two", truth="u" * 64)
+        with pytest.raises(ResultError, match="different truths") as error:
+            check_comparable([one, one, two])
+        assert "made v1, prepared anew; scene s has 1 queries against 2" in error.value.what
+
+    def test_other_queries(self):
+        one = made_method({"s": {"recall@1": [1.0, 0.0]}})
+        two = made_method({"s": {"recall@1": [1.0]}}, name="Two")
+        with pytest.raises(ResultError, match="only 1 of their queries in common"):
+            check_comparable([one, two])
+        three = made_method({"t": {"recall@1": [1.0]}}, name="Three")
+        with pytest.raises(ResultError, match="none of their queries in common") as error:
+            check_comparable([two, three])
+        assert "2 of 2 (s/q00000, t/q00000)" in error.value.what
+
+    def test_unknown_score(self):
+        methods = random_methods(2, {"s": 5}, (HIT, SOFT))
+        assert [c.key for c in choose_scores(methods, [])] == ["recall@1"]
+        assert [c.key for c in choose_scores(methods, ["MRR", "recall@1", "mrr"])] == [
+            "mrr",
+            "recall@1",
+        ]
+        with pytest.raises(ResultError, match=r"no score 'recall@2'.*did you mean 'recall@1'"):
+            choose_scores(methods, ["recall@2"])
+
+    def test_a_score_that_one_lacks(self):
+        one = made_method({"s": {"recall@1": [1.0], "mrr": [1.0]}}, (HIT, SOFT))
+        two = made_method({"s": {"recall@1": [1.0]}})
+        with pytest.raises(ResultError, match="no score 'mrr' that all results have"):
+            choose_scores([one, two], ["mrr"])
+
+    def test_unknown_scene(self):
+        with pytest.raises(ResultError, match="there is no scene 'est' in the results"):
+            against(hits("a", EAST, WEST), hits("b", EAST, WEST), scene="est")

@@ -1,0 +1,191 @@
+"""Bootstrap intervals: by hand, by simulation, and where there is none."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.statistics.intervals import FEWEST, Interval, bootstrap, interval_limits
+from airzoo_bench.statistics.samples import Plan, Sample
+
+MEAN, MEDIAN = np.array([False]), np.array([True])
+FAST = Plan(resamples=1_000)
+
+
+def sample(*groups: np.ndarray, medians: np.ndarray | None = None) -> Sample:
+    names = tuple(f"s{number}" for number in range(len(groups)))
+    values = tuple(np.atleast_2d(np.asarray(group, np.float64)) for group in groups)
+    chosen = np.zeros(len(values[0]), bool) if medians is None else medians
+    return Sample("query", names, values, chosen)
+
+
+def limits(interval: Interval) -> tuple[float, float]:
+    assert interval.low is not None
+    assert interval.high is not None
+    assert interval.reason == ""
+    return interval.low, interval.high
+
+
+def test_percentiles_by_hand():
+    resamples = np.array([[4.0, 1.0, 0.0, 3.0, 2.0], [1.0, np.inf, np.inf, 0.0, 2.0]])
+    plan = Plan(interval="percentile", confidence=0.5)
+    found, exists = interval_limits(resamples, np.zeros(2), np.zeros(2), plan)
+    assert found.tolist() == [[1.0, 3.0], [1.0, np.inf]]
+    assert exists.all()
+    narrow = Plan(interval="percentile", confidence=0.25)
+    # Levels 0.375 and 0.625: half way between ranks, and half way to infinity is infinity.
+    found, _ = interval_limits(resamples, np.zeros(2), np.zeros(2), narrow)
+    assert found.tolist() == [[1.5, 2.5], [1.5, np.inf]]
+
+
+def test_percentiles_of_infinite_differences():
+    resamples = np.array([[-np.inf, 5.0, -np.inf, np.inf, 6.0]])
+    plan = Plan(interval="percentile", confidence=0.25)
+    found, _ = interval_limits(resamples, np.zeros(1), np.zeros(1), plan)
+    assert found.tolist() == [[-np.inf, 5.5]]
+
+
+@pytest.mark.parametrize("method", ["bca", "percentile"])
+@pytest.mark.parametrize(("rate", "size"), [(0.3, 264), (0.5, 161), (0.9, 400)])
+def test_coverage_of_a_binomial_score(method, rate, size):
+    # 2,000 data sets; the share that covers is known to within 1 % (two standard errors).
+    hits = np.random.default_rng(size).random((2_000, size)) < rate
+    found = bootstrap(sample(hits), Plan(2_000, interval=method), groups=False).overall
+    low, high = np.array([limits(interval) for interval in found]).T
+    covered = ((low <= rate) & (rate <= high)).mean()
+    assert 0.93 <= covered <= 0.97
+
+
+@pytest.mark.parametrize("method", ["bca", "percentile"])
+def test_coverage_of_the_mean_over_scenes_and_of_differences(method):
+    # The second method answers 70 % of what the first does, and 30 % of the rest.
+    random = np.random.default_rng(3)
+    groups = []
+    for size, rate in ((60, 0.8), (150, 0.4), (90, 0.6)):
+        first = random.random((1_000, size)) < rate
+        second = random.random((1_000, size)) < np.where(first, 0.7, 0.3)
+        groups.append(np.concatenate([first, second]))
+    pairs = [(row, 1_000 + row) for row in range(1_000)]
+    plan = Plan(1_000, interval=method)
+    found = bootstrap(sample(*groups), plan, pairs, groups=False).overall
+    low, high = np.array([limits(interval) for interval in found]).T
+    mean, answered = 0.6, 0.7 * 0.6 + 0.3 * 0.4
+    for rows, true in (
+        (slice(0, 1_000), mean),
+        (slice(1_000, 2_000), answered),
+        (slice(2_000, 3_000), mean - answered),
+    ):
+        assert 0.93 <= ((low[rows] <= true) & (true <= high[rows])).mean() <= 0.97
+
+
+def test_pairing_makes_differences_narrow():
+    first = np.random.default_rng(0).random(300)
+    values = np.stack([first, first + np.random.default_rng(1).random(300) / 100])
+    found = bootstrap(sample(values), FAST, [(1, 0)]).overall
+    widths = [high - low for low, high in map(limits, found)]
+    assert widths[2] < widths[0] / 50
+    assert limits(found[2]) == pytest.approx((0.005, 0.005), abs=6e-4)
+
+
+def test_a_scene_s_interval_does_not_depend_on_other_scenes():
+    random = np.random.default_rng(0)
+    one, other = random.random(20), random.random(30)
+    both = bootstrap(sample(one, other), FAST)
+    alone = bootstrap(sample(one), FAST)
+    assert both.groups["s0"] == alone.groups["s0"] == alone.overall
+    assert both.overall != alone.overall
+
+
+def test_a_method_s_interval_does_not_depend_on_other_methods():
+    values = np.random.default_rng(0).random((4, 50))
+    together = bootstrap(sample(values), FAST).overall
+    assert [bootstrap(sample(row), FAST).overall[0] for row in values] == together
+
+
+def test_other_seeds_give_others_but_hardly():
+    values = np.random.default_rng(0).random(100)
+    a, b = (limits(bootstrap(sample(values), Plan(seed=seed)).overall[0]) for seed in (0, 1))
+    assert a != b
+    assert a == pytest.approx(b, abs=0.003)
+
+
+def test_infinite_errors_stay():
+    # Of 20 queries 8 fail: the median is finite, but resamples with 11 failures have none.
+    errors = np.array([*range(1, 13), *[np.inf] * 8], float)
+    plan = Plan(interval="percentile")
+    low, high = limits(bootstrap(sample(errors, medians=MEDIAN), plan).overall[0])
+    assert low < 10.5
+    assert high == np.inf
+    # A mean with failures is infinite, and so is its upper limit; BCa does not exist there.
+    found = bootstrap(sample(errors), Plan()).overall[0]
+    assert found.high == np.inf
+    assert found.method == "percentile"
+    most = np.array([1.0, 2.0, *[np.inf] * 18])
+    assert limits(bootstrap(sample(most, medians=MEDIAN), plan).overall[0]) == (np.inf, np.inf)
+
+
+def test_two_failures_differ_by_nothing():
+    failing = np.array([1.0, 2.0, *[np.inf] * 18])
+    values = np.stack([failing, failing[::-1]])
+    medians = np.array([True, True])
+    found = bootstrap(sample(values, medians=medians), FAST, [(0, 1)]).overall[2]
+    assert limits(found) == (0.0, 0.0)
+
+
+def test_too_few_units():
+    few, enough = np.arange(FEWEST - 1.0), np.arange(FEWEST * 1.0)
+    found = bootstrap(sample(enough, few), FAST)
+    assert limits(found.groups["s0"][0])[0] < 2.0
+    reason = "only 4 queries in scene s1: an interval needs 5"
+    assert found.groups["s1"][0] == Interval(None, None, "", reason)
+    assert found.overall[0].low is None
+    assert "scene s1" in found.overall[0].reason
+
+
+def test_one_unit():
+    found = bootstrap(sample(np.ones(1)), FAST).overall[0]
+    assert found.reason == "only 1 query in scene s0: an interval needs 5"
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, np.inf])
+def test_units_that_are_all_alike(value):
+    alike = np.full(30, value)
+    mixed = np.arange(30.0)
+    found = bootstrap(sample(np.stack([alike, mixed])), FAST, [(0, 0), (1, 1), (0, 1)]).overall
+    assert found[0].reason == "all queries are alike: resamples cannot differ"
+    assert found[1].low is not None
+    assert found[2].reason == found[3].reason == found[0].reason
+    # Where one scene is even and another is not, there is an interval.
+    assert bootstrap(sample(alike, mixed), FAST).overall[0].high is not None
+
+
+def test_the_same_bytes_with_any_number_of_threads():
+    assert printed("1") == printed("2")
+
+
+def printed(threads: str) -> str:
+    """Return intervals from a process of its own: BLAS reads its threads when it is loaded."""
+    code = (
+        "import numpy as np\n"
+        "from airzoo_bench.statistics.intervals import bootstrap\n"
+        "from airzoo_bench.statistics.samples import Plan, Sample\n"
+        "v = np.random.default_rng(0).random((40, 700)) ** 3\n"
+        "s = Sample('query', ('a', 'b'), (v[:, :600], v[:, 600:]), np.arange(40) % 4 == 0)\n"
+        "print(bootstrap(s, Plan(500), [(0, 4), (1, 2)]))\n"
+    )
+    more = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), threads)
+    root = str(Path(__file__).resolve().parents[2])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        check=True,
+        capture_output=True,
+        text=True,
+        env=os.environ | more | {"PYTHONPATH": root},
+    )
+    assert "Interval" in done.stdout
+    return done.stdout

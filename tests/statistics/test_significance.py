@@ -1,0 +1,147 @@
+"""Paired tests: by hand, against all patterns, and on values that make trouble."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.significance import are_hits, mcnemar, paired_permutation
+
+ALL = Plan(resamples=100_000)
+
+
+def sample(*groups: list[list[float]], median: bool = False) -> Sample:
+    names = tuple(f"s{number}" for number in range(len(groups)))
+    values = tuple(np.array(group, np.float64) for group in groups)
+    return Sample("query", names, values, np.full(len(values[0]), median))
+
+
+def by_brute_force(*groups: list[list[float]], median: bool = False) -> float:
+    """Swap every subset of all units, and average with NumPy."""
+    average = np.median if median else np.mean
+
+    def statistic(swaps: tuple[bool, ...]) -> tuple[float, float]:
+        rest, sides, ahead = list(swaps), np.zeros(2), 0.0
+        for group in groups:
+            first, second = np.array(group, np.float64)
+            mask = np.array([rest.pop(0) for _ in first])
+            one, other = np.where(mask, second, first), np.where(mask, first, second)
+            sides += [average(one), average(other)]
+            ahead += (np.mean(one > other) - np.mean(one < other)) / len(groups)
+        difference = 0.0 if sides[0] == sides[1] else abs(float(sides[0] - sides[1]))
+        return difference, abs(ahead) if np.isinf(difference) else 0.0
+
+    units = sum(len(group[0]) for group in groups)
+    size, ahead = statistic((False,) * units)
+    least = size * (1 - 1e-9), ahead * (1 - 1e-9)
+    patterns = itertools.product((False, True), repeat=units)
+    return float(np.mean([statistic(pattern) >= least for pattern in patterns]))
+
+
+def test_by_hand():
+    # Three differences of the same sign: 2 of 8 patterns are as far from nothing.
+    test = paired_permutation(sample([[3, 2, 1], [0, 0, 0]]), ALL, [(0, 1)])[0]
+    assert (test.p_value, test.exact, test.patterns) == (2 / 8, True, 8)
+
+
+def test_units_that_do_not_differ_do_not_count():
+    test = paired_permutation(sample([[1, 1, 1, 5, 6], [0, 0, 0, 5, 6]]), ALL, [(0, 1)])[0]
+    assert (test.p_value, test.patterns) == (2 / 8, 8)
+
+
+@pytest.mark.parametrize("median", [False, True])
+def test_all_patterns_of_two_scenes(median):
+    random = np.random.default_rng(4)
+    for _ in range(5):
+        groups = [random.integers(0, 4, (2, size)).tolist() for size in (5, 3)]
+        test = paired_permutation(sample(*groups, median=median), ALL, [(0, 1)])[0]
+        assert test.exact
+        assert test.p_value == pytest.approx(by_brute_force(*groups, median=median))
+
+
+@pytest.mark.parametrize("median", [False, True])
+def test_failures_are_infinite_errors(median):
+    inf = np.inf
+    for groups in (
+        [[[1, inf, 3, inf, 2], [2, inf, inf, inf, 5]]],
+        [[[inf, inf, inf, 2, 7], [2, 4, 6, 1, inf]], [[1, 2, 3], [2, 3, inf]]],
+        [[[inf, 1, 2, 3, 4], [5, 2, 3, 4, 5]]],
+    ):
+        test = paired_permutation(sample(*groups, median=median), ALL, [(0, 1)])[0]
+        assert test.p_value == pytest.approx(by_brute_force(*groups, median=median))
+
+
+@pytest.mark.parametrize("median", [False, True])
+def test_one_method_fails_everywhere(median):
+    # Every pattern with five failures on a side is infinitely far; two have as many wins.
+    values = [[np.inf] * 8, [1.0] * 8]
+    test = paired_permutation(sample(values, median=median), ALL, [(0, 1)])[0]
+    assert test.p_value == 2 / 256
+
+
+@pytest.mark.parametrize("median", [False, True])
+def test_random_patterns_come_near_all(median):
+    random = np.random.default_rng(0)
+    values = random.random((2, 12))
+    values[0] += 0.1
+    made = sample(values.tolist(), median=median)
+    exact = paired_permutation(made, ALL, [(0, 1)])[0]
+    near = paired_permutation(made, Plan(resamples=4_000), [(0, 1)])[0]
+    assert (exact.exact, near.exact) == (True, False)
+    assert near.p_value == pytest.approx(exact.p_value, abs=0.03)
+
+
+def test_equal_methods_and_one_unit():
+    same = [[0.0, 1.0, np.inf], [0.0, 1.0, np.inf]]
+    assert paired_permutation(sample(same), ALL, [(0, 1)])[0].p_value == 1.0
+    assert paired_permutation(sample([[1.0], [0.0]]), ALL, [(0, 1)])[0].p_value == 1.0
+
+
+def test_p_is_never_nothing():
+    values = [[1.0] * 40, [0.0] * 40]
+    test = paired_permutation(sample(values), Plan(resamples=999), [(0, 1)])[0]
+    assert (test.p_value, test.patterns) == (1 / 1000, 999)
+
+
+def test_pairs_do_not_see_each_other():
+    values = np.random.default_rng(0).random((4, 30))
+    values[3, :3] = np.inf
+    made = Sample("query", ("s",), (values,), np.zeros(4, bool))
+    pairs = [(0, 1), (0, 2), (3, 0), (1, 1)]
+    plan = Plan(resamples=500)
+    assert paired_permutation(made, plan, pairs) == [
+        paired_permutation(made, plan, [pair])[0] for pair in pairs
+    ]
+
+
+@pytest.mark.parametrize("median", [False, True])
+def test_false_findings_are_as_rare_as_promised(median):
+    # 400 pairs of methods that do not differ: 5 % are found at 5 %, give or take 1.1 %.
+    values = np.random.default_rng(1).standard_normal((800, 60))
+    made = Sample("query", ("a", "b"), (values[:, :20], values[:, 20:]), np.full(800, median))
+    pairs = [(2 * row, 2 * row + 1) for row in range(400)]
+    found = [test.p_value for test in paired_permutation(made, Plan(resamples=400), pairs)]
+    assert 0.02 <= np.mean(np.array(found) <= 0.05) <= 0.08
+
+
+def test_ties_of_sums_are_ties():
+    # 0.1 + 0.2 and 0.3 differ by rounding alone.
+    values = [[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]]
+    assert paired_permutation(sample(values), ALL, [(0, 1)])[0].p_value == 2 / 8
+    mixed = [[0.3, 0.0, 0.0, 0.0], [0.0, 0.1, 0.2, 0.6]]
+    test = paired_permutation(sample(mixed), ALL, [(0, 1)])[0]
+    assert test.p_value == pytest.approx(by_brute_force(mixed))
+
+
+def test_mcnemar_by_hand():
+    # 5 against 0: both tails of 1/32. 6 against 2: 2 (1 + 8 + 28) / 256.
+    found = mcnemar(np.array([5, 0, 6, 3, 0]), np.array([0, 5, 2, 3, 0]))
+    assert found == pytest.approx([2 / 32, 2 / 32, 74 / 256, 1.0, 1.0], rel=1e-14)
+
+
+def test_what_hits_are():
+    assert are_hits(np.array([0.0, 1.0]), np.array([1.0]))
+    assert not are_hits(np.array([0.0, 1.0]), np.array([0.2]))
