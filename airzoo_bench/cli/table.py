@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, show
+from airzoo_bench.cli.common import Format, FormatOption, put, say
+from airzoo_bench.cli.table_request import Layout, TableRequest
+from airzoo_bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from airzoo_bench.tables.latex import LatexStyle
+    from airzoo_bench.tables.model import Table
 
 __all__ = ["table"]
 
@@ -15,22 +23,100 @@ __all__ = ["table"]
 def table(
     results: Annotated[list[Path], typer.Argument(help="One or more result.json.")],
     form: FormatOption = Format.TERMINAL,
+    layout: Annotated[
+        Layout | None,
+        typer.Option(
+            help="result: a row a scene; methods: a row a method; scenes: methods by scenes side "
+            "by side; benchmarks: methods by benchmarks (default: result for one, else methods)."
+        ),
+    ] = None,
     scene: Annotated[
-        str | None, typer.Option(help="With several results: this scene instead of the average.")
+        str | None, typer.Option(help="With methods: this scene instead of the average.")
     ] = None,
     every_score: Annotated[
         bool, typer.Option("--all", help="Print every score, not the paper's only.")
+    ] = False,
+    scores: Annotated[
+        list[str] | None, typer.Option("--score", help="Print this score only; repeatable.")
+    ] = None,
+    published: Annotated[
+        bool, typer.Option("--published", help="Add rows of published numbers, marked as such.")
+    ] = False,
+    mark_published: Annotated[
+        bool, typer.Option("--mark-published", help="Let published rows compete for the marks.")
+    ] = False,
+    second: Annotated[
+        bool, typer.Option("--second", help="Underline the second best of each score.")
+    ] = False,
+    baseline: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="NAME: write gains over it, of the highlighted rows if there are any; "
+            "or METHOD=NAME. Repeatable."
+        ),
+    ] = None,
+    highlight: Annotated[
+        list[str] | None, typer.Option(help="Colour the row of this method; repeatable.")
+    ] = None,
+    cite: Annotated[
+        list[str] | None,
+        typer.Option(help="LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable."),
+    ] = None,
+    intervals: Annotated[
+        bool, typer.Option("--intervals", help="Write 95 % intervals (BCa) beside the values.")
+    ] = False,
+    queries: Annotated[
+        bool, typer.Option("--queries", help="With scenes: write their numbers of queries.")
+    ] = False,
+    average: Annotated[
+        bool, typer.Option(help="With scenes: the average over them.", show_default=False)
+    ] = True,
+    per_block: Annotated[
+        int | None,
+        typer.Option(min=1, help="How many scenes (2) or benchmarks (4) stand side by side."),
+    ] = None,
+    siunitx: Annotated[
+        bool, typer.Option("--siunitx", help="LaTeX: align numbers at their points.")
+    ] = False,
+    standalone: Annotated[
+        bool, typer.Option("--standalone", help="LaTeX: a document that compiles by itself.")
     ] = False,
 ) -> None:
     """Print one result by scene, or several side by side by method.
 
     Example: airzoo-bench table results/*/result.json --format latex
-    """
-    from airzoo_bench.result import read_result
-    from airzoo_bench.tables.build import methods_table, scenes_table
 
-    loaded = [read_result(path) for path in results]
-    if len(loaded) == 1 and scene is None:
-        show(scenes_table(loaded[0], every_score=every_score), form)
-    else:
-        show(methods_table(loaded, every_score=every_score, scene=scene), form)
+    Example: airzoo-bench table */result.json --layout scenes --published -f latex --standalone
+    """
+    from airzoo_bench.tables.latex import LatexStyle
+
+    request = TableRequest(
+        results=tuple(results),
+        layout=layout,
+        scene=scene,
+        every_score=every_score,
+        scores=tuple(scores or ()),
+        published=published,
+        mark_published=mark_published,
+        second=second,
+        baselines=tuple(baseline or ()),
+        highlighted=tuple(highlight or ()),
+        citations=tuple(cite or ()),
+        intervals=intervals,
+        queries=queries,
+        average=average,
+        per_block=per_block,
+    )
+    if (siunitx or standalone) and form is not Format.LATEX:
+        raise UsageError("--siunitx and --standalone are for LaTeX", mend="add --format latex")
+    _print(request.answer(), form, LatexStyle(siunitx, standalone))
+
+
+def _print(made: Table, form: Format, style: LatexStyle) -> None:
+    from airzoo_bench.tables.render import render
+
+    width = shutil.get_terminal_size((80, 24)).columns
+    put(render(made, form.value, width=width, styled=sys.stdout.isatty(), style=style))
+    if form is Format.CSV:
+        for note in made.notes:
+            say(note)

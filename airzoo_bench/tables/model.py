@@ -4,9 +4,52 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
 
-__all__ = ["Cell", "Column", "Row", "Table", "mark_best", "plain", "share_to_percent"]
+__all__ = [
+    "REPORTED",
+    "Between",
+    "Cell",
+    "Column",
+    "PlusMinus",
+    "Row",
+    "Table",
+    "Uncertainty",
+    "mark_best",
+    "plain",
+    "share_to_percent",
+    "show_number",
+]
+
+REPORTED = "reported, not re-scored"
+"""What every row says whose numbers somebody else has printed."""
+
+_DAGGER = "†"
+
+
+@dataclass(frozen=True)
+class Between:
+    """An interval, shown as ``[a, b]``."""
+
+    low: float
+    high: float
+
+    def text(self, decimals: int) -> str:
+        """Return what is shown after the value."""
+        return f"[{show_number(self.low, decimals)}, {show_number(self.high, decimals)}]"
+
+
+@dataclass(frozen=True)
+class PlusMinus:
+    """Half the width of a symmetrical interval, or a standard error, shown as ``± h``."""
+
+    half: float
+
+    def text(self, decimals: int) -> str:
+        """Return what is shown after the value."""
+        return f"± {show_number(self.half, decimals)}"
+
+
+Uncertainty = Between | PlusMinus
 
 
 @dataclass(frozen=True)
@@ -22,62 +65,122 @@ class Column:
         None for what is not a score.
     decimals : int
         How many digits follow the point.
+    group : str
+        What stands above neighbouring columns of one group, such as a scene; empty for none.
     """
 
     title: str
     unit: str = ""
     higher_is_better: bool | None = None
     decimals: int = 2
+    group: str = ""
+
+    @property
+    def beside_title(self) -> str:
+        """What follows the title: unit and direction; the unit of grouped columns is a note's."""
+        unit = f" [{self.unit}]" if self.unit and not self.group else ""
+        arrow = {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
+        return f"{unit}{arrow}"
 
     @property
     def heading(self) -> str:
         """Title, unit and direction, such as ``R@1 [%] ↑``."""
-        unit = f" [{self.unit}]" if self.unit else ""
-        arrow = {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
-        return f"{self.title}{unit}{arrow}"
+        return f"{self.title}{self.beside_title}"
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A value and whether it is the best of its column."""
+    """A value, its rank in the column, and what stands beside it.
+
+    Attributes
+    ----------
+    value : float, int, str or None
+    best, second : bool
+        Whether it is the best or the second best of its column.
+    gain : float, optional
+        The difference from the baseline's printed value.
+    uncertainty : Between or PlusMinus, optional
+        In the unit of the value.
+    cite : str
+        Keys of a bibliography, for LaTeX.
+    """
 
     value: float | int | str | None
     best: bool = False
+    second: bool = False
+    gain: float | None = None
+    uncertainty: Uncertainty | None = None
+    cite: str = ""
 
     def text(self, decimals: int) -> str:
-        """Return what is shown; a missing value is a dash, an infinite one says so."""
+        """Return the value as it is shown; a missing one is a dash, an infinite one says so."""
         if self.value is None:
             return "–"
         if isinstance(self.value, str | int):
             return plain(str(self.value))
-        if math.isinf(self.value):
-            return "inf" if self.value > 0 else "-inf"
-        return f"{self.value:.{decimals}f}"
+        return show_number(self.value, decimals)
+
+    def beside(self, decimals: int) -> list[str]:
+        """Return what stands beside the value: uncertainty, then gain."""
+        parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
+        return parts if self.gain is None else [*parts, f"({self.gain:+.{decimals}f})"]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row's cells; a summary row is set apart from those above it."""
+    """A row's cells.
+
+    Attributes
+    ----------
+    cells : tuple of Cell
+    summary : bool
+        Set apart from the rows above it.
+    highlighted : bool
+        On a coloured ground where the format has one.
+    reported : str
+        Where the numbers were printed, if they were not scored here; such a row is marked with a
+        dagger, and the table says what that means.
+    """
 
     cells: tuple[Cell, ...]
     summary: bool = False
+    highlighted: bool = False
+    reported: str = ""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A title, columns, rows, and notes that belong to the numbers."""
+    """A title, columns, rows, and notes that belong to the numbers.
+
+    Attributes
+    ----------
+    groups_per_block : int
+        How many groups of columns stand side by side where a format breaks a wide table.
+    """
 
     title: str
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
+    groups_per_block: int = 2
 
     def texts(self) -> list[list[str]]:
-        """Return every cell as it is shown."""
+        """Return every cell as it is shown, with what stands beside its value."""
         return [
-            [cell.text(col.decimals) for cell, col in zip(row.cells, self.columns, strict=True)]
+            [
+                " ".join([cell.text(column.decimals), *cell.beside(column.decimals)])
+                + (f" {_DAGGER}" if row.reported and not index else "")
+                for index, (cell, column) in enumerate(zip(row.cells, self.columns, strict=True))
+            ]
             for row in self.rows
         ]
+
+    @property
+    def all_notes(self) -> tuple[str, ...]:
+        """The notes, after what the dagger of reported rows means."""
+        sources = list(dict.fromkeys(row.reported for row in self.rows if row.reported))
+        said = (f"{_DAGGER} {REPORTED}: {'; '.join(sources)}",) if sources else ()
+        return (*said, *self.notes)
 
 
 def plain(text: str) -> str:
@@ -97,34 +200,54 @@ def share_to_percent(value: float) -> float:
     return 100.0 * value
 
 
-def mark_best(table: Table) -> Table:
+def show_number(value: float, decimals: int) -> str:
+    """Return a number with so many digits after the point, an infinite one as ``inf``."""
+    if math.isinf(value):
+        return "inf" if value > 0 else "-inf"
+    return f"{value:.{decimals}f}"
+
+
+def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:
     """Mark the best cell of each score, and every cell that is shown with the same digits.
 
-    An infinite value, which is a failure, is never the best.
+    An infinite value, which is a failure, is never the best. Rows of reported numbers neither
+    compete nor are marked, unless `reported` is true or there are no others.
 
     Parameters
     ----------
     table : Table
         Rows to be compared with each other, such as methods.
+    second : bool
+        Mark the second best too: what is shown with the next other digits.
+    reported : bool
+        Let reported rows compete.
 
     Returns
     -------
     Table
     """
+    open_to_all = reported or all(row.reported for row in table.rows)
+    competes = [open_to_all or not row.reported for row in table.rows]
     rows = [list(row.cells) for row in table.rows]
     for index, column in enumerate(table.columns):
         if column.higher_is_better is None:
             continue
-        best = _best(column, [row[index] for row in rows])
-        for row in rows:
-            row[index] = replace(row[index], best=row[index].text(column.decimals) == best)
+        racing = [row[index] for row, runs in zip(rows, competes, strict=True) if runs]
+        first, runner_up = [*_ranked(column, racing), None, None][:2]
+        for row, runs in zip(rows, competes, strict=True):
+            text = row[index].text(column.decimals)
+            is_second = runs and second and text == runner_up
+            row[index] = replace(row[index], best=runs and text == first, second=is_second)
     marked = [replace(row, cells=tuple(new)) for row, new in zip(table.rows, rows, strict=True)]
     return replace(table, rows=tuple(marked))
 
 
-def _best(column: Column, cells: list[Cell]) -> str | None:
+def _ranked(column: Column, cells: list[Cell]) -> list[str]:
+    """Return the different texts of a column's finite numbers, the best first."""
     numbers = [c for c in cells if isinstance(c.value, float) and math.isfinite(c.value)]
-    if not numbers:
-        return None
-    pick: Literal[1, -1] = 1 if column.higher_is_better else -1
-    return max(numbers, key=lambda cell: pick * float(cell.value or 0)).text(column.decimals)
+    ordered = sorted(numbers, key=_value, reverse=bool(column.higher_is_better))
+    return list(dict.fromkeys(cell.text(column.decimals) for cell in ordered))
+
+
+def _value(cell: Cell) -> float:
+    return float(cell.value or 0)

@@ -8,36 +8,34 @@ import io
 import json
 import math
 from collections.abc import Callable
+from itertools import groupby
 
-from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
+from airzoo_bench.tables.blocks import by_count
+from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.model import (
+    REPORTED,
+    Between,
+    Cell,
+    Column,
+    Row,
+    Table,
+    Uncertainty,
+    plain,
+    show_number,
+)
+from airzoo_bench.tables.terminal import TERMINAL_WIDTH, terminal
 
 __all__ = ["FORMATS", "render"]
 
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "&": r"\&",
-    "%": r"\%",
-    "$": r"\$",
-    "#": r"\#",
-    "_": r"\_",
-    "{": r"\{",
-    "}": r"\}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
-    "[": "{[}",  # after a line's end it would begin an optional argument, as * would
-    "*": "{*}",
-    "↑": r"$\uparrow$",
-    "↓": r"$\downarrow$",
-    "–": r"--",
-    "…": r"\dots{}",
-}
 
-
-def render(table: Table, form: str) -> str:
+def render(
+    table: Table,
+    form: str,
+    *,
+    width: int = TERMINAL_WIDTH,
+    styled: bool = False,
+    style: LatexStyle | None = None,
+) -> str:
     """Render a table as text that ends with a newline.
 
     Parameters
@@ -45,81 +43,60 @@ def render(table: Table, form: str) -> str:
     table : Table
     form : str
         One of `FORMATS`.
+    width : int
+        Of the terminal, in characters.
+    styled : bool
+        Whether the terminal shows bold, underlined and grey.
+    style : LatexStyle, optional
+        For LaTeX.
     """
+    if form == "terminal":
+        return terminal(table, width=width, styled=styled)
+    if form == "latex":
+        return latex(table, style)
     return _RENDERERS[form](table)
-
-
-def _terminal(table: Table) -> str:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table as RichTable
-    from rich.text import Text
-
-    shown = RichTable(title=Text(plain(table.title)), box=box.SIMPLE_HEAD, title_justify="left")
-    for index, column in enumerate(table.columns):
-        shown.add_column(
-            Text(column.heading), justify="left" if _is_text(table, index) else "right"
-        )
-    previous = False
-    for row, texts in zip(table.rows, table.texts(), strict=True):
-        if row.summary and not previous:
-            shown.add_section()
-        previous = row.summary
-        cells = zip(row.cells, texts, strict=True)
-        shown.add_row(*(Text(text, style="bold" if cell.best else "") for cell, text in cells))
-    out = io.StringIO()
-    console = Console(file=out, width=_width(table), force_terminal=False)
-    console.print(shown)
-    return out.getvalue() + "".join(f"  {plain(note)}\n" for note in table.notes)
-
-
-def _is_text(table: Table, column: int) -> bool:
-    return any(isinstance(row.cells[column].value, str) for row in table.rows) or column == 0
-
-
-def _width(table: Table) -> int:
-    from rich.cells import cell_len
-
-    # As wide as the table needs: a pipe has no width, and cut-off numbers are no numbers.
-    columns = zip(*([c.heading for c in table.columns], *table.texts()), strict=True)
-    needed = sum(max(map(cell_len, column)) + 3 for column in columns) + 4
-    return max(40, cell_len(plain(table.title)), needed)
-
-
-def _latex(table: Table) -> str:
-    lines = [
-        "% " + plain(table.title),
-        *("% " + plain(note) for note in table.notes),
-        r"\begin{tabular}{l" + "r" * (len(table.columns) - 1) + "}",
-        r"\toprule",
-        " & ".join(_escape_latex(column.heading) for column in table.columns) + r" \\",
-        r"\midrule",
-    ]
-    previous = False
-    for row, texts in zip(table.rows, table.texts(), strict=True):
-        if row.summary and not previous:
-            lines.append(r"\midrule")
-        previous = row.summary
-        cells = zip(row.cells, texts, strict=True)
-        lines.append(" & ".join(_latex_cell(cell, text) for cell, text in cells) + r" \\")
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
-
-
-def _latex_cell(cell: Cell, text: str) -> str:
-    escaped = _escape_latex(text)
-    return rf"\textbf{{{escaped}}}" if cell.best else escaped
-
-
-def _escape_latex(text: str) -> str:
-    return "".join(_LATEX.get(character, character) for character in " ".join(text.split()))
 
 
 def _csv(table: Table) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([column.title for column in table.columns])
-    writer.writerows([_defused(text) for text in row] for row in table.texts())
+    kinds = [_beside_in_csv(table, index) for index in range(len(table.columns))]
+    marked = any(row.reported for row in table.rows)
+    titles = [
+        f"{column.group} {column.title}{kind}".strip()
+        for column, beside in zip(table.columns, kinds, strict=True)
+        for kind in ("", *beside)
+    ]
+    writer.writerow([*titles, *["Marked"] * marked])
+    for row in table.rows:
+        cells = zip(row.cells, table.columns, kinds, strict=True)
+        texts = [text for given in cells for text in _csv_cells(*given)]
+        mark = [f"{REPORTED}: {plain(row.reported)}" if row.reported else ""] * marked
+        writer.writerow([_defused(text) for text in [*texts, *mark]])
     return out.getvalue()
+
+
+def _beside_in_csv(table: Table, index: int) -> list[str]:
+    """Return the endings of the further columns that keep each cell one number."""
+    cells = [row.cells[index] for row in table.rows]
+    uncertainties = [cell.uncertainty for cell in cells if cell.uncertainty]
+    found = [" from", " to"] if any(isinstance(u, Between) for u in uncertainties) else []
+    found += [" ±"] if any(not isinstance(u, Between) for u in uncertainties) else []
+    return found + ([" gain"] if any(cell.gain is not None for cell in cells) else [])
+
+
+def _csv_cells(cell: Cell, column: Column, beside: list[str]) -> list[str]:
+    numbers = _beside_numbers(cell)
+    further = [numbers.get(kind.strip()) for kind in beside]
+    texts = ["" if n is None else show_number(n, column.decimals) for n in further]
+    return [cell.text(column.decimals), *texts]
+
+
+def _beside_numbers(cell: Cell) -> dict[str, float]:
+    found = {} if cell.gain is None else {"gain": cell.gain}
+    if isinstance(cell.uncertainty, Between):
+        return found | {"from": cell.uncertainty.low, "to": cell.uncertainty.high}
+    return found if cell.uncertainty is None else found | {"±": cell.uncertainty.half}
 
 
 def _defused(text: str) -> str:
@@ -129,22 +106,41 @@ def _defused(text: str) -> str:
 
 
 def _markdown(table: Table) -> str:
+    # Tables here have one line of heads: each says its group.
+    blocks = "\n".join(_markdown_block(piece) for piece in by_count(table))
+    notes = [f"\n{_escape_markdown(plain(note))}\n" for note in table.all_notes]
+    return blocks + "".join(notes)
+
+
+def _markdown_block(table: Table) -> str:
     def line(cells: list[str]) -> str:
-        return "| " + " | ".join(cells) + " |"
+        return "| " + " | ".join(cells) + " |\n"
 
     rule = ["---"] + ["---:"] * (len(table.columns) - 1)
-    rows = [
+    heads = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
+    rows = (
         line([_markdown_cell(cell, text) for cell, text in zip(row.cells, texts, strict=True)])
+        for row, texts in zip(table.rows, _values_apart(table), strict=True)
+    )
+    return "".join([line(heads), line(rule), *rows])
+
+
+def _values_apart(table: Table) -> list[list[tuple[str, str]]]:
+    """Return each cell's value and what follows it, as shown."""
+    return [
+        [
+            (value, text.removeprefix(value))
+            for cell, column, text in zip(row.cells, table.columns, texts, strict=True)
+            for value in [cell.text(column.decimals)]
+        ]
         for row, texts in zip(table.rows, table.texts(), strict=True)
     ]
-    heads = [_escape_markdown(column.heading) for column in table.columns]
-    notes = [f"\n{_escape_markdown(plain(note))}" for note in table.notes]
-    return "\n".join([line(heads), line(rule), *rows, *notes]) + "\n"
 
 
-def _markdown_cell(cell: Cell, text: str) -> str:
-    escaped = _escape_markdown(text)
-    return f"**{escaped}**" if cell.best else escaped
+def _markdown_cell(cell: Cell, text: tuple[str, str]) -> str:
+    value = _escape_markdown(text[0])
+    shown = f"**{value}**" if cell.best else f"<u>{value}</u>" if cell.second else value
+    return f"{shown} {_escape_markdown(text[1])}".rstrip()
 
 
 def _escape_markdown(text: str) -> str:
@@ -153,62 +149,111 @@ def _escape_markdown(text: str) -> str:
 
 
 def _html(table: Table) -> str:
-    def tag(name: str, text: str) -> str:
-        return f"<{name}>{html.escape(text)}</{name}>"
+    blocks = by_count(table)
+    shown = "".join(_html_block(piece, captioned=piece is blocks[0]) for piece in blocks)
+    return shown + "".join(_tag("p", plain(note)) for note in table.all_notes) + "\n"
 
-    heads = "".join(tag("th", column.heading) for column in table.columns)
+
+def _tag(name: str, text: str) -> str:
+    return f"<{name}>{html.escape(text)}</{name}>"
+
+
+def _html_block(table: Table, *, captioned: bool) -> str:
+    caption = f"{_tag('caption', plain(table.title))}\n" if captioned else ""
+    heads = "".join(_tag("th", plain(column.heading)) for column in table.columns)
     rows = "".join(
-        _html_row(row, texts) for row, texts in zip(table.rows, table.texts(), strict=True)
+        _html_row(row, texts) for row, texts in zip(table.rows, _values_apart(table), strict=True)
     )
-    notes = "".join(tag("p", plain(note)) for note in table.notes)
     return (
-        f"<table>\n{tag('caption', plain(table.title))}\n<thead><tr>{heads}</tr></thead>\n"
-        f"<tbody>\n{rows}</tbody>\n</table>\n{notes}\n"
+        f"<table>\n{caption}<thead>{_html_groups(table)}<tr>{heads}</tr></thead>\n"
+        f"<tbody>\n{rows}</tbody>\n</table>\n"
     )
 
 
-def _html_row(row: Row, texts: list[str]) -> str:
-    cells = [
-        f"<td><strong>{html.escape(text)}</strong></td>"
-        if cell.best
-        else f"<td>{html.escape(text)}</td>"
-        for cell, text in zip(row.cells, texts, strict=True)
+def _html_groups(table: Table) -> str:
+    if not any(column.group for column in table.columns):
+        return ""
+    counted = [
+        (group, len(list(members)))
+        for group, members in groupby(table.columns, key=lambda column: column.group)
     ]
-    return f"<tr>{''.join(cells)}</tr>\n"
+    cells = (
+        f'<th colspan="{number}"' + f' scope="colgroup">{html.escape(plain(group))}</th>'
+        for group, number in counted
+    )
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _html_row(row: Row, texts: list[tuple[str, str]]) -> str:
+    cells = (_html_cell(cell, text) for cell, text in zip(row.cells, texts, strict=True))
+    kinds = ["highlighted"] * row.highlighted + ["reported"] * bool(row.reported)
+    attribute = f' class="{" ".join(kinds)}"' if kinds else ""
+    return f"<tr{attribute}>{''.join(cells)}</tr>\n"
+
+
+def _html_cell(cell: Cell, text: tuple[str, str]) -> str:
+    value = html.escape(text[0])
+    mark = "strong" if cell.best else "u" if cell.second else ""
+    shown = f"<{mark}>{value}</{mark}>" if mark else value
+    beside = f" {_tag('small', text[1].strip())}" if text[1] else ""
+    return f"<td>{shown}{beside}</td>"
 
 
 def _json(table: Table) -> str:
-    content = {
+    content: dict[str, object] = {
         "title": table.title,
         "columns": [_json_column(column) for column in table.columns],
-        "rows": [[_json_value(cell) for cell in row.cells] for row in table.rows],
-        "notes": list(table.notes),
+        "rows": [[_json_value(cell.value) for cell in row.cells] for row in table.rows],
+        "notes": list(table.all_notes),
     }
+    content |= _json_beside(table)
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def _json_column(column: Column) -> dict[str, object]:
+    group = {"group": column.group} if column.group else {}
     return {
         "title": column.title,
         "unit": column.unit,
         "higher_is_better": column.higher_is_better,
+        **group,
     }
 
 
-def _json_value(cell: Cell) -> object:
-    if isinstance(cell.value, float) and math.isinf(cell.value):
-        return "Infinity" if cell.value > 0 else "-Infinity"
-    return cell.value
+def _json_beside(table: Table) -> dict[str, object]:
+    """Return what some cells or rows have beside their values, each in the shape of the rows."""
+    found: dict[str, object] = {}
+    if any(cell.gain is not None for row in table.rows for cell in row.cells):
+        found["gains"] = [[cell.gain for cell in row.cells] for row in table.rows]
+    if any(cell.uncertainty for row in table.rows for cell in row.cells):
+        found["uncertainties"] = [
+            [_json_uncertainty(cell.uncertainty) for cell in row.cells] for row in table.rows
+        ]
+    if any(row.reported for row in table.rows):
+        found["reported"] = [
+            f"{REPORTED}: {row.reported}" if row.reported else None for row in table.rows
+        ]
+    return found
+
+
+def _json_uncertainty(uncertainty: Uncertainty | None) -> object:
+    if isinstance(uncertainty, Between):
+        return {"low": _json_value(uncertainty.low), "high": _json_value(uncertainty.high)}
+    return uncertainty and {"half": _json_value(uncertainty.half)}
+
+
+def _json_value(value: float | int | str | None) -> object:
+    if isinstance(value, float) and math.isinf(value):
+        return "Infinity" if value > 0 else "-Infinity"
+    return value
 
 
 _RENDERERS: dict[str, Callable[[Table], str]] = {
-    "terminal": _terminal,
-    "latex": _latex,
     "csv": _csv,
     "markdown": _markdown,
     "html": _html,
     "json": _json,
 }
 
-FORMATS = tuple(_RENDERERS)
+FORMATS = ("terminal", "latex", *_RENDERERS)
 """The formats that tables can be rendered in."""

@@ -1,0 +1,96 @@
+"""Wide tables in pieces: the leading columns are repeated, groups of columns stay whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import groupby
+
+from airzoo_bench.tables.model import Row, Table
+
+__all__ = ["by_count", "by_width", "leading_columns", "units"]
+
+
+def leading_columns(table: Table) -> int:
+    """Count the columns before the first score: names and counts, which every piece repeats."""
+    for index, column in enumerate(table.columns):
+        if column.higher_is_better is not None:
+            return index
+    return len(table.columns)
+
+
+def units(table: Table) -> list[list[int]]:
+    """Return the columns that stay together: neighbours of one group, else each by itself."""
+    rest = range(leading_columns(table), len(table.columns))
+    return [
+        unit
+        for group, indices in groupby(rest, key=lambda index: table.columns[index].group)
+        for unit in ([list(indices)] if group else [[index] for index in indices])
+    ]
+
+
+def by_count(table: Table) -> list[Table]:
+    """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole."""
+    found = units(table)
+    if not any(column.group for column in table.columns):
+        return [table]
+    step = table.groups_per_block
+    return _pieces(table, [found[at : at + step] for at in range(0, len(found), step)])
+
+
+def by_width(table: Table, measure: Callable[[list[int]], int], room: int, gap: int) -> list[Table]:
+    """Split a table into pieces that fit a width, wherever a single score does.
+
+    A group that is too wide by itself is broken between its columns.
+
+    Parameters
+    ----------
+    table : Table
+    measure : callable
+        From columns that stand together to their width.
+    room : int
+        For a piece, with its leading columns.
+    gap : int
+        Between columns or units.
+    """
+    taken = sum(measure([index]) + gap for index in range(leading_columns(table)))
+    # A very long name shall not put every score into a block of its own.
+    left = max(room - taken, room // 2)
+    pieces: list[list[list[int]]] = []
+    used = 0
+    for unit in _broken(units(table), measure, left):
+        width = measure(unit)
+        used += gap + width
+        if not pieces or used > left:
+            pieces.append([])
+            used = width
+        pieces[-1].append(unit)
+    return _pieces(table, pieces)
+
+
+def _broken(
+    found: list[list[int]], measure: Callable[[list[int]], int], left: int
+) -> list[list[int]]:
+    return [part for unit in found for part in _halved(unit, measure, left)]
+
+
+def _halved(unit: list[int], measure: Callable[[list[int]], int], left: int) -> list[list[int]]:
+    if len(unit) == 1 or measure(unit) <= left:
+        return [unit]
+    middle = (len(unit) + 1) // 2
+    return [*_halved(unit[:middle], measure, left), *_halved(unit[middle:], measure, left)]
+
+
+def _pieces(table: Table, pieces: list[list[list[int]]]) -> list[Table]:
+    leading = list(range(leading_columns(table)))
+    if len(pieces) < 2:
+        return [table]
+    return [_columns(table, [*leading, *(i for unit in piece for i in unit)]) for piece in pieces]
+
+
+def _columns(table: Table, indices: list[int]) -> Table:
+    def picked(row: Row) -> Row:
+        return replace(row, cells=tuple(row.cells[i] for i in indices))
+
+    columns = tuple(table.columns[i] for i in indices)
+    return replace(table, columns=columns, rows=tuple(map(picked, table.rows)))

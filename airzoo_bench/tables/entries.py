@@ -1,0 +1,233 @@
+"""What stands in tables of methods: numbers as they are shown, whether scored here or reported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from airzoo_bench.errors import ResultError
+from airzoo_bench.result import Result, ScoreColumn
+from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percent
+
+if TYPE_CHECKING:
+    from airzoo_bench.published import PublishedTable
+
+__all__ = [
+    "OVERALL",
+    "Board",
+    "Entry",
+    "as_shown",
+    "board_of",
+    "check_comparable",
+    "identity",
+    "score_cell",
+    "score_column",
+    "with_published",
+]
+
+OVERALL = ""
+"""The key of the average over scenes, which no scene has."""
+
+_UNITS = {"share": "%", "m": "m", "deg": "deg"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A method's numbers: percent, metres, degrees.
+
+    Attributes
+    ----------
+    method : str
+    values : mapping of str to mapping of str to float
+        By scene, with `OVERALL` for the average, then by score.
+    uncertainties : mapping of str to mapping of str to Between or PlusMinus
+        In the same order, where there are any.
+    reported : str
+        Where the numbers were printed; empty for those that were scored here.
+    """
+
+    method: str
+    values: Mapping[str, Mapping[str, float]]
+    uncertainties: Mapping[str, Mapping[str, Uncertainty]] = field(default_factory=dict)
+    reported: str = ""
+
+    def cell(self, scene: str, score: ScoreColumn) -> Cell:
+        """Return the cell of one score in one scene; without a number where there is none."""
+        return Cell(
+            self.values.get(scene, {}).get(score.key),
+            uncertainty=self.uncertainties.get(scene, {}).get(score.key),
+        )
+
+
+@dataclass(frozen=True)
+class Board:
+    """Entries that may stand in one table: of one protocol and truth, or reported for them.
+
+    Attributes
+    ----------
+    title : str
+    benchmark, track : str
+    scores : tuple of ScoreColumn
+    scenes : mapping of str to str
+        Titles by id.
+    queries : mapping of str to int
+        How many each scene has, where that is known.
+    entries : tuple of Entry
+    notes : tuple of str
+    """
+
+    title: str
+    benchmark: str
+    track: str
+    scores: tuple[ScoreColumn, ...]
+    scenes: Mapping[str, str]
+    queries: Mapping[str, int]
+    entries: tuple[Entry, ...]
+    notes: tuple[str, ...] = ()
+
+
+def board_of(results: Sequence[Result], *, every_score: bool = False) -> Board:
+    """Put results of one protocol and one truth on one board.
+
+    Parameters
+    ----------
+    results : sequence of Result
+    every_score : bool
+        Take all scores instead of the headline ones.
+
+    Raises
+    ------
+    ResultError
+        The results are not of one protocol and one truth.
+    """
+    check_comparable(results)
+    first = results[0]
+    # One that a method has no score for stays empty.
+    scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
+    notes = tuple(f"{r.predictions.method}: {note}" for r in results for note in r.notes)
+    return Board(
+        f"{first.protocol.name} v{first.protocol.version}",
+        first.truth.benchmark,
+        first.track,
+        tuple(scores.values()),
+        first.truth.scene_titles,
+        {scene: counts["queries"] for scene, counts in first.counts.items()},
+        tuple(_entry(result) for result in results),
+        (*notes, identity(first)),
+    )
+
+
+def _entry(result: Result) -> Entry:
+    by_key = {column.key: column for column in result.columns}
+    parts = {OVERALL: result.overall} | result.scenes
+    values = {
+        scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
+        for scene, part in parts.items()
+    }
+    return Entry(result.predictions.method, values)
+
+
+def as_shown(score: ScoreColumn, value: float) -> float:
+    """Turn a result's value into what tables show: percent for a share."""
+    return share_to_percent(value) if score.unit == "share" else value
+
+
+def score_column(score: ScoreColumn, group: str = "") -> Column:
+    """Return the head of a score's column."""
+    return Column(score.title, _UNITS[score.unit], score.higher_is_better, group=group)
+
+
+def score_cell(score: ScoreColumn, value: float | None) -> Cell:
+    """Return the cell of a result's value."""
+    return Cell(None if value is None else as_shown(score, value))
+
+
+def check_comparable(results: Sequence[Result]) -> None:
+    """Refuse results that were not made with one protocol and one truth.
+
+    Raises
+    ------
+    ResultError
+        Fingerprints differ.
+    """
+    for what in ("protocol", "truth"):
+        prints = {getattr(result, what).fingerprint for result in results}
+        if len(prints) > 1:
+            found = ", ".join(
+                f"{r.predictions.method}: {getattr(r, what).fingerprint[:12]}" for r in results
+            )
+            raise ResultError(
+                f"the results were made with different fingerprints of the {what} ({found})",
+                expected=f"one {what}: other numbers cannot stand in one table",
+                mend="score all predictions again with the same protocol and benchmark folder",
+            )
+
+
+def identity(result: Result) -> str:
+    """Return what a result's numbers depend on, in one line."""
+    return (
+        f"protocol {result.protocol.fingerprint[:12]}, truth {result.truth.fingerprint[:12]}, "
+        f"airzoo-bench {result.versions['airzoo-bench']}"
+    )
+
+
+def with_published(board: Board, tables: Sequence[PublishedTable], *, by_scene: bool) -> Board:
+    """Put the rows of published tables before a board's own.
+
+    A source may print an average twice and differently. An average alone is taken from the tables
+    of averages, if there are any, and scenes with their average from the tables by scene; a note
+    names the methods whose other average differs.
+
+    Parameters
+    ----------
+    board : Board
+    tables : sequence of PublishedTable
+        Of the board's benchmark and track; scores that the board lacks are left out.
+    by_scene : bool
+        Whether scenes are to be shown.
+    """
+    scenic = [table for table in tables if table.has_scenes]
+    plain = [table for table in tables if not table.has_scenes]
+    chosen = scenic if by_scene else plain or scenic
+    if not chosen:
+        what = "by scene " if by_scene else ""
+        note = f"nothing is published {what}on {board.benchmark} ({board.track})"
+        return replace(board, notes=(*board.notes, note))
+    entries = tuple(entry for table in chosen for entry in _reported(board, table))
+    notes = [_disagreement(board, table, other) for table in chosen for other in tables]
+    return replace(
+        board,
+        entries=(*entries, *board.entries),
+        notes=(*board.notes, *filter(None, notes)),
+    )
+
+
+def _reported(board: Board, table: PublishedTable) -> list[Entry]:
+    keys = {title: key for key, title in board.scenes.items()} | {OVERALL: OVERALL}
+    known = {score.key for score in board.scores}
+    return [
+        Entry(
+            method,
+            {
+                keys[title]: {key: value for key, value in values.items() if key in known}
+                for title, values in scenes.items()
+                if title in keys
+            },
+            reported=f"{table.source}, {table.label}",
+        )
+        for method, scenes in table.values.items()
+    ]
+
+
+def _disagreement(board: Board, table: PublishedTable, other: PublishedTable) -> str:
+    shown = [score.key for score in board.scores]
+    differ = [
+        method
+        for method, scenes in table.values.items()
+        for here, there in [(scenes.get(OVERALL, {}), other.average_of(method))]
+        if any(key in here and there.get(key, here[key]) != here[key] for key in shown)
+    ]
+    if not differ:
+        return ""
+    return f"{other.label} of the same source prints another average of {', '.join(differ)}"

@@ -1,0 +1,157 @@
+"""Layouts of tables of methods: by average, by scene, and over several benchmarks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+from airzoo_bench.errors import ResultError
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.tables.entries import OVERALL, Board, Entry, score_column
+from airzoo_bench.tables.model import Cell, Column, Row, Table
+
+__all__ = ["benchmarks_layout", "find_scene", "methods_layout", "scenes_layout"]
+
+
+def methods_layout(board: Board, scene: str | None = None) -> Table:
+    """Lay out a row a method, a column a score: of the average over scenes, or of one scene.
+
+    Parameters
+    ----------
+    board : Board
+    scene : str, optional
+        Id or title.
+
+    Raises
+    ------
+    ResultError
+        There is no such scene.
+    """
+    key = OVERALL if scene is None else find_scene(board, scene)
+    columns = (Column("Method"), *map(score_column, board.scores))
+    cells = [[entry.cell(key, score) for score in board.scores] for entry in board.entries]
+    title = f"{board.title}, {scene or 'average over scenes'}"
+    return Table(title, columns, _rows(board.entries, cells), board.notes)
+
+
+def scenes_layout(
+    board: Board, *, average: bool = True, queries: bool = False, per_block: int = 2
+) -> Table:
+    """Lay out scenes side by side, the scores under each, and the average over scenes last.
+
+    Parameters
+    ----------
+    board : Board
+    average : bool
+    queries : bool
+        Write the number of queries behind a scene's title.
+    per_block : int
+        How many scenes stand side by side where a format breaks the table.
+    """
+    heads = {key: _head(board, key, queries) for key in board.scenes}
+    heads |= {OVERALL: "Average"} if average else {}
+    columns = [score_column(score, head) for head in heads.values() for score in board.scores]
+    cells = [
+        [entry.cell(key, score) for key in heads for score in board.scores]
+        for entry in board.entries
+    ]
+    return Table(
+        f"{board.title}, by scene",
+        (Column("Method"), *columns),
+        _rows(board.entries, cells),
+        (_units_note(board.scores), *board.notes),
+        per_block,
+    )
+
+
+def benchmarks_layout(boards: Sequence[Board], *, per_block: int = 4) -> Table:
+    """Lay out a row a method and benchmarks side by side, the average of each over its scenes.
+
+    Parameters
+    ----------
+    boards : sequence of Board
+        Each of another protocol.
+    per_block : int
+        How many benchmarks stand side by side where a format breaks the table.
+    """
+    names = [board.benchmark for board in boards]
+    heads = [b.benchmark if names.count(b.benchmark) == 1 else b.title for b in boards]
+    numbered = [_numbered(board.entries) for board in boards]
+    keys = list(dict.fromkeys(key for found in numbered for key in found))
+    columns = [
+        score_column(score, head)
+        for board, head in zip(boards, heads, strict=True)
+        for score in board.scores
+    ]
+    rows = tuple(_across(key, boards, numbered) for key in keys)
+    scores = [score for board in boards for score in board.scores]
+    notes = dict.fromkeys(note for board in boards for note in board.notes)
+    title = "Averages over scenes: " + ", ".join(board.title for board in boards)
+    columns = [Column("Method"), *columns]
+    return Table(title, tuple(columns), rows, (_units_note(scores), *notes), per_block)
+
+
+def find_scene(board: Board, scene: str) -> str:
+    """Return the id of a scene that is named by id or title.
+
+    Raises
+    ------
+    ResultError
+        There is no such scene.
+    """
+    by_title = {title: key for key, title in board.scenes.items()}
+    key = by_title.get(scene, scene)
+    if key not in board.scenes:
+        raise ResultError(
+            f"there is no scene {scene!r} in the results",
+            expected="one of " + ", ".join(board.scenes),
+        )
+    return key
+
+
+def _rows(entries: Sequence[Entry], cells: Sequence[list[Cell]]) -> tuple[Row, ...]:
+    return tuple(
+        Row((Cell(entry.method), *own), reported=entry.reported)
+        for entry, own in zip(entries, cells, strict=True)
+    )
+
+
+def _head(board: Board, key: str, queries: bool) -> str:
+    number = board.queries.get(key)
+    counted = queries and number is not None
+    return f"{board.scenes[key]} ({number})" if counted else board.scenes[key]
+
+
+def _units_note(scores: Sequence[ScoreColumn]) -> str:
+    by_unit: dict[str, dict[str, None]] = {}
+    for score in scores:
+        by_unit.setdefault(score_column(score).unit, {})[score.title] = None
+    return "; ".join(f"{', '.join(titles)} in {unit}" for unit, titles in by_unit.items())
+
+
+_Key = tuple[str, bool, int]
+
+
+def _numbered(entries: Sequence[Entry]) -> dict[_Key, Entry]:
+    """Return entries by what makes them one row across benchmarks: two of one name stay two."""
+    seen: Counter[tuple[str, bool]] = Counter()
+    found = {}
+    for entry in entries:
+        name = (entry.method, bool(entry.reported))
+        found[(*name, seen[name])] = entry
+        seen[name] += 1
+    return found
+
+
+def _across(key: _Key, boards: Sequence[Board], numbered: Sequence[dict[_Key, Entry]]) -> Row:
+    empty = Entry(key[0], {})
+    cells = [
+        found.get(key, empty).cell(OVERALL, score)
+        for board, found in zip(boards, numbered, strict=True)
+        for score in board.scores
+    ]
+    sources = dict.fromkeys(found[key].reported for found in numbered if key in found)
+    return replace(
+        Row((Cell(key[0]), *cells)), reported="; ".join(source for source in sources if source)
+    )

@@ -1,0 +1,180 @@
+"""Marks on a table of methods: gains over a baseline, coloured rows, citations."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from airzoo_bench.errors import UsageError
+from airzoo_bench.tables.model import Cell, Row, Table
+from airzoo_bench.validation import nearest
+
+__all__ = ["add_gains", "cite", "highlight", "parse_baselines", "row_named"]
+
+_KEYS = re.compile(r"[A-Za-z0-9][A-Za-z0-9:._/+-]*(,[A-Za-z0-9][A-Za-z0-9:._/+-]*)*")
+
+
+def highlight(table: Table, methods: Sequence[str]) -> Table:
+    """Set rows on a coloured ground.
+
+    Raises
+    ------
+    UsageError
+        No row, or more than one, has that name.
+    """
+    chosen = {row_named(table, name, "--highlight") for name in methods}
+    rows = (replace(row, highlighted=i in chosen) for i, row in enumerate(table.rows))
+    return replace(table, rows=tuple(rows))
+
+
+def parse_baselines(table: Table, given: Sequence[str]) -> dict[int, int]:
+    """Find whose gain over whom is asked for.
+
+    Parameters
+    ----------
+    table : Table
+    given : sequence of str
+        ``BASELINE``: every highlighted row has a gain over it, or every other row that was scored
+        here where none is highlighted. ``METHOD=BASELINE``: that method has.
+
+    Returns
+    -------
+    dict of int to int
+        Rows of baselines by rows of methods.
+
+    Raises
+    ------
+    UsageError
+        No row, or more than one, has that name; or a method has two baselines.
+    """
+    found: dict[int, int] = {}
+    for text in given:
+        for row, baseline in _pairs(table, text):
+            if found.setdefault(row, baseline) != baseline:
+                name = table.rows[row].cells[0].value
+                raise UsageError(f"{name} has two baselines", where=f"--baseline {text[:80]}")
+    return found
+
+
+def _pairs(table: Table, text: str) -> list[tuple[int, int]]:
+    names = {str(row.cells[0].value) for row in table.rows}
+    # A name may itself hold the sign.
+    splits = [(text[:i], text[i + 1 :]) for i, c in enumerate(text) if c == "="]
+    fitting = [pair for pair in splits if names.issuperset(pair)]
+    if text not in names and fitting:
+        method, baseline = (row_named(table, name, "--baseline") for name in fitting[0])
+        return [(method, baseline)]
+    baseline = row_named(table, text, "--baseline")
+    chosen = [i for i, row in enumerate(table.rows) if row.highlighted]
+    own = [i for i, row in enumerate(table.rows) if not row.reported]
+    return [(row, baseline) for row in chosen or own or range(len(table.rows)) if row != baseline]
+
+
+def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
+    """Write the gains of rows over their baselines beside the values.
+
+    A gain is the difference of the values as they are printed, so that a reader who subtracts
+    finds it; there is none where a value is missing or infinite. It is signed as it is: a smaller
+    error is a negative gain.
+
+    Parameters
+    ----------
+    table : Table
+    baselines : mapping of int to int
+        From `parse_baselines`.
+    """
+    rows = list(table.rows)
+    for number, baseline in baselines.items():
+        pairs = zip(table.rows[number].cells, table.rows[baseline].cells, strict=True)
+        gains = [
+            _gain(*pair, column.decimals) if column.higher_is_better is not None else None
+            for pair, column in zip(pairs, table.columns, strict=True)
+        ]
+        cells = zip(rows[number].cells, gains, strict=True)
+        rows[number] = replace(
+            rows[number], cells=tuple(replace(cell, gain=gain) for cell, gain in cells)
+        )
+    notes = dict.fromkeys(_gain_note(table.rows[row]) for row in baselines.values())
+    return replace(table, rows=tuple(rows), notes=(*table.notes, *notes))
+
+
+def _gain(cell: Cell, baseline: Cell, decimals: int) -> float | None:
+    if not (_is_finite(cell) and _is_finite(baseline)):
+        return None
+    difference = float(cell.text(decimals)) - float(baseline.text(decimals))
+    return round(difference, decimals) + 0.0
+
+
+def _is_finite(cell: Cell) -> bool:
+    return isinstance(cell.value, float) and math.isfinite(cell.value)
+
+
+def _gain_note(baseline: Row) -> str:
+    reported = ", whose numbers are reported, not re-scored" if baseline.reported else ""
+    return f"in brackets: difference from {baseline.cells[0].value}{reported}"
+
+
+def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = False) -> Table:
+    """Attach citations to the rows of methods; LaTeX prints them.
+
+    Parameters
+    ----------
+    table : Table
+    keys : mapping of str to str
+        Keys of a bibliography, by method; several are separated by commas.
+    names_must_exist : bool
+        Whether a name that no row has is a mistake.
+
+    Raises
+    ------
+    UsageError
+        A key is none that LaTeX takes as it is, or nothing has the name.
+    """
+    names = [str(row.cells[0].value) for row in table.rows]
+    for name, key in keys.items():
+        if not _KEYS.fullmatch(key):
+            raise UsageError(
+                f"{key[:80]!r} is no citation key",
+                where=f"--cite, {name[:80]}",
+                expected="letters, digits and any of : . _ / + -",
+            )
+        if names_must_exist and name not in names:
+            raise _unknown(name, names, "--cite")
+    rows = (
+        replace(row, cells=(replace(row.cells[0], cite=keys.get(name, "")), *row.cells[1:]))
+        for row, name in zip(table.rows, names, strict=True)
+    )
+    return replace(table, rows=tuple(rows))
+
+
+def row_named(table: Table, name: str, option: str) -> int:
+    """Return the row of a method; one that was scored here goes before a reported one.
+
+    Raises
+    ------
+    UsageError
+        No row, or more than one, has that name.
+    """
+    names = [str(row.cells[0].value) for row in table.rows]
+    found = [i for i, own in enumerate(names) if own == name]
+    own = [i for i in found if not table.rows[i].reported] or found
+    if not own:
+        raise _unknown(name, names, option)
+    if len(own) > 1:
+        raise UsageError(
+            f"{len(own)} rows are called {name[:80]!r}",
+            where=option,
+            expected="a name that one row has",
+            mend="give results different names with `airzoo-bench eval ... --method NAME`",
+        )
+    return own[0]
+
+
+def _unknown(name: str, names: list[str], option: str) -> UsageError:
+    return UsageError(
+        f"no row is called {name[:80]!r}{nearest(name[:80], names)}",
+        where=option,
+        expected="one of " + ", ".join(names[:20]),
+    )

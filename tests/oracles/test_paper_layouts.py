@@ -1,0 +1,235 @@
+"""The paper's own tables, rebuilt from its numbers, typeset by a real LaTeX and read back.
+
+What the printed tables say of themselves (which cell is bold, which gain stands behind a value) is
+worked out again from the values; the cells where the paper prints something else are listed.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.protocol import (
+    MatchingProtocol,
+    RetrievalProtocol,
+    load_protocol,
+    shipped_protocols,
+)
+from airzoo_bench.published import PublishedTable, published_sources, read_source, read_source_file
+from airzoo_bench.result import ScoreColumn, score_columns
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.scores import Score
+from airzoo_bench.tables.blocks import by_count
+from airzoo_bench.tables.entries import Board, with_published
+from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
+from airzoo_bench.tables.marks import add_gains, cite, highlight, parse_baselines
+from airzoo_bench.tables.model import Cell, Table, mark_best
+from tests.support import PAPER
+from tests.tables.typeset import MINUS, bold_words, typeset
+
+SOURCE = published_sources()["airzoo-paper"]
+DATA = SOURCE.with_suffix(".csv")
+NUMBER = re.compile(r"[0-9]+\.[0-9]+")
+
+# What the paper calls a score, by the score's key.
+PAPER_NAMES = {
+    key: name for names in read_source_file(SOURCE).scores.values() for name, key in names.items()
+}
+
+
+@dataclass(frozen=True)
+class Printed:
+    """How the paper lays one of its tables out."""
+
+    layout: str
+    baselines: tuple[str, ...]
+    highlighted: tuple[str, ...]
+    average: bool = True
+
+
+RETRIEVAL = ("MegaLoc (Ours)=MegaLoc",), ("MegaLoc (Ours)",)
+MATCHING = ("RoMA",), ("RoMA (GIM)", "RoMA (Ours)")
+PRINTED = {
+    "tab:uav-visloc": Printed("methods", *RETRIEVAL),
+    "tab:ourflight-retrieval": Printed("methods", *RETRIEVAL),
+    "tab:6dof_recall": Printed("methods", *MATCHING),
+    "tab:translation_accuracy": Printed("methods", *MATCHING),
+    "tab:uav_visloc_scenes": Printed("scenes", *RETRIEVAL),
+    "tab:uav_real_scenes": Printed("scenes", *RETRIEVAL),
+    "tab:matching_results": Printed("scenes", *MATCHING, average=False),
+    "tab:uav-recon": Printed(
+        "benchmarks",
+        ("VGGT (Ours)=VGGT", "DA3-Large (Ours)=DA3-Large"),
+        ("DA3-Large (Ours)",),
+    ),
+}
+
+# Printed gains that are not the difference of the printed values, with that difference.
+OTHER_GAINS = {
+    ("tab:ourflight-retrieval", "MegaLoc (Ours)", "Average", "R@1"): ("+12.21", "+12.20"),
+    ("tab:ourflight-retrieval", "MegaLoc (Ours)", "Average", "R@5"): ("+28.38", "+28.37"),
+    ("tab:uav_visloc_scenes", "MegaLoc (Ours)", "Average", "R@5"): ("+6.96", "+6.97"),
+    ("tab:uav_real_scenes", "MegaLoc (Ours)", "Average", "R@5"): ("+28.38", "+28.37"),
+    ("tab:uav-recon", "VGGT (Ours)", "urbanscene3d", "F1"): ("+8.23", "+9.23"),
+    ("tab:uav-recon", "DA3-Large (Ours)", "uavscenes", "F1"): ("+2.93", "+4.04"),
+}
+
+# Printed in bold without being the best: what is best is the row below.
+BOLD_BESIDE_THE_BEST = {
+    ("tab:6dof_recall", "RoMA (GIM)", "Average", "recall@(5m,1deg)"),
+    ("tab:6dof_recall", "RoMA (GIM)", "Average", "recall@(10m,1deg)"),
+    ("tab:6dof_recall", "RoMA (GIM)", "Average", "recall@(20m,2deg)"),
+    ("tab:translation_accuracy", "RoMA (GIM)", "Average", "median_translation_error"),
+    ("tab:translation_accuracy", "RoMA (GIM)", "Average", "recall@5m"),
+    ("tab:translation_accuracy", "RoMA (GIM)", "Average", "recall@10m"),
+}
+
+
+@cache
+def rows() -> list[dict[str, str]]:
+    with DATA.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def of_paper(label: str) -> dict[tuple[str, str, str], dict[str, str]]:
+    """Return the printed cells by method, place and score; a place is a scene or a benchmark."""
+    benchmarks = read_source_file(SOURCE).benchmarks
+    by_benchmark = PRINTED[label].layout == "benchmarks"
+    places = {"overall": "Average"}
+    return {
+        (
+            row["method"],
+            benchmarks[row["benchmark"]]
+            if by_benchmark
+            else places.get(row["scene"], row["scene"]),
+            row["metric"],
+        ): row
+        for row in rows()
+        if row["table"] == label
+    }
+
+
+def scores_of(track: str) -> tuple[ScoreColumn, ...]:
+    """Return the scores of a track; those of the paper's reconstruction are F1 alone."""
+    shipped = shipped_protocols()
+    if track == "retrieval":
+        retrieval = load_protocol(shipped["uav-visloc-retrieval"])
+        assert isinstance(retrieval, RetrievalProtocol)
+        return score_columns(retrieval_scores(retrieval.scores))
+    if track == "matching":
+        matching = load_protocol(shipped["aerialextrematch-matching"])
+        assert isinstance(matching, MatchingProtocol)
+        return score_columns(matching_scores(matching.scores))
+    return score_columns([Score("f1_10m", "F1", "share", True, "mean", True)])
+
+
+def board_of(table: PublishedTable) -> Board:
+    """Return the board of a printed table, its rows as if they were of the paper's authors."""
+    first = next(iter(table.values.values()))
+    printed = {key for scores in first.values() for key in scores}
+    scores = tuple(score for score in scores_of(table.track) if score.key in printed)
+    scenes = {scene: scene for scene in first if scene}
+    empty = Board(table.label, table.benchmark, table.track, scores, scenes, {}, ())
+    board = with_published(empty, [table], by_scene=table.has_scenes)
+    assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.entries)
+    return replace(board, entries=tuple(replace(e, reported="") for e in board.entries))
+
+
+@cache
+def rebuilt(label: str) -> Table:
+    how = PRINTED[label]
+    boards = [board_of(table) for table in read_source(SOURCE) if table.label == label]
+    if how.layout == "benchmarks":
+        made = benchmarks_layout(boards)
+    elif how.layout == "scenes":
+        made = scenes_layout(boards[0], average=how.average)
+    else:
+        made = methods_layout(boards[0])
+    made = highlight(mark_best(made), how.highlighted)
+    made = add_gains(made, parse_baselines(made, how.baselines))
+    return cite(made, read_source_file(SOURCE).citations)
+
+
+def cells_of(table: Table) -> dict[tuple[str, str, str], Cell]:
+    tracks = ("retrieval", "matching", "reconstruction")
+    by_title = {score.title: score.key for track in tracks for score in scores_of(track)}
+    return {
+        (
+            str(row.cells[0].value),
+            column.group or "Average",
+            PAPER_NAMES[by_title[column.title]],
+        ): cell
+        for row in table.rows
+        for column, cell in zip(table.columns[1:], row.cells[1:], strict=True)
+    }
+
+
+def test_the_numbers_are_the_papers() -> None:
+    if not (PAPER / "tables.csv").is_file():
+        pytest.skip("the paper's tables.csv is not beside the checkout")
+    assert DATA.read_bytes() == (PAPER / "tables.csv").read_bytes()
+    assert {row["table"] for row in rows()} == set(PRINTED)
+
+
+@pytest.mark.parametrize("label", PRINTED)
+def test_every_cell_agrees(label: str) -> None:
+    paper, ours = of_paper(label), cells_of(rebuilt(label))
+    assert set(ours) == set(paper)
+    for place, cell in ours.items():
+        printed, name = paper[place], (label, *place)
+        assert cell.text(2) == printed["value"], name
+        gain = "" if cell.gain is None else f"{cell.gain:+.2f}"
+        assert (printed["printed_delta"], gain) == OTHER_GAINS.get(
+            name, (printed["printed_delta"], printed["printed_delta"])
+        ), name
+        assert (cell.best != (printed["bold"] == "1")) == (name in BOLD_BESIDE_THE_BEST), name
+
+
+@pytest.mark.parametrize(
+    ("label", "siunitx"),
+    [
+        *((label, False) for label in PRINTED),
+        ("tab:translation_accuracy", True),
+        ("tab:uav_visloc_scenes", True),
+        ("tab:uav_real_scenes", True),
+    ],
+)
+def test_a_real_latex_prints_every_cell(label: str, siunitx: bool, tmp_path: Path) -> None:
+    table = rebuilt(label)
+    text = typeset(latex(table, LatexStyle(siunitx=siunitx, standalone=True)), tmp_path)
+    lines = [line.split() for line in text.splitlines()]
+    for piece in by_count(table):
+        for row, texts in zip(piece.rows, piece.texts(), strict=True):
+            key = row.cells[0].cite
+            expected = " ".join([texts[0], *[f"[{key}]"] * bool(key), *texts[1:]])
+            assert expected.replace("-", MINUS).split() in [
+                " ".join(line).replace("-", MINUS).split() for line in lines
+            ], expected
+    words = [word for line in lines for word in line]
+    for group in {column.group for column in table.columns}:
+        assert set(group.split()) <= set(words)
+    best = [cell.text(2) for row in table.rows for cell in row.cells if cell.best]
+    shown = [word for word in bold_words(tmp_path) if NUMBER.fullmatch(word)]
+    assert Counter(shown) == Counter(best)
+
+
+def test_the_layout_is_the_papers() -> None:
+    source = latex(rebuilt("tab:uav_real_scenes"))
+    for line in (
+        r" & \multicolumn{4}{c}{\textbf{City}} & \multicolumn{4}{c}{\textbf{Rural}} \\",
+        r"\cmidrule(lr){2-5}\cmidrule(lr){6-9}",
+        r" & \multicolumn{8}{c}{\textbf{Average}} \\",
+        r"\cmidrule(lr){2-9}",
+        r"\rowcolor{yellow!25}",
+    ):
+        assert line in source.splitlines()
+    assert r"SALAD~\cite{izquierdo2024optimal} & \multicolumn{2}{c}{7.36} &" in source
+    assert r"\multicolumn{2}{c}{\textbf{18.66} {\color{gray}(+12.20)}}" in source

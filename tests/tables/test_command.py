@@ -1,0 +1,269 @@
+"""``airzoo-bench table`` by its options: layouts, published rows, marks, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from airzoo_bench.protocol import load_protocol, shipped_protocols
+from airzoo_bench.published import published_tables
+from airzoo_bench.result import ProtocolUsed, Result, TruthUsed, write_result
+from airzoo_bench.tables.entries import Board, with_published
+from tests.support import run_main, write_predictions
+from tests.tables.typeset import typeset
+from tests.test_result import result
+
+Show = Callable[..., list[dict[str, str]]]
+CITY, RURAL = {"recall@1": 0.5}, {"recall@1": 0.25}
+
+
+def made(
+    method: str, scenes: dict[str, dict[str, float]], *, shipped: bool = True, **parts: Any
+) -> Result:
+    """Return a result of the paper's real benchmark, by the shipped protocol or another."""
+    base = result(method)
+    protocol = load_protocol(shipped_protocols()["airzoo-real-retrieval"])
+    values = {name: base.overall | scores for name, scores in scenes.items()}
+    mean = {key: sum(v[key] for v in values.values()) / len(values) for key in base.overall}
+    titles = {scene.id: scene.title for scene in protocol.scenes}
+    content = base.model_dump(by_alias=True) | {
+        "protocol": ProtocolUsed(
+            name=protocol.name,
+            version=1,
+            fingerprint=protocol.fingerprint if shipped else "other",
+            settings={},
+        ),
+        "truth": TruthUsed(
+            benchmark="airzoo-real", version=1, fingerprint="t", scene_titles=titles
+        ),
+        "scenes": values,
+        "counts": {"City": {"queries": 161}, "Rural": {"queries": 190}},
+        "overall": mean,
+        "pooled": mean,
+    }
+    return Result.model_validate(content | parts).sealed()
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[Path]:
+    """Write two results; the second is the better in City, the first in Rural and on average."""
+    methods = {
+        "Mine": {"City": CITY, "Rural": {"recall@1": 0.5}},
+        "MegaLoc": {"City": {"recall@1": 0.6}, "Rural": RURAL},
+    }
+    for name, scenes in methods.items():
+        write_result(tmp_path / f"{name}.json", made(name, scenes))
+    return [tmp_path / f"{name}.json" for name in methods]
+
+
+@pytest.fixture
+def show(capsys: pytest.CaptureFixture[str]) -> Show:
+    """Return a function that prints a table as CSV and reads it."""
+
+    def run(*arguments: object) -> list[dict[str, str]]:
+        code = run_main("table", *arguments, "--format", "csv")
+        out, said = capsys.readouterr()
+        assert code == 0, said
+        return list(csv.DictReader(io.StringIO(out)))
+
+    return run
+
+
+def test_scenes_side_by_side(files: list[Path], show: Show) -> None:
+    rows = show(*files, "--layout", "scenes")
+    assert list(rows[0]) == ["Method", "City R@1", "Rural R@1", "Average R@1"]
+    assert list(rows[1].values()) == ["MegaLoc", "60.00", "25.00", "42.50"]
+    rows = show(*files, "--layout", "scenes", "--queries", "--no-average")
+    assert list(rows[0]) == ["Method", "City (161) R@1", "Rural (190) R@1"]
+
+
+def test_published_rows_are_marked_as_such(files: list[Path], show: Show) -> None:
+    rows = show(*files, "--published")
+    assert [row["Method"] for row in rows] == [
+        *("AnyLoc", "SALAD", "Game4Loc", "MegaLoc", "MegaLoc (Ours)"),
+        *("Mine", "MegaLoc"),
+    ]
+    assert [row["R@1"] for row in rows[3:]] == ["6.46", "18.66", "50.00", "42.50"]
+    source = "reported, not re-scored: airzoo-paper, tab:ourflight-retrieval"
+    assert [row["Marked"] for row in rows] == [source] * 5 + [""] * 2
+    scenes = show(files[0], "--layout", "scenes", "--published")
+    assert list(scenes[2].values())[:4] == ["Game4Loc", "21.12", "4.21", "12.67"]
+    assert scenes[2]["Marked"].endswith("tab:uav_real_scenes")
+    one = show(*files, "--published", "--scene", "Rural")
+    assert [row["R@1"] for row in one[2:]] == ["4.21", "4.21", "27.37", "50.00", "25.00"]
+
+
+@pytest.mark.parametrize("form", ["terminal", "latex", "markdown", "html", "json", "csv"])
+def test_every_format_says_that_numbers_are_reported(
+    form: str, files: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("table", files[0], "--published", "--format", form) == 0
+    assert "reported, not re-scored" in capsys.readouterr().out
+
+
+def bold(files: list[Path], capsys: pytest.CaptureFixture[str], *options: str) -> list[str]:
+    assert run_main("table", *files, "--format", "markdown", *options) == 0
+    lines = capsys.readouterr().out.splitlines()
+    return [line.split(" |")[0].strip("| ") for line in lines if "**" in line]
+
+
+def test_who_competes_for_the_marks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], files: list[Path]
+) -> None:
+    for name, value in (("low", 0.1), ("lower", 0.0)):
+        scenes = {"City": {"recall@1": value}, "Rural": {"recall@1": 0.1}}
+        write_result(tmp_path / f"{name}.json", made(name, scenes))
+    low = [tmp_path / "low.json", tmp_path / "lower.json"]
+    assert bold(low, capsys, "--published") == ["low"]
+    assert bold(low, capsys, "--published", "--mark-published") == ["MegaLoc (Ours) †"]
+    assert bold(files, capsys, "--published", "--mark-published") == ["Mine"]
+
+
+def test_the_sources_own_contradictions_are_told(
+    files: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Of R@1, all that these results show, both of the paper's tables print the same.
+    assert run_main("table", files[0], "--published") == 0
+    out = capsys.readouterr().out
+    assert "prints another average" not in out
+    assert "is not the shipped protocol" not in out
+    tables = published_tables("uav-visloc", "retrieval")
+    (score,) = (column for column in result().columns if column.key == "recall@1")
+    board = Board("T", "uav-visloc", "retrieval", (score,), {}, {}, ())
+    (note,) = with_published(board, tables, by_scene=False).notes
+    assert note == (
+        "tab:uav_visloc_scenes of the same source prints another average of AnyLoc, SALAD, MegaLoc"
+    )
+
+
+def test_another_protocol_and_another_benchmark(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "result.json"
+    scenes = {"City": CITY, "Rural": RURAL}
+    write_result(path, made("Mine", scenes, shipped=False))
+    assert run_main("table", path, "--published") == 0
+    assert "is not the shipped protocol: reported numbers may measure" in capsys.readouterr().out
+    write_result(path, result())
+    assert run_main("table", path, "--published") == 0
+    assert "nothing is published on b (retrieval)" in capsys.readouterr().out
+
+
+def test_gains(files: list[Path], show: Show) -> None:
+    rows = show(*files, "--baseline", "MegaLoc")
+    assert [row["R@1 gain"] for row in rows] == ["7.50", ""]
+    rows = show(*files, "--published", "--baseline", "SALAD", "--highlight", "Mine")
+    assert [row["R@1 gain"] for row in rows] == [""] * 5 + ["42.64", ""]
+    # Of two rows of one name, the one that was scored here.
+    rows = show(*files, "--published", "--baseline", "MegaLoc (Ours)=MegaLoc")
+    assert [row["R@1 gain"] for row in rows][4] == "-23.84"
+
+
+def test_benchmarks_side_by_side(files: list[Path], tmp_path: Path, show: Show) -> None:
+    write_result(tmp_path / "other.json", result("Mine"))
+    rows = show(*files, tmp_path / "other.json", "--layout", "benchmarks")
+    assert [list(row.values()) for row in rows] == [
+        ["Mine", "50.00", "30.00"],
+        ["MegaLoc", "42.50", "–"],
+    ]
+    assert list(rows[0]) == ["Method", "airzoo-real R@1", "b R@1"]
+
+
+def test_scores_by_name(files: list[Path], show: Show) -> None:
+    assert list(show(*files, "--score", "Distance")[0]) == ["Method", "Distance"]
+    rows = show(*files, "--score", "Distance", "--score", "recall@1")
+    assert list(rows[0].values()) == ["Mine", "inf", "50.00"]
+
+
+def test_a_document_with_everything(
+    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--layout", "scenes", "--published", "--second", "--baseline", "MegaLoc"]
+    options += ["--highlight", "Mine", "--cite", "airzoo-paper", "--cite", "Mine=me:2026,you"]
+    options += ["--siunitx", "--standalone", "--format", "latex"]
+    assert run_main("table", *files, *options) == 0
+    text = typeset(capsys.readouterr().out, tmp_path)
+    rows = [line.split() for line in text.splitlines()]
+    # The second best is underlined, and the best of those that were scored here is bold.
+    assert ["Mine", "[me:2026,you]", "50.00", "(−10.00)", "50.00", "(+25.00)"] in rows
+    assert any(row[:2] == ["SALAD", "[izquierdo2024optimal]†"] for row in rows), text
+    assert "reported, not re-scored" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "fragments"),
+    [
+        (["--layout", "result"], ["layout result shows one result", "2 results"]),
+        (["--layout", "scenes", "--scene", "City"], ["--scene does not go with layout scenes"]),
+        (["--queries"], ["--queries does not go with layout methods"]),
+        (["--mark-published"], ["it needs --published"]),
+        (["--siunitx"], ["for LaTeX", "--format latex"]),
+        (["--baseline", "Megaloc"], ["no row is called 'Megaloc' (did you mean 'MegaLoc'?)"]),
+        (["--baseline", "Mine=Megaloc"], ["no row is called 'Mine=Megaloc'"]),
+        (
+            ["--baseline", "MegaLoc=Mine", "--baseline", "MegaLoc=MegaLoc"],
+            ["--baseline MegaLoc=MegaLoc: MegaLoc has two baselines"],
+        ),
+        (["--highlight", "x"], ["--highlight: no row is called 'x'", "Mine, MegaLoc"]),
+        (["--cite", "x"], ["--cite 'x' is no citation", "METHOD=KEY", "airzoo-paper"]),
+        (["--cite", "Mine=a}b"], ["'a}b' is no citation key"]),
+        (["--cite", "Nobody=a"], ["--cite: no row is called 'Nobody'"]),
+        (["--cite", "none.toml"], ["none.toml: no such file of citations"]),
+        (["--score", "R@2"], ["no score 'R@2' (did you mean 'R@1'", "one of R@1, Distance"]),
+        (["--scene", "Sea"], ["no scene 'Sea'", "one of City, Rural"]),
+        (["--intervals"], ["records"]),
+    ],
+)  # fmt: skip
+def test_what_is_refused(
+    options: list[str],
+    fragments: list[str],
+    files: list[Path],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run_main("table", *files, *options) == 2
+    out, message = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in message
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_two_rows_of_one_name(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("table", files[0], files[0]) == 0
+    assert run_main("table", files[0], files[0], "--highlight", "Mine") == 2
+    assert "2 rows are called 'Mine'" in capsys.readouterr().err
+
+
+def test_a_file_of_citations(
+    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "keys.toml"
+    for head in ("", "title = 1\n[citations]\n"):
+        path.write_text(f'{head}"Mine" = "me2026"\n"Nobody" = "x"\n', encoding="utf-8")
+        assert run_main("table", *files, "--cite", path, "--format", "latex") == 0
+        assert r"Mine~\cite{me2026} & " in capsys.readouterr().out
+    path.write_text('"Mine" = 3\n', encoding="utf-8")
+    assert run_main("table", *files, "--cite", path) == 2
+    assert "something else than citation keys" in capsys.readouterr().err
+
+
+def test_intervals(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    perfect["ranked_ids"][0] = list(reversed(perfect["ranked_ids"][0]))
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    assert run_main("eval", "retrieval", path, "--out", tmp_path / "out") == 0
+    capsys.readouterr()
+    options = ["--intervals", "--layout", "scenes", "--format", "json"]
+    assert run_main("table", tmp_path / "out" / "result.json", *options) == 0
+    shown = json.loads(capsys.readouterr().out)
+    place = [column.get("group") for column in shown["columns"]].index("Scene east")
+    low, high = (shown["uncertainties"][0][place][key] for key in ("low", "high"))
+    assert 0 < low < shown["rows"][0][place] < high == 100
+    assert "95 % intervals" in shown["notes"][1]

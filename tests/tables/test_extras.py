@@ -1,0 +1,317 @@
+"""What cells and rows may have beside their values, in every format; wide tables; a real LaTeX."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.errors import ResultError
+from airzoo_bench.published import published_tables, read_source
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.tables.entries import Board, with_published
+from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.layouts import methods_layout, scenes_layout
+from airzoo_bench.tables.marks import add_gains, cite, highlight, parse_baselines
+from airzoo_bench.tables.model import Between, Cell, Column, PlusMinus, Row, Table, mark_best
+from airzoo_bench.tables.render import FORMATS, render
+from tests.tables.typeset import bold_words, typeset
+
+UP, DOWN = Column("R@1", "%", True), Column("Error", "m", False)
+
+
+def table(*rows: tuple[str, float | None, float | None]) -> Table:
+    made = tuple(Row(tuple(Cell(value) for value in row)) for row in rows)
+    return Table("T", (Column("Method"), UP, DOWN), made)
+
+
+def grouped(groups: int, methods: tuple[str, ...] = ("a", "b")) -> Table:
+    """Return a table whose every value says where it stands: row, group, score."""
+    columns = [
+        replace(score, group=f"Scene {group}") for group in range(groups) for score in (UP, DOWN)
+    ]
+    rows = tuple(
+        Row((Cell(name), *(Cell(100.0 * (r + 1) + c) for c in range(2 * groups))))
+        for r, name in enumerate(methods)
+    )
+    return Table("T", (Column("Method"), *columns), rows)
+
+
+class TestMarks:
+    def test_the_second_best_is_the_next_other_text(self) -> None:
+        made = mark_best(
+            table(("a", 9.001, 1.0), ("b", 9.004, 2.0), ("c", 8.0, math.inf), ("d", 8.0, 3.0)),
+            second=True,
+        )
+        assert [row.cells[1].best for row in made.rows] == [True, True, False, False]
+        assert [row.cells[1].second for row in made.rows] == [False, False, True, True]
+        assert [row.cells[2].second for row in made.rows] == [False, True, False, False]
+
+    def test_gains_are_those_of_the_printed_digits(self) -> None:
+        made = add_gains(table(("a", 1.006, 5.0), ("b", 3.014, 2.0)), {1: 0})
+        assert [made.rows[1].cells[i].gain for i in (1, 2)] == [2.0, -3.0]
+        assert made.rows[0].cells[1].gain is None
+        assert made.notes == ("in brackets: difference from a",)
+
+    def test_no_gain_without_two_numbers(self) -> None:
+        made = add_gains(table(("a", None, math.inf), ("b", 1.0, 2.0)), {1: 0, 0: 1})
+        assert [cell.gain for row in made.rows for cell in row.cells] == [None] * 6
+
+    def test_no_gain_is_a_plus(self) -> None:
+        made = add_gains(table(("a", 1.001, 1.0), ("b", 0.999, 1.0)), {1: 0})
+        assert made.texts()[1] == ["b", "1.00 (+0.00)", "1.00 (+0.00)"]
+
+    @pytest.mark.parametrize(
+        ("given", "expected"),
+        [
+            (["a"], {1: 0, 2: 0}),
+            (["b=a"], {1: 0}),
+            (["x=y=a"], {2: 0}),
+            (["b=x=y"], {1: 2}),
+            (["x=y"], {0: 2, 1: 2}),
+        ],
+    )
+    def test_names_may_hold_the_sign(self, given: list[str], expected: dict[int, int]) -> None:
+        made = table(("a", 1.0, 1.0), ("b", 1.0, 1.0), ("x=y", 1.0, 1.0))
+        assert parse_baselines(made, given) == expected
+
+    def test_highlighted_rows_have_the_gains(self) -> None:
+        made = table(("a", 1.0, 1.0), ("b", 1.0, 1.0), ("c", 1.0, 1.0))
+        assert parse_baselines(highlight(made, ["c"]), ["a"]) == {2: 0}
+
+
+def with_everything() -> Table:
+    made = table(("mine", 50.0, 3.0), ("yours", 40.0, -4.0), ("theirs", 30.0, 5.0))
+    spans = [Between(45.5, 54.5), PlusMinus(1.25), Between(-9.0, math.inf)]
+    rows = [
+        replace(row, cells=(row.cells[0], replace(row.cells[1], uncertainty=span), row.cells[2]))
+        for row, span in zip(made.rows, spans, strict=True)
+    ]
+    rows[2] = replace(rows[2], reported="a paper")
+    made = mark_best(replace(made, rows=tuple(rows)), second=True)
+    return cite(add_gains(highlight(made, ["mine"]), {0: 1}), {"mine": "me2026"})
+
+
+def test_everything_in_text() -> None:
+    assert with_everything().texts() == [
+        ["mine", "50.00 [45.50, 54.50] (+10.00)", "3.00 (+7.00)"],
+        ["yours", "40.00 ± 1.25", "-4.00"],
+        ["theirs †", "30.00 [-9.00, inf]", "5.00"],
+    ]
+    for form in ("terminal", "markdown"):
+        text = render(with_everything(), form)
+        assert "† reported, not re-scored: a paper" in text
+    assert "| mine | **50.00** " in render(with_everything(), "markdown")
+    assert "| yours | <u>40.00</u>  ± 1.25 |" in render(with_everything(), "markdown").replace(
+        "</u> ±", "</u>  ±"
+    )
+
+
+def test_everything_in_csv() -> None:
+    rows = list(csv.DictReader(io.StringIO(render(with_everything(), "csv"))))
+    assert rows[0] == {
+        "Method": "mine",
+        "R@1": "50.00",
+        "R@1 from": "45.50",
+        "R@1 to": "54.50",
+        "R@1 ±": "",
+        "R@1 gain": "10.00",
+        "Error": "3.00",
+        "Error gain": "7.00",
+        "Marked": "",
+    }
+    assert [rows[1][key] for key in ("R@1 from", "R@1 ±", "Error")] == ["", "1.25", "-4.00"]
+    assert [rows[2][key] for key in ("R@1 from", "R@1 to")] == ["-9.00", "inf"]
+    assert rows[2]["Marked"] == "reported, not re-scored: a paper"
+
+
+def test_everything_in_json() -> None:
+    shown = json.loads(render(with_everything(), "json"))
+    assert shown["gains"] == [[None, 10.0, 7.0], [None] * 3, [None] * 3]
+    assert shown["uncertainties"][0] == [None, {"low": 45.5, "high": 54.5}, None]
+    assert shown["uncertainties"][1][1] == {"half": 1.25}
+    assert shown["uncertainties"][2][1] == {"low": -9.0, "high": "Infinity"}
+    assert shown["reported"] == [None, None, "reported, not re-scored: a paper"]
+    assert set(json.loads(render(grouped(2), "json"))) == {"title", "columns", "rows", "notes"}
+    assert json.loads(render(grouped(2), "json"))["columns"][3]["group"] == "Scene 1"
+
+
+def test_everything_in_html() -> None:
+    text = render(with_everything(), "html")
+    assert '<tr class="highlighted"><td>mine</td><td><strong>50.00</strong> <small>' in text
+    assert '<tr class="reported"><td>theirs <small>†</small></td>' in text
+    assert render(grouped(2), "html").count('<th colspan="2" scope="colgroup">') == 2
+
+
+def test_a_real_latex_prints_everything(tmp_path: Path) -> None:
+    made = with_everything()
+    for siunitx in (False, True):
+        text = typeset(latex(made, LatexStyle(siunitx=siunitx, standalone=True)), tmp_path)
+        lines = [" ".join(line.split()) for line in text.splitlines()]
+        assert "mine [me2026] 50.00 [45.50, 54.50] (+10.00) 3.00 (+7.00)" in lines
+        assert "yours 40.00 ± 1.25 \u22124.00" in lines
+        assert any("30.00 [\u22129.00, inf] 5.00" in line for line in lines)
+        assert "† reported, not re-scored" in text
+        bold = [word.strip("\u2212") for word in bold_words(tmp_path)]
+        assert [word for word in bold if word[:1].isdigit()] == ["50.00", "4.00"]
+
+
+HOSTILE = (
+    r"\input{x} & 100% $a_b^c$ #1 ~ {y} <z> |w|",
+    r'"quoted" `x` --dashes-- ,,',
+    "[1] Ours",
+    "*starred",
+    r"\\[9cm]",
+    r"\end{tabular}",
+    "Čeština é ß",
+    "名前 \U0001f6a9",
+    "°±×µ†–…",
+)
+
+
+def test_a_real_latex_prints_any_name(tmp_path: Path) -> None:
+    made = table(*((name, 10.0 + i, 1.0) for i, name in enumerate(HOSTILE)))
+    made = replace(made, columns=(Column(r"M_1 & \x"), *made.columns[1:]), title="% \\x")
+    for siunitx in (False, True):
+        text = typeset(latex(made, LatexStyle(siunitx=siunitx, standalone=True)), tmp_path)
+        words = [line.split() for line in text.splitlines() if line.strip()]
+        lines = {line[-2]: " ".join(line[:-2]) for line in words if len(line) > 2}
+        shown = [lines[f"{10 + i}.00"] for i in range(len(HOSTILE))]
+        # The font draws an underscore as a rule, and has accents for ^ and ~.
+        seen = shown[0].replace("\u02c6", "^").replace("\u02dc", "~")
+        assert seen.replace(" ", "") == HOSTILE[0].replace(" ", "").replace("_", "")
+        assert "--dashes--" in shown[1]
+        assert shown[2:6] == list(HOSTILE[2:6])
+        assert shown[7].replace(" ", "") == "[U+540D][U+524D][U+1F6A9]"
+
+
+def test_blocks_of_latex() -> None:
+    lines = latex(grouped(3)).splitlines()
+    assert lines.count(r"\midrule") == 3
+    assert r" & \multicolumn{4}{c}{\textbf{Scene 2}} \\" in lines
+    assert r"b & \multicolumn{2}{c}{204.00} & \multicolumn{2}{c}{205.00} \\" in lines
+    # Two of three do not stretch to the width of three.
+    lines = latex(replace(grouped(5), groups_per_block=3)).splitlines()
+    assert r"b & 206.00 & 207.00 & 208.00 & 209.00 &  & \\" in lines
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 120, 500])
+def test_a_terminal_shows_every_number_once_and_within_its_width(width: int) -> None:
+    made = grouped(9, ("a method", "another"))
+    text = render(made, "terminal", width=width)
+    assert max(map(len, text.splitlines())) <= width
+    words = text.split()
+    for row in made.texts():
+        assert all(words.count(value) == 1 for value in row[1:])
+    blocks = text.count("Method")
+    assert blocks == {40: 9, 60: 5, 80: 3, 120: 2, 500: 1}[width]
+    assert words.count("Scene") == 9
+
+
+def test_a_group_that_is_too_wide_is_broken_between_its_columns() -> None:
+    columns = [Column(f"Score{i}", "", True, group="One") for i in range(4)]
+    made = Table(
+        "T", (Column("M"), *columns), (Row((Cell("a"), *map(Cell, (1.0, 2.0, 3.0, 4.0)))),)
+    )
+    text = render(made, "terminal", width=30)
+    assert [line.split() for line in text.splitlines() if "Score" in line] == [
+        ["M", "Score0", "↑", "Score1", "↑"],
+        ["M", "Score2", "↑", "Score3", "↑"],
+    ]
+    assert text.split().count("One") == 2
+
+
+def test_a_terminal_is_styled_on_demand_only() -> None:
+    made = mark_best(table(("a", 9.0, 1.0), ("b", 8.0, 2.0)))
+    assert "\x1b" not in render(made, "terminal")
+    assert "\x1b[1m9.00\x1b[0m" in render(made, "terminal", styled=True)
+
+
+def test_a_table_without_scores_is_never_split() -> None:
+    made = Table("T", tuple(Column("x" * 30) for _ in range(5)), (Row((Cell("y" * 30),) * 5),))
+    assert render(made, "terminal").count("y" * 30) == 5
+    assert len(render(made, "terminal").splitlines()) == 6
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_table_of_nothing(form: str) -> None:
+    assert render(replace(grouped(3), rows=()), form).endswith("\n")
+
+
+SOURCE = """
+schema = 1
+name = "s"
+title = "S"
+url = "u"
+data = "s.csv"
+[benchmarks]
+"B" = "b"
+[scores.retrieval]
+"R" = "recall@1"
+[citations]
+"""
+HEAD = "table,benchmark,track,scene,method,metric,unit,value\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("t,C,retrieval,overall,m,R,%,1\n", "line 2: the benchmark 'C' is not explained"),
+        ("t,B,matching,overall,m,R,%,1\n", "line 2: the track 'matching' is not explained"),
+        ("t,B,retrieval,overall,m,Q,%,1\n", "line 2: the metric 'Q' is not explained"),
+        ("t,B,retrieval,overall,m,R,%,x\n", "line 2: 'x' is not a number"),
+        ("t,B,retrieval,overall,m,R,%,nan\n", "line 2: 'nan' is not a number"),
+        ("t,B,retrieval,overall,m,R,%\n", "line 2: has not as many cells as columns"),
+        ("t,B,retrieval,overall,m,R,%,1,2\n", "line 2: has not as many cells as columns"),
+        (
+            "t,B,retrieval,overall,m,R,%,1\nt,B,retrieval,Average,m,R,%,1\n",
+            "line 3: m has R twice",
+        ),
+    ],
+)
+def test_a_bad_file_of_published_numbers(rows: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(SOURCE, encoding="utf-8")
+    (tmp_path / "s.csv").write_text(HEAD + rows, encoding="utf-8")
+    with pytest.raises(ResultError, match=message):
+        read_source(tmp_path / "s.toml")
+
+
+def test_a_source_without_its_numbers(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(SOURCE, encoding="utf-8")
+    with pytest.raises(ResultError, match="no such file of published numbers"):
+        read_source(tmp_path / "s.toml")
+    (tmp_path / "s.csv").write_text("table,benchmark\n", encoding="utf-8")
+    with pytest.raises(ResultError, match="lacks the columns method, metric"):
+        read_source(tmp_path / "s.toml")
+    (tmp_path / "s.toml").write_text(SOURCE.replace("url", "ulr"), encoding="utf-8")
+    with pytest.raises(ResultError, match="unknown key 'ulr'"):
+        read_source(tmp_path / "s.toml")
+
+
+def test_published_tables_by_benchmark_and_track() -> None:
+    labels = [t.label for t in published_tables("airzoo-real", "matching")]
+    assert labels == ["tab:translation_accuracy", "tab:matching_results"]
+    assert [t.has_scenes for t in published_tables("airzoo-real", "matching")] == [False, True]
+    assert published_tables("airzoo-mini", "retrieval") == []
+
+
+def test_published_scenes_are_found_by_their_titles() -> None:
+    score = ScoreColumn(
+        key="recall@1",
+        title="R@1",
+        unit="share",
+        higher_is_better=True,
+        average="mean",
+        headline=True,
+    )
+    scenes = {"02": "Scene 2", "01": "Scene 1", "x": "Scene X"}
+    board = Board("T", "uav-visloc", "retrieval", (score,), scenes, {}, ())
+    tables = published_tables("uav-visloc", "retrieval")
+    made = scenes_layout(with_published(board, tables, by_scene=True))
+    assert made.texts()[1] == ["SALAD †", "22.97", "28.27", "–", "19.50"]
+    assert methods_layout(with_published(board, tables, by_scene=False)).texts()[1][1] == "25.72"

@@ -1,0 +1,68 @@
+"""A real LaTeX for tests: from a document to what its page shows."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+MINUS = "\u2212"
+
+
+def typeset(document: str, folder: Path) -> str:
+    """Compile a document and return its text, a line of the table a line; skip without LaTeX."""
+    for program in ("pdflatex", "pdftotext", "pdftohtml"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+    (folder / "table.tex").write_text(document, encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "table.tex"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=120)
+    log = done.stdout.decode("utf-8", "replace")
+    if done.returncode and ".sty' not found" in log.replace("\n", ""):
+        pytest.skip("LaTeX lacks a package: " + log[log.index("! LaTeX Error") :][:80])
+    assert done.returncode == 0, log[-2000:]
+    for warning in ("Overfull", "Missing character"):
+        assert warning not in log, log[-2000:]
+    assert "(1 page," in log
+    return _run("pdftotext", "-layout", folder / "table.pdf", "-")
+
+
+def bold_words(folder: Path) -> list[str]:
+    """Return what stands in bold in the document that was typeset last."""
+    xml = _run("pdftohtml", "-xml", "-i", "-stdout", folder / "table.pdf")
+    page = ElementTree.fromstring(xml[xml.index("<pdf2xml") :])
+    bold = {font.get("id") for font in page.iter("fontspec") if _is_bold(font.get("family", ""))}
+    pieces = [text for text in page.iter("text") if text.get("font") in bold]
+    words: list[str] = []
+    for before, piece in itertools.pairwise([None, *pieces]):
+        assert piece is not None
+        text = "".join(piece.itertext())
+        # A number of siunitx comes in pieces: its point is of another font.
+        if before is not None and _touch(before, piece):
+            words[-1] += text
+        else:
+            words.append(text)
+    return [word for text in words for word in text.split()]
+
+
+def _is_bold(family: str) -> bool:
+    return "BX" in family or family.endswith("IB10")
+
+
+def _touch(before: ElementTree.Element, piece: ElementTree.Element) -> bool:
+    def number(element: ElementTree.Element, key: str) -> int:
+        return int(element.get(key, "0"))
+
+    end = number(before, "left") + number(before, "width")
+    return abs(number(piece, "left") - end) <= 2 and (
+        abs(number(piece, "top") - number(before, "top")) <= 2
+    )
+
+
+def _run(*command: object) -> str:
+    done = subprocess.run([str(part) for part in command], capture_output=True, check=True)
+    return done.stdout.decode()
