@@ -150,6 +150,19 @@ def render(
     put(f"{out / 'frames.csv'}\n{out / 'images'}\n{out / 'depth'}\n{out / 'colmap'}\n")
 
 
+@app.command(epilog="Example: airzoo-bench mini pictures --out pictures")
+def pictures(
+    out: Annotated[Path, typer.Option("--out", "-o", help="The folder to draw into.")],
+    seed: SeedOption = 0,
+) -> None:
+    """Draw the maps of both regions, a place in every weather and light, and the flights."""
+    from airzoo_bench.mini.pictures import draw_world
+
+    for region in RegionName:
+        for path in draw_world(_world(_folder(region, seed)), out, progress):
+            put(f"{path}\n")
+
+
 def _folder(region: RegionName, seed: int) -> Path:
     from airzoo_bench.benchmark import data_root
     from airzoo_bench.datasets.airzoo_mini import make_worlds

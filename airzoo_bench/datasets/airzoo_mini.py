@@ -49,7 +49,8 @@ __all__ = ["MiniProtocols", "PreparedMini", "make_worlds", "mini_protocols", "pr
 
 P = TypeVar("P", bound=Protocol)
 
-_CLOUD_VOXEL_M = 0.4
+# The voxels of the protocol: exact depth then gives the true points themselves.
+_CLOUD_VOXEL_M = 0.5
 _RENDERED = "frames"
 
 
@@ -208,9 +209,7 @@ def _photographed(region: Region, world: Path, seed: int, jobs: int, progress: P
     render_frames(photos.frames, load, rendered, workers=jobs, progress=progress)
     cloud = rendered / "cloud.ply"
     rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
-    seen = seen_surface(
-        photos.frames, rows, rendered, region, voxel_m=_CLOUD_VOXEL_M, progress=progress
-    )
+    seen = seen_surface(photos.frames, rows, rendered, voxel_m=_CLOUD_VOXEL_M, progress=progress)
     write_ply(cloud, seen)
     files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
     files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}

@@ -53,7 +53,7 @@ _FILES = sorted((*(f"{name}.npy" for name in _ARRAYS), *(f"{name}.tif" for name 
 # Smaller arrays are read, since to map one takes longer; and an empty one cannot be mapped.
 _MAPPED_BYTES = 1 << 20
 _STALE_S = 3600.0
-_MEND = f"choose a folder you may write to, on a disk with room, with --data or {DATA_VARIABLE}"
+_MEND = f"choose a folder you may write to, on a disk with room, set by {DATA_VARIABLE}"
 
 
 class _File(Strict):

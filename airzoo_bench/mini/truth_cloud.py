@@ -11,26 +11,22 @@ from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
 from airzoo_bench.mini.frame_files import frame_paths
 from airzoo_bench.mini.frame_list import FrameList
-from airzoo_bench.mini.world import Region
 from airzoo_bench.progress import Progress
 from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = ["depth_to_points", "seen_surface"]
 
-_FARTHEST_M = 250.0
-
 
 def seen_surface(
     frames: FrameList,
     rows: list[int],
     folder: Path,
-    region: Region,
     *,
     voxel_m: float,
     progress: Progress,
 ) -> Cloud:
-    """Return what rendered frames see of a region, one point for each voxel.
+    """Return what rendered frames see, one point for each voxel.
 
     Parameters
     ----------
@@ -39,8 +35,6 @@ def seen_surface(
         Which frames.
     folder : Path
         Where they were rendered to.
-    region : Region
-        Points beyond its borders, on land that no map shows, are left out.
     voxel_m : float
         Side of the voxels.
     progress : Progress
@@ -52,18 +46,16 @@ def seen_surface(
     """
     from PIL import Image
 
-    low = np.array((region.west, region.south))
-    grid = VoxelGrid(voxel_m, np.array((region.west, region.south, 0.0)))
+    grid = VoxelGrid(voxel_m, np.zeros(3))
     for row in progress(rows, "true cloud", len(rows)):
         photo, depth_file = frame_paths(folder, frames.names[row])
         with Image.open(depth_file) as picture:
             depth = np.asarray(picture, dtype=np.float64)
         with Image.open(photo) as picture:
             colours = np.asarray(picture)
-        seen = (depth > 0) & (depth < _FARTHEST_M)
+        seen = depth > 0
         points = depth_to_points(depth, seen, frames.camera(row), frames.poses.take(row))
-        inside = ((points[:, :2] >= low) & (points[:, :2] <= low + region.side_m)).all(axis=1)
-        grid.add(Cloud(points[inside], colours[seen][inside]))
+        grid.add(Cloud(points, colours[seen]))
     return grid.cloud()
 
 
