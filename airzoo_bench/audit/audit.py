@@ -1,0 +1,98 @@
+"""All checks of published tables in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from airzoo_bench.audit.agreement_checks import check_agreement, check_misplaced_rows
+from airzoo_bench.audit.average_checks import check_averages
+from airzoo_bench.audit.findings import Audit, Finding, Grade
+from airzoo_bench.audit.mark_checks import check_bold, check_gains
+from airzoo_bench.audit.order_checks import check_medians, check_order, check_ranges
+from airzoo_bench.audit.precision_checks import check_average_precision, define_average_precision
+from airzoo_bench.audit.published import Published
+from airzoo_bench.audit.queries import check_counts, resolve_queries
+from airzoo_bench.audit.reconstruction_checks import check_chamfer, check_f1
+from airzoo_bench.audit.scores import Family
+from airzoo_bench.errors import first_of
+
+__all__ = ["audit"]
+
+
+def audit(
+    published: Published, counts: Mapping[str, int] | None = None, variant: str | None = None
+) -> Audit:
+    """Hold published tables against arithmetic.
+
+    Parameters
+    ----------
+    published : Published
+        From `read_published`.
+    counts : mapping of str to int, optional
+        Queries by scene, or by ``benchmark/scene``; what is missing is concluded from the values
+        where they tell.
+    variant : str, optional
+        Which average precision is meant, one of `average_precision.VARIANTS`; concluded from the
+        values where not given.
+
+    Returns
+    -------
+    Audit
+
+    Raises
+    ------
+    UserError
+        The counts name no scene of the tables, or contradict each other.
+    """
+    # Numbers of queries from recalls alone tell which average precision it is, so that nothing is
+    # proved by itself; that then tells more of the numbers of queries.
+    by_recalls, _ = resolve_queries(published, counts or {}, {})
+    definitions, defined = define_average_precision(published, by_recalls, variant)
+    variants = {name: d.variant for name, d in definitions.items() if d.variant}
+    queries, conclusions = resolve_queries(published, counts or {}, variants)
+    averages, averaged = check_averages(published, queries, variants)
+    gains, over = check_gains(published)
+    chamfer, distances = check_chamfer(published)
+    off = {finding.cell.line for finding in averages}
+    findings = [
+        *check_ranges(published),
+        *check_counts(published, queries),
+        *check_order(published),
+        *check_medians(published),
+        *check_average_precision(published, queries, definitions),
+        *check_f1(published),
+        *chamfer,
+        *averages,
+        *check_agreement(published, off),
+        *check_misplaced_rows(published, off),
+        *gains,
+        *check_bold(published),
+    ]
+    return Audit(
+        published.source,
+        len(published.cells),
+        tuple(sorted(findings, key=_gravity)),
+        (*conclusions, *defined, *averaged, *over, *distances),
+        tuple(_notes(published)),
+    )
+
+
+def _gravity(finding: Finding) -> tuple[int, int]:
+    return list(Grade).index(finding.grade), finding.cell.line
+
+
+def _notes(published: Published) -> list[str]:
+    notes = []
+    if published.unused_columns:
+        notes.append("columns not used: " + ", ".join(published.unused_columns))
+    if not published.has_bold:
+        notes.append("no column 'bold': not checked whether the best is bold")
+    unknown = dict.fromkeys(
+        cell.score.name for cell in published.cells if cell.score.family is Family.OTHER
+    )
+    if unknown:
+        notes.append(
+            "scores that are not known, of which only averages, gains and agreement were checked: "
+            + first_of(unknown)
+        )
+    return notes

@@ -1,0 +1,171 @@
+"""Shares of whole numbers: which counts a printed share can be, and out of how many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.audit.rounding import Interval, Rounded, decimal_text
+
+__all__ = [
+    "Implied",
+    "chance_of_fit",
+    "count_text",
+    "counted_share",
+    "implied_total",
+    "is_cut",
+    "possible_counts",
+]
+
+# From 10^(decimals + 2) on every percentage is a count; beyond this no table's digits reach.
+_LARGEST = 100_000
+_SHOWN = 3
+# How often a printed share is no count at all. That rare, a misprint does not speak for half a
+# total only because the other counts happen to be even.
+_MISPRINT = 1e-3
+
+_Told = tuple[Fraction, int, int, int]
+
+
+def possible_counts(number: Rounded, total: int, full: int = 100) -> range:
+    """Return the counts out of a total that round to a printed share, halves either way.
+
+    Parameters
+    ----------
+    number : Rounded
+    total : int
+        At least 1.
+    full : int
+        What all of the total is printed as: 100 or 1.
+
+    Returns
+    -------
+    range
+        Empty where no count does.
+    """
+    scaled = number.interval.times(Fraction(total, full))
+    return range(max(0, math.ceil(scaled.low)), min(total, math.floor(scaled.high)) + 1)
+
+
+def counted_share(number: Rounded, total: int, full: int = 100) -> Interval:
+    """Return the interval of the true share in printed units, narrowed to counts where any fits."""
+    counts = possible_counts(number, total, full)
+    if not counts:
+        return number.interval
+    return Interval(Fraction(counts[0] * full, total), Fraction(counts[-1] * full, total))
+
+
+def count_text(number: Rounded, total: int, full: int = 100) -> str:
+    """Name the counts next to a printed share, such as ``254/264 = 96.21``."""
+    exact = number.value * total / full
+    near = sorted({min(max(count, 0), total) for count in (math.floor(exact), math.ceil(exact))})
+    return ", ".join(
+        f"{count}/{total} = {decimal_text(Fraction(count * full, total), number.decimals)}"
+        for count in near
+    )
+
+
+def is_cut(number: Rounded, total: int, full: int = 100) -> bool:
+    """Tell whether a printed share is a count whose further digits were cut off."""
+    count = math.ceil(number.value * total / full)
+    return count <= total and Fraction(count * full, total) < number.value + 2 * number.half
+
+
+def chance_of_fit(number: Rounded, total: int, full: int = 100) -> float:
+    """Return the chance that a number of so many digits, taken blindly, is a count of the total."""
+    return float(min(Fraction(1), 2 * number.half * total / full))
+
+
+@dataclass(frozen=True)
+class Implied:
+    """The total that shares imply.
+
+    Attributes
+    ----------
+    total : int
+        The likeliest.
+    fits, values : int
+        How many of the different values are counts out of it.
+    probability : float
+        Of this total against all others, and against there being none.
+    as_good : tuple of int
+        The next larger ones that as many values fit: mostly multiples.
+    """
+
+    total: int
+    fits: int
+    values: int
+    probability: float
+    as_good: tuple[int, ...]
+
+
+def implied_total(shares: Iterable[tuple[Rounded, int, int]]) -> Implied | None:
+    """Find out of how many several printed shares are counts.
+
+    Bayes' rule over all totals up to where the digits stop telling. A value that is a count of a
+    total is one of as many values as there are counts; one that is none is a misprint, which is
+    rare. Beforehand a total is the less likely the larger it is, in proportion, and that the values
+    are counts of nothing is as likely as the total 1.
+
+    Parameters
+    ----------
+    shares : iterable of (Rounded, int, int)
+        Each with what all of the total is printed as, and how many places each of the total has: 1,
+        or K for mean precision at K. None of all and all of all fit any total and tell nothing.
+
+    Returns
+    -------
+    Implied or None
+        None where no value tells anything.
+    """
+    told = sorted(
+        {(n.value, n.decimals, full, places) for n, full, places in shares if 0 < n.value < full}
+    )
+    if not told:
+        return None
+    largest = min(_LARGEST, max(full * 10**decimals for _, decimals, full, _ in told))
+    totals = np.arange(1, largest + 1, dtype=np.int64)
+    fits, merit = _weigh(told, totals)
+    best = int(np.argmax(merit))
+    as_good = totals[(totals > totals[best]) & (fits >= fits[best])][:_SHOWN]
+    rivals = float(np.exp(merit - merit[best]).sum()) + math.exp(-max(merit[best], -700.0))
+    return Implied(
+        int(totals[best]),
+        int(fits[best]),
+        len(told),
+        1 / rivals,
+        tuple(int(total) for total in as_good),
+    )
+
+
+def _weigh(
+    told: Sequence[_Told], totals: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return for each total how many values fit, and the log of how likely it is.
+
+    The latter against values that are counts of nothing.
+    """
+    fits = np.zeros(len(totals), dtype=np.int64)
+    merit = -np.log(totals)
+    for value, decimals, full, places in told:
+        fit = _fitting(value, decimals, full, totals * places)
+        chance = np.minimum(1.0, totals * (places / (full * 10.0**decimals)))
+        fits += fit
+        merit += np.where(fit, -np.log(chance), math.log(_MISPRINT))
+    return fits, merit
+
+
+def _fitting(
+    value: Fraction, decimals: int, full: int, totals: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Tell of which totals a value is a count, in whole numbers throughout."""
+    scale = 2 * full * 10**decimals
+    steps = 2 * int(value * 10**decimals)
+    # At most 2 x 10^11 x 10^5 x 10^2: no overflow.
+    lowest = -((-(steps - 1) * totals) // scale)
+    return np.asarray(lowest <= ((steps + 1) * totals) // scale)

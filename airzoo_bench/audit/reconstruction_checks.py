@@ -1,0 +1,105 @@
+"""F1 against precision and recall, Chamfer distance against accuracy and completeness."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from airzoo_bench.audit.findings import Conclusion, Finding, Grade
+from airzoo_bench.audit.published import Printed, Published
+from airzoo_bench.audit.rounding import Interval, decimal_text
+from airzoo_bench.audit.scores import Family
+
+__all__ = ["check_chamfer", "check_f1", "f1_of"]
+
+Row = dict[Family, Printed]
+_ZERO = Fraction(0)
+
+
+def f1_of(precision: Fraction, recall: Fraction) -> Fraction:
+    """Return the harmonic mean, 0 where both are 0; it grows with either."""
+    total = precision + recall
+    return 2 * precision * recall / total if total else _ZERO
+
+
+def _rows(published: Published) -> list[Row]:
+    rows = published.by(lambda cell: (cell.table, *cell.group, cell.scene, cell.method))
+    return [{cell.score.family: cell for cell in row} for row in rows.values()]
+
+
+def check_f1(published: Published) -> list[Finding]:
+    """Find F1 that the precision and recall beside it do not give.
+
+    An average over scenes has bounds only. F1 is concave in precision and recall together, so the
+    mean of F1 is at most the F1 of the means; and F1 is at least P + R - 1 in each scene.
+    """
+    findings = []
+    for row in _rows(published):
+        if not {Family.PRECISION, Family.RECALL, Family.F1} <= row.keys():
+            continue
+        cell, precision, recall = row[Family.F1], row[Family.PRECISION], row[Family.RECALL]
+        possible = _possible_f1(precision, recall, averaged=cell.is_summary)
+        if not cell.share.meets(possible):
+            why = _f1_text(cell, precision, recall, possible)
+            findings.append(Finding(Grade.IMPOSSIBLE, "F1", cell, why))
+    return findings
+
+
+def _possible_f1(precision: Printed, recall: Printed, *, averaged: bool) -> Interval:
+    low_p, high_p = (max(_ZERO, end) for end in (precision.share.low, precision.share.high))
+    low_r, high_r = (max(_ZERO, end) for end in (recall.share.low, recall.share.high))
+    low = max(_ZERO, low_p + low_r - 1) if averaged else f1_of(low_p, low_r)
+    return Interval(low, f1_of(high_p, high_r))
+
+
+def _f1_text(cell: Printed, precision: Printed, recall: Printed, possible: Interval) -> str:
+    digits = cell.number.decimals
+    p, r = precision.number.text, recall.number.text
+    if cell.is_summary:
+        low, high = (decimal_text(end * cell.full, digits) for end in (possible.low, possible.high))
+        return (
+            f"{cell.number.text}, but with mean precision {p} and mean recall {r} the mean F1 lies "
+            f"between P + R - 1 and the F1 of the means, {low} to {high}"
+        )
+    middle = f1_of(precision.number.value / precision.full, recall.number.value / recall.full)
+    exact = decimal_text(middle * cell.full, digits)
+    return f"2 x {p} x {r} / ({p} + {r}) = {exact}, printed {cell.number.text}"
+
+
+def check_chamfer(published: Published) -> tuple[list[Finding], list[Conclusion]]:
+    """Find Chamfer distances that are not the mean, or the sum, of accuracy and completeness.
+
+    The one that fits more rows is taken for what was meant; the mean where both fit alike.
+    """
+    needed = {Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS}
+    rows = [row for row in _rows(published) if needed <= row.keys()]
+    if not rows:
+        return [], []
+    fits = {parts: sum(_is_chamfer(row, parts) for row in rows) for parts in (2, 1)}
+    parts = max(fits, key=lambda key: fits[key])
+    name = {2: "mean", 1: "sum"}[parts]
+    text = (
+        f"Chamfer distance is the {name} of accuracy and completeness in {fits[parts]} of "
+        f"{len(rows)} rows"
+    )
+    wrong = [row for row in rows if not _is_chamfer(row, parts)]
+    return [_chamfer_finding(row, parts) for row in wrong], [Conclusion("Chamfer", "", text)]
+
+
+def _sum(row: Row) -> Interval:
+    return row[Family.ACCURACY].number.interval.plus(row[Family.COMPLETENESS].number.interval)
+
+
+def _is_chamfer(row: Row, parts: int) -> bool:
+    expected = _sum(row).times(Fraction(1, parts))
+    return row[Family.CHAMFER].number.interval.meets(expected)
+
+
+def _chamfer_finding(row: Row, parts: int) -> Finding:
+    cell, accuracy, completeness = (
+        row[family] for family in (Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS)
+    )
+    exact = (accuracy.number.value + completeness.number.value) / parts
+    total = f"{accuracy.number.text} + {completeness.number.text}"
+    formula = f"({total}) / 2" if parts == 2 else total
+    why = f"{formula} = {decimal_text(exact, cell.number.decimals)}, printed {cell.number.text}"
+    return Finding(Grade.INCONSISTENT, "Chamfer", cell, why)

@@ -1,0 +1,139 @@
+"""What a score's printed name says of it: its family, its thresholds, which way is better."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from fractions import Fraction
+
+__all__ = ["Family", "Score", "at_most", "read_score"]
+
+Threshold = tuple[Fraction, str]
+
+
+class Family(StrEnum):
+    """Kinds of scores that arithmetic knows something of."""
+
+    HITS = "share of queries"
+    AVERAGE_PRECISION = "average precision at K"
+    PRECISION = "precision"
+    RECALL = "recall"
+    F1 = "F1"
+    ACCURACY = "accuracy"
+    COMPLETENESS = "completeness"
+    CHAMFER = "Chamfer distance"
+    MEDIAN = "median error"
+    ERROR = "error"
+    OTHER = "other"
+
+
+_SHARES = (
+    Family.HITS,
+    Family.AVERAGE_PRECISION,
+    Family.PRECISION,
+    Family.RECALL,
+    Family.F1,
+)
+_LOWER = (Family.ACCURACY, Family.COMPLETENESS, Family.CHAMFER, Family.MEDIAN, Family.ERROR)
+
+# By the whole name, in lower case, without arrows, with one space for any run of space, - and _.
+_NAMES = (
+    (r"(m?f ?1?|f1|f ?score|f1 ?score)", Family.F1),
+    (r"(p|prec|precision)", Family.PRECISION),
+    (r"(r|rec|recall)", Family.RECALL),
+    (r"(acc|accuracy|accuracy distance)", Family.ACCURACY),
+    (r"(comp|completeness|completeness distance)", Family.COMPLETENESS),
+    (r"(cd|chamfer|chamfer distance)", Family.CHAMFER),
+    (r"(.* )?med(ian|\.)?( .*)?", Family.MEDIAN),
+    (r"(.* )?(error|distance|ate|rpe|rmse|mae|rre|rte|te|re|mte|mre)( .*)?", Family.ERROR),
+)
+_HITS = re.compile(
+    r"((?:pose |translation |rotation )?"
+    r"(?:r|rec|recall|acc|accuracy|success|sr|hit|hits|hit ?rate))? ?@ ?(.+)"
+)
+_AP = re.compile(r"(ap|p|precision) ?@ ?([0-9]{1,4})(?:/(min|trec|hits|precision))?")
+_HIGHER = re.compile(r"(map|mrr|ndcg|auc|iou|miou|psnr|ssim|sdm|pdm)\b.*")
+_PART = re.compile(r"<?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(cm|mm|km|m|deg|°|px|%)?")
+
+
+@dataclass(frozen=True)
+class Score:
+    """A score, by its printed name.
+
+    Attributes
+    ----------
+    name : str
+        As printed.
+    family : Family
+    thresholds : tuple of (Fraction, str)
+        Of a share of queries, such as 3, or 5 m and 1 deg: value and unit.
+    stem : str
+        What stands before the ``@``: only scores of one stem are ordered by their thresholds.
+    cutoff : int
+        K of average precision at K; 0 otherwise.
+    variant : str or None
+        Which average precision, where the name says so.
+    higher_is_better : bool or None
+        None where it is not known.
+    """
+
+    name: str
+    family: Family
+    thresholds: tuple[Threshold, ...] = ()
+    stem: str = ""
+    cutoff: int = 0
+    variant: str | None = None
+    higher_is_better: bool | None = None
+
+    @property
+    def is_share(self) -> bool:
+        """Whether it is a share of something, printed in percent or from 0 to 1."""
+        return self.family in _SHARES
+
+
+def read_score(name: str) -> Score:
+    """Understand a score's printed name; what is not understood is of the family `OTHER`."""
+    plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
+    return _average_precision(name, plain) or _hits(name, plain) or _named(name, plain)
+
+
+def _average_precision(name: str, plain: str) -> Score | None:
+    found = _AP.fullmatch(plain)
+    if not found or not int(found[2]):
+        return None
+    # Precision at K is mean precision by its very name.
+    variant = found[3] or (None if found[1] == "ap" else "precision")
+    family = Family.AVERAGE_PRECISION
+    return Score(name, family, cutoff=int(found[2]), variant=variant, higher_is_better=True)
+
+
+def _hits(name: str, plain: str) -> Score | None:
+    found = _HITS.fullmatch(plain)
+    if not found:
+        return None
+    parts = [_PART.fullmatch(part.strip()) for part in found[2].strip("() ").split(",")]
+    thresholds = [(Fraction(p[1]), (p[2] or "").replace("°", "deg")) for p in parts if p]
+    if len(thresholds) < len(parts):
+        return None
+    return Score(name, Family.HITS, tuple(thresholds), found[1] or "", higher_is_better=True)
+
+
+def _named(name: str, plain: str) -> Score:
+    for pattern, family in _NAMES:
+        if re.fullmatch(pattern, plain):
+            return Score(name, family, higher_is_better=family not in _LOWER)
+    return Score(name, Family.OTHER, higher_is_better=True if _HIGHER.fullmatch(plain) else None)
+
+
+def at_most(first: Score, second: Score) -> bool:
+    """Whether every hit of the first score is one of the second, by name and thresholds."""
+    comparable = (
+        first.family is second.family is Family.HITS
+        and first.stem == second.stem
+        and [unit for _, unit in first.thresholds] == [unit for _, unit in second.thresholds]
+    )
+    if not comparable or first.thresholds == second.thresholds:
+        return False
+    pairs = zip(first.thresholds, second.thresholds, strict=True)
+    return all(one[0] <= two[0] for one, two in pairs)

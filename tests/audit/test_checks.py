@@ -1,0 +1,314 @@
+"""Each check on tables made to fail it, and on ones made to pass."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airzoo_bench.audit.findings import Grade
+from airzoo_bench.audit.reconstruction_checks import f1_of
+from airzoo_bench.audit.rounding import decimal_text
+from airzoo_bench.errors import ResultError, UsageError
+from tests.audit.support import Rows, audited, only, row, rows_of, told
+
+
+class TestRange:
+    @pytest.mark.parametrize("value", ["100.01", "-0.01"])
+    def test_no_share(self, tmp_path: Path, value: str) -> None:
+        found = audited(tmp_path, row(R_1=value))
+        assert told(found, "range") == [("impossible", "range", "A", "R@1")]
+
+    def test_the_ends_are_shares(self, tmp_path: Path) -> None:
+        assert not audited(tmp_path, row(R_1="0.00", R_5="100.00")).findings
+
+    def test_no_distance_is_negative(self, tmp_path: Path) -> None:
+        made = rows_of({"A": {"East": {"Chamfer": "-0.1", "R@1": "5.0"}}})
+        assert told(audited(tmp_path, made)) == [("impossible", "range", "A", "Chamfer")]
+
+
+class TestOrder:
+    def test_recall_grows(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, row(R_1="10.0", R_3="9.9", R_5="12.0"))
+        assert told(found, "order") == [("impossible", "order", "A", "R@1")]
+        assert "R@1 = 10.0 > R@3 = 9.9" in only(found, "order").why
+
+    def test_fewer_digits_are_no_contradiction(self, tmp_path: Path) -> None:
+        assert not told(audited(tmp_path, row(R_1="10.04", R_3="10")), "order")
+        assert not told(audited(tmp_path, row(R_1="10.04", R_3="10.0")), "order")
+        assert told(audited(tmp_path, row(R_1="10.51", R_3="10")), "order")
+
+    def test_pairs_of_thresholds(self, tmp_path: Path) -> None:
+        scores = {"recall@(5m,1deg)": "50.0", "recall@(10m,1deg)": "49.0"}
+        found = audited(tmp_path, rows_of({"A": {"East": scores}}))
+        assert told(found, "order") == [("impossible", "order", "A", "recall@(5m,1deg)")]
+
+
+class TestMedian:
+    def made(self, median: str, recall: str, scene: str = "East") -> Rows:
+        scores = {"median error": median, "recall@5m": recall}
+        rows = rows_of({"A": {scene: scores}})
+        return [{**r, "unit": "m" if "median" in str(r["metric"]) else "%"} for r in rows]
+
+    @pytest.mark.parametrize(
+        ("median", "recall"), [("5.02", "50.10"), ("4.90", "49.00"), ("9.00", "99.00")]
+    )
+    def test_the_wrong_side(self, tmp_path: Path, median: str, recall: str) -> None:
+        found = audited(tmp_path, self.made(median, recall))
+        assert told(found, "median") == [("impossible", "median", "A", "median error")]
+
+    @pytest.mark.parametrize(
+        ("median", "recall"), [("5.00", "50.10"), ("5.00", "49.00"), ("4.00", "50.00")]
+    )
+    def test_what_may_be(self, tmp_path: Path, median: str, recall: str) -> None:
+        assert not told(audited(tmp_path, self.made(median, recall)), "median")
+
+    def test_an_average_of_medians_is_none(self, tmp_path: Path) -> None:
+        assert not told(audited(tmp_path, self.made("9.00", "99.00", "Average")), "median")
+
+
+class TestCounts:
+    def test_given(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, row(R_1="96.21", R_5="96.22"), East=264)
+        assert told(found, "counts") == [("impossible", "counts", "A", "R@5")]
+        assert only(found, "counts").why.startswith(
+            "96.22 % of 264 queries: 254/264 = 96.21, 255/264 = 96.59"
+        )
+
+    def test_in_the_file(self, tmp_path: Path) -> None:
+        made = [{**r, "n": 264} for r in row(R_1="96.22")]
+        assert told(audited(tmp_path, made)) == [("impossible", "counts", "A", "R@1")]
+
+    def test_two_numbers_for_one_scene(self, tmp_path: Path) -> None:
+        made = [{**r, "n": 264} for r in row(R_1="96.22")]
+        with pytest.raises(ResultError, match=r"264 \(line 2\), 265 \(--counts\)"):
+            audited(tmp_path, made, East=265)
+
+    def test_unknown_scene(self, tmp_path: Path) -> None:
+        with pytest.raises(UsageError, match="did you mean 'East'"):
+            audited(tmp_path, row(R_1="96.22"), Eas=265)
+
+    def test_an_average_over_scenes_is_no_count(self, tmp_path: Path) -> None:
+        values = {"City": {"R@1": "50.00"}, "Rural": {"R@1": "25.00"}, "Average": {"R@1": "37.50"}}
+        found = audited(tmp_path, rows_of({"A": values}), City=4, Rural=4, Average=3)
+        assert not found.findings
+
+
+class TestF1:
+    def made(self, scene: str = "East", **scores: str) -> Rows:
+        return rows_of({"A": {scene: scores}})
+
+    def test_possible(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made(Precision="80.00", Recall="60.00", F1="68.57"))
+        assert not found.findings
+
+    def test_impossible(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made(Precision="80.00", Recall="60.00", F1="70.00"))
+        assert told(found) == [("impossible", "F1", "A", "F1")]
+        assert "2 x 80.00 x 60.00 / (80.00 + 60.00) = 68.57, printed 70.00" in found.findings[0].why
+
+    @pytest.mark.parametrize(
+        ("f1", "outside"), [("68.57", False), ("45.00", False), ("68.60", True), ("39.00", True)]
+    )
+    def test_an_average_has_bounds_only(self, tmp_path: Path, f1: str, outside: bool) -> None:
+        made = self.made("Average", Precision="80.00", Recall="60.00", F1=f1)
+        assert bool(told(audited(tmp_path, made), "F1")) is outside
+
+    @given(
+        st.lists(st.tuples(st.integers(0, 100), st.integers(0, 100)), min_size=1, max_size=6),
+    )
+    def test_means_keep_the_bounds(self, scenes: list[tuple[int, int]]) -> None:
+        pairs = [(Fraction(p, 100), Fraction(r, 100)) for p, r in scenes]
+        mean_p, mean_r = (sum(values) / len(pairs) for values in zip(*pairs, strict=True))
+        mean_f1 = sum(f1_of(p, r) for p, r in pairs) / len(pairs)
+        assert mean_p + mean_r - 1 <= mean_f1 <= f1_of(mean_p, mean_r)
+
+
+class TestChamfer:
+    def made(self, *rows: tuple[str, str, str]) -> Rows:
+        names = ("Accuracy", "Completeness", "Chamfer")
+        scenes = {f"S{i}": dict(zip(names, row, strict=True)) for i, row in enumerate(rows)}
+        return rows_of({"A": scenes})
+
+    def test_mean_and_sum_are_told_apart(self, tmp_path: Path) -> None:
+        mean = audited(tmp_path, self.made(("1.0", "2.0", "1.5"), ("2.0", "2.0", "2.0")))
+        total = audited(tmp_path, self.made(("1.0", "2.0", "3.0"), ("2.0", "2.0", "4.0")))
+        assert "mean of accuracy and completeness in 2 of 2" in mean.conclusions[-1].text
+        assert "sum of accuracy and completeness in 2 of 2" in total.conclusions[-1].text
+        assert not mean.findings
+        assert not total.findings
+
+    def test_neither(self, tmp_path: Path) -> None:
+        found = audited(
+            tmp_path, self.made(("1.0", "2.0", "1.5"), ("1.0", "1.0", "1.0"), ("2.0", "4.0", "2.7"))
+        )
+        assert told(found) == [("inconsistent", "Chamfer", "A", "Chamfer")]
+        assert found.findings[0].why == "(2.0 + 4.0) / 2 = 3.0, printed 2.7"
+
+
+class TestAverage:
+    def made(self, average: str, scores: tuple[str, ...] = ("10.00", "20.00", "40.00")) -> Rows:
+        scenes = {f"S{i}": {"R@1": value} for i, value in enumerate(scores)}
+        return rows_of({"A": scenes | {"Average": {"R@1": average}}})
+
+    def test_over_scenes(self, tmp_path: Path) -> None:
+        assert not audited(tmp_path, self.made("23.33")).findings
+
+    def test_over_queries(self, tmp_path: Path) -> None:
+        # 1/10, 4/20, 28/70: 33 of 100.
+        found = audited(tmp_path, self.made("33.00"), S0=10, S1=20, S2=70)
+        assert not found.findings
+        texts = [c.text for c in found.conclusions if c.check == "average"]
+        assert "1 of 1 are means over all queries" in texts[0]
+
+    def test_neither(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made("24.00"))
+        assert told(found) == [("inconsistent", "average", "A", "R@1")]
+        assert "the mean over 3 scenes is 23.3" in found.findings[0].why
+
+    def test_of_rounded_values(self, tmp_path: Path) -> None:
+        # 34/161 and 8/190 have the mean 12.664; as printed 21.12 and 4.21 they have 12.665.
+        found = audited(tmp_path, self.made("12.67", ("21.12", "4.21")), S0=161, S1=190)
+        assert told(found) == [("rounding", "average", "A", "R@1")]
+        assert "the values as printed have the mean 12.6650" in found.findings[0].why
+        assert not audited(tmp_path, self.made("12.66", ("21.12", "4.21")), S0=161, S1=190).findings
+
+    def test_off_by_the_last_digit(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made("23.34"))
+        assert told(found, "average") == []  # the scenes' last digits leave room
+        known = audited(tmp_path, self.made("23.34"), S0=10, S1=10, S2=10)
+        assert told(known) == [("rounding", "average", "A", "R@1")]
+
+    def test_a_method_that_lacks_a_scene_is_left_alone(self, tmp_path: Path) -> None:
+        scenes = {"S0": {"R@1": "10.00"}, "S1": {"R@1": "10.00"}, "Average": {"R@1": "99.00"}}
+        other = rows_of({"B": scenes})
+        assert not audited(tmp_path, self.made("23.33") + other).findings
+
+
+class TestAgreement:
+    def made(self, *values: str) -> Rows:
+        return [{**r, "table": f"T{i}"} for i, value in enumerate(values) for r in row(R_1=value)]
+
+    @pytest.mark.parametrize(
+        ("first", "second", "grade"),
+        [("50.00", "50.01", "rounding"), ("50.00", "50.02", "inconsistent")],
+    )
+    def test_printed_twice(self, tmp_path: Path, first: str, second: str, grade: str) -> None:
+        found = audited(tmp_path, self.made(first, second))
+        assert told(found) == [(grade, "agreement", "A", "R@1")]
+        assert f"printed {first} here and {second} in T1, line 3" in found.findings[0].why
+
+    def test_the_same(self, tmp_path: Path) -> None:
+        assert not audited(tmp_path, self.made("50.00", "50.0")).findings
+
+    def test_a_row_under_another_name(self, tmp_path: Path) -> None:
+        first = rows_of(
+            {"A": {"overall": {"R@1": "10.0", "R@3": "20.0", "R@5": "30.0"}}}, table="T0"
+        )
+        other = rows_of(
+            {
+                "A": {"Average": {"R@1": "15.0", "R@3": "25.0", "R@5": "35.0"}},
+                "B": {"Average": {"R@1": "10.0", "R@3": "20.0", "R@5": "30.0"}},
+            },
+            table="T1",
+        )
+        found = audited(tmp_path, first + other)
+        assert ("inconsistent", "row", "A", "R@1") in told(found)
+        whys = [f.why for f in found.findings if f.check == "row"]
+        assert len(whys) == 1
+        assert "is that of B in T1, Average" in whys[0]
+
+
+class TestGain:
+    def made(self, gain: str, value: str = "28.64", metric: str = "R@1") -> Rows:
+        return rows_of(
+            {"C": {"East": {metric: "1.00"}}, "X": {"East": {metric: "26.91"}}}
+        ) + rows_of({"X (Ours)": {"East": {metric: value}}}, gain=gain)
+
+    @pytest.mark.parametrize(
+        ("gain", "grade"),
+        [("+1.73", None), ("1.73", None), ("+1.74", "rounding"), ("+1.75", "inconsistent")],
+    )
+    def test_gains(self, tmp_path: Path, gain: str, grade: str | None) -> None:
+        found = told(audited(tmp_path, self.made(gain)), "gain")
+        assert found == ([(grade, "gain", "X (Ours)", "R@1")] if grade else [])
+
+    def test_the_arithmetic(self, tmp_path: Path) -> None:
+        why = only(audited(tmp_path, self.made("+2.73")), "gain").why
+        assert why == "28.64 - 26.91 (X) = 1.73, printed +2.73"
+
+    def test_a_loss_is_no_gain(self, tmp_path: Path) -> None:
+        assert told(audited(tmp_path, self.made("-1.73")), "gain")
+
+    @pytest.mark.parametrize("gain", ["-1.73", "+1.73"])
+    def test_an_error_may_go_down_as_a_gain(self, tmp_path: Path, gain: str) -> None:
+        assert not told(audited(tmp_path, self.made(gain, "25.18", "median error")), "gain")
+
+    @pytest.mark.parametrize("gain", ["-1.73", "+1.73"])
+    def test_the_baseline_of_an_error_either_way(self, tmp_path: Path, gain: str) -> None:
+        made = self.made(gain, "25.18", "median error")
+        renamed = [{**r, "method": str(r["method"]).replace("X (Ours)", "Y")} for r in made]
+        found = audited(tmp_path, renamed)
+        (text,) = (c.text for c in found.conclusions if c.check == "gain")
+        assert text == "gains are over X, which explains 1 of 1"
+
+    def test_of_equal_baselines_the_first(self, tmp_path: Path) -> None:
+        same = rows_of({"A": {"East": {"R@1": "10.0"}}, "B": {"East": {"R@1": "10.0"}}})
+        found = audited(tmp_path, same + rows_of({"Y": {"East": {"R@1": "12.0"}}}, gain="+2.0"))
+        (text,) = (c.text for c in found.conclusions if c.check == "gain")
+        assert text.startswith("gains are over A,")
+
+    def test_the_baseline_is_the_one_that_explains_most(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made("+27.64"))
+        (text,) = (c.text for c in found.conclusions if c.check == "gain")
+        assert text == "gains are over C, which explains 1 of 1"
+
+
+class TestBold:
+    def made(self, *values: tuple[str, int], metric: str = "R@1") -> Rows:
+        return [
+            {**r, "bold": bold}
+            for i, (value, bold) in enumerate(values)
+            for r in rows_of({f"M{i}": {"East": {metric: value}}})
+        ]
+
+    def test_right(self, tmp_path: Path) -> None:
+        made = self.made(("10.0", 0), ("20.0", 1), ("20.0", 1))
+        assert not told(audited(tmp_path, made), "bold")
+
+    def test_not_the_best(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made(("10.0", 1), ("20.0", 1)))
+        assert told(found, "bold") == [("inconsistent", "bold", "M0", "R@1")]
+
+    def test_a_tie_half_bold(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made(("20.0", 1), ("20.0", 0)))
+        assert told(found, "bold") == [("inconsistent", "bold", "M1", "R@1")]
+
+    def test_lower_is_better(self, tmp_path: Path) -> None:
+        made = self.made(("10.0", 0), ("20.0", 1), metric="median error")
+        assert len(told(audited(tmp_path, made), "bold")) == 2
+
+    def test_a_table_without_bold(self, tmp_path: Path) -> None:
+        assert not told(audited(tmp_path, self.made(("10.0", 0), ("20.0", 0))), "bold")
+
+    def test_an_unknown_score(self, tmp_path: Path) -> None:
+        found = audited(tmp_path, self.made(("10.0", 1), ("20.0", 0), metric="beauty"))
+        assert not found.findings
+        assert any("beauty" in note for note in found.notes)
+
+
+def test_the_gravest_stands_first(tmp_path: Path) -> None:
+    made = TestGain().made("+1.74") + row(R_1="5.0", R_3="4.0")
+    assert [f.grade for f in audited(tmp_path, made).findings] == [
+        Grade.IMPOSSIBLE,
+        Grade.ROUNDING,
+    ]
+
+
+@given(st.fractions(0, 1), st.fractions(0, 1))
+def test_f1_lies_between_precision_and_recall(precision: Fraction, recall: Fraction) -> None:
+    assert min(precision, recall) <= f1_of(precision, recall) <= max(precision, recall)
+    assert decimal_text(f1_of(Fraction(4, 5), Fraction(3, 5)), 4) == "0.6857"

@@ -1,0 +1,183 @@
+"""The command: exit codes, formats, options, and the paper's own tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+from airzoo_bench.tables.render import FORMATS
+from tests.audit.support import csv_text, row, rows_of
+from tests.support import PAPER, run_main
+
+Command = Callable[..., Result]
+
+ROOT = Path(__file__).parents[2]
+
+SCENES = (817, 1071, 768, 738, 473, 338, 26, 1033, 444, 144, 590)
+COUNTS = ",".join(
+    [
+        *(f"Scene {i}={n}" for i, n in enumerate(SCENES, 1)),
+        "City=161,Rural=190,AerialExtreMatch/overall=264",
+    ]
+)
+
+
+@pytest.fixture
+def clean(tmp_path: Path) -> Path:
+    path = tmp_path / "clean.csv"
+    path.write_text(csv_text(row(R_1="96.21", R_3="96.59", R_5="100.00")))
+    return path
+
+
+@pytest.fixture
+def wrong(tmp_path: Path) -> Path:
+    path = tmp_path / "wrong.csv"
+    path.write_text(csv_text(row(R_1="96.22", R_3="95.83")))
+    return path
+
+
+@pytest.fixture
+def paper() -> Path:
+    for path in (ROOT / "protocols" / "published" / "airzoo-paper.csv", PAPER / "tables.csv"):
+        if path.is_file():
+            return path
+    pytest.skip("the paper's tables are neither in the checkout nor beside it")
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_exit_codes(command: Command, clean: Path, wrong: Path, form: str) -> None:
+    assert command("audit", clean, "--format", form).exit_code == 0
+    found = command("audit", wrong, "--counts", "East=264", "--format", form)
+    assert found.exit_code == 1
+    assert "impossible" in found.stdout
+
+
+def test_rounding_alone_is_no_fault(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    rows = rows_of({"X": {"East": {"R@1": "10.00"}}})
+    rows += rows_of({"X (Ours)": {"East": {"R@1": "12.00"}}}, gain="+2.01")
+    path.write_text(csv_text(rows))
+    run = command("audit", path)
+    assert run.exit_code == 0
+    assert "0 impossible, 0 inconsistent, 1 rounding" in run.stdout
+
+
+def test_json(command: Command, wrong: Path) -> None:
+    content = json.loads(command("audit", wrong, "-f", "json").stdout)
+    names = [column["title"] for column in content["columns"]]
+    (finding,) = (dict(zip(names, values, strict=True)) for values in content["rows"])
+    assert (finding["Grade"], finding["Score"], finding["Printed"]) == (
+        "impossible",
+        "R@1",
+        "96.22",
+    )
+
+
+@pytest.mark.parametrize("text", ["East", "East=", "=3", "East=0", "East=-4", "East=4,East=5", ""])
+def test_bad_counts(wrong: Path, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("audit", wrong, "--counts", text) == 2
+    assert "--counts" in capsys.readouterr().err
+
+
+def test_bad_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n")
+    assert run_main("audit", tmp_path / "a.csv") == 2
+    assert "no column 'method'" in capsys.readouterr().err
+    assert run_main("audit", tmp_path / "b.csv") == 2
+
+
+def test_names_cannot_steer_the_terminal(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("method,scene,metric,value\n\x1b[31mA,E,R@1,101\n")
+    run = command("audit", path)
+    assert "\x1b" not in run.stdout
+    assert "A" in run.stdout
+
+
+def findings(command: Command, *arguments: object) -> list[dict[str, str]]:
+    run = command("audit", *arguments, "--format", "csv")
+    assert run.exit_code == 1, run.output
+    return list(csv.DictReader(io.StringIO(run.stdout)))
+
+
+def test_the_papers_counts_are_concluded(command: Command, paper: Path) -> None:
+    notes = json.loads(command("audit", paper, "-f", "json").stdout)["notes"]
+    for number, n in enumerate(SCENES, 1):
+        assert any(f"Scene {number}: n = {n} fits" in note for note in notes)
+    for place, n in [("retrieval, City", 161), ("matching, City", 161), ("matching, Rural", 190)]:
+        assert any(f"AirZoo-Real, {place}: n = {n} fits" in note for note in notes)
+    assert any("AerialExtreMatch, matching, overall: n = 264 fits" in note for note in notes)
+    # An average over scenes is no share of queries.
+    assert not any(
+        "Average: n" in note or "UAV-VisLoc, retrieval, overall: n" in note for note in notes
+    )
+    # By recalls alone scene 9 might have 222 queries, so that its 5 values prove nothing.
+    told = [note for note in notes if "the definition is mean precision" in note]
+    assert ["49 of 50" in told[0], "10 of 10" in told[1], len(told)] == [True, True, 2]
+
+
+def test_the_papers_impossible_cells(command: Command, paper: Path) -> None:
+    rows = findings(command, paper, "--counts", COUNTS, "--ap", "precision")
+    cells = {
+        (r["Scene"].split(", ")[1], r["Method"], r["Score"], r["Printed"])
+        for r in rows
+        if r["Grade"] == "impossible"
+    }
+    assert cells == {
+        ("Scene 10", "SALAD", "AP@5", "14.41"),
+        ("Scene 9", "MegaLoc (Ours)", "R@1", "15.90"),
+        ("City", "ELoFTR", "recall@10m", "8.08"),
+        ("City", "RoMA (GIM)", "recall@5m", "73.30"),
+        ("City", "RoMA (GIM)", "recall@10m", "81.44"),
+        ("overall", "DUSt3R", "recall@(10m,1deg)", "3.78"),
+    }
+
+
+def test_the_papers_findings_by_check(command: Command, paper: Path) -> None:
+    rows = findings(command, paper, "--counts", COUNTS, "--ap", "precision")
+    assert Counter((r["Grade"], r["Check"]) for r in rows) == {
+        ("impossible", "counts"): 5,
+        ("impossible", "AP counts"): 1,
+        ("inconsistent", "average"): 13,
+        ("inconsistent", "row"): 1,
+        ("inconsistent", "bold"): 6,
+        ("inconsistent", "gain"): 2,
+        ("rounding", "average"): 14,
+        ("rounding", "gain"): 4,
+    }
+    # Without anything given, the numbers alone lead to the same cells.
+    alone = findings(command, paper)
+    assert {(r["Check"], r["Table"], r["Method"], r["Score"], r["Scene"]) for r in alone} == {
+        (r["Check"], r["Table"], r["Method"], r["Score"], r["Scene"]) for r in rows
+    }
+    assert not any(r["Grade"] == "impossible" for r in alone)
+
+
+def test_the_papers_wrong_gains(command: Command, paper: Path) -> None:
+    wrong = [
+        r["Why"]
+        for r in findings(command, paper)
+        if (r["Grade"], r["Check"]) == ("inconsistent", "gain")
+    ]
+    assert wrong == [
+        "52.61 - 43.38 (VGGT) = 9.23, printed +8.23",
+        "91.42 - 87.38 (DA3-Large) = 4.04, printed +2.93",
+    ]
+
+
+def test_the_page_on_the_paper_is_what_the_command_says(command: Command, paper: Path) -> None:
+    page = (ROOT / "docs" / "audit-airzoo.md").read_text(encoding="utf-8").replace("\\", "")
+    shown = page.splitlines()
+    assert f'--counts "{COUNTS}" --ap precision' in " ".join(page.split())
+    rows = findings(command, paper, "--counts", COUNTS, "--ap", "precision")
+    for finding in rows:
+        assert any(all(text in line for text in finding.values()) for line in shown), finding
+    grades = ("| impossible |", "| inconsistent |", "| rounding |")
+    assert sum(line.startswith(grades) for line in shown) == len(rows)
