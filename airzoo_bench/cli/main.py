@@ -14,15 +14,19 @@ import typer
 
 import airzoo_bench
 from airzoo_bench.cli import (
+    audit,
     baseline,
+    breakdown,
     check,
     check_geometry,
     compare,
     demo,
     evaluate,
     mini,
+    plot,
     prepare,
     protocols,
+    report,
     table,
     template,
 )
@@ -54,6 +58,10 @@ app.command("check-split")(check_geometry.check_split)
 app.command("template")(template.template)
 app.command("table")(table.table)
 app.command("compare")(compare.compare)
+app.command("audit")(audit.audit)
+app.command("breakdown")(breakdown.breakdown)
+app.command("plot")(plot.plot)
+app.command("report")(report.report)
 app.command("demo")(demo.demo)
 app.add_typer(mini.app, name="mini")
 app.command("protocols")(protocols.protocols)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,15 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.curves import Curve
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
 
+if TYPE_CHECKING:
+    from matplotlib.colors import Colormap
+
 __all__ = ["draw_curve", "draw_error_map", "error_colours"]
 
 _MAP = "viridis"  # even steps of lightness, for print and colour-blind readers
 _BEYOND = (213, 94, 0)  # vermilion: at the limit or farther
-_CELLS = 400
+_LEAST_CELLS, _MOST_CELLS = 40, 400
+_POINTS_A_CELL = 2
 
 
 def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
@@ -49,6 +54,9 @@ def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
 def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, title: str) -> None:
     """Draw the mean distance of points as seen from above, cut at a limit.
 
+    Cells are as small as the points allow; those with no point nearer than the limit have a colour
+    of their own.
+
     Parameters
     ----------
     path : Path
@@ -57,20 +65,23 @@ def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, 
         World coordinates in metres.
     distances : (N,) array
     limit : float
-        Of the colours; what is farther has the last one.
+        Of the colours.
     title : str
     """
     figure, axes = new_figure(6.4, 5.2)
     axes.set(xlabel="east [m]", ylabel="north [m]", title=title)
     if len(points):
         low = np.floor(np.percentile(points[:, :2], 0.5, axis=0))
-        high = np.ceil(np.percentile(points[:, :2], 99.5, axis=0))
+        high = np.maximum(np.ceil(np.percentile(points[:, :2], 99.5, axis=0)), low + 1.0)
         mean = _mean_by_cell(points[:, :2], np.minimum(distances, limit), low, high)
+        # A mean of limits only may be rounded to a little less.
+        mean[mean >= limit * (1 - 1e-9)] = 2 * limit
         extent = (0.0, float(high[0] - low[0]), 0.0, float(high[1] - low[1]))
         image = axes.imshow(
-            mean, origin="lower", extent=extent, cmap=_MAP, vmin=0, vmax=limit, aspect="equal"
+            mean, origin="lower", extent=extent, cmap=_colours(), vmin=0, vmax=limit, aspect="equal"
         )
-        figure.colorbar(image, ax=axes, label=f"mean distance, cut at {limit:g} [m]", shrink=0.85)
+        label = f"mean distance, each cut at {limit:g} [m]"
+        figure.colorbar(image, ax=axes, label=label, extend="max", shrink=0.85)
         axes.set_xlabel(f"east of {low[0]:.0f} [m]")
         axes.set_ylabel(f"north of {low[1]:.0f} [m]")
     save_figure(figure, path)
@@ -97,9 +108,18 @@ def error_colours(distances: Floats, limit: float) -> NDArray[np.uint8]:
     return colours
 
 
+def _colours() -> Colormap:
+    import matplotlib
+
+    red, green, blue = (band / 255 for band in _BEYOND)
+    return matplotlib.colormaps[_MAP].with_extremes(over=(red, green, blue))
+
+
 def _mean_by_cell(xy: Floats, values: Floats, low: Floats, high: Floats) -> Floats:
     """Return the mean (rows, columns) of values over a grid of square cells, NaN where none is."""
-    side = float((high - low).max()) / _CELLS or 1.0
+    longest, area = float((high - low).max()), float((high - low).prod())
+    side = np.sqrt(_POINTS_A_CELL * area / len(xy))
+    side = float(np.clip(side, longest / _MOST_CELLS, longest / _LEAST_CELLS))
     shape = np.maximum(np.ceil((high - low) / side).astype(int), 1)
     cells = np.floor((xy - low) / side).astype(np.int64)
     inside = ((cells >= 0) & (cells < shape)).all(axis=1)

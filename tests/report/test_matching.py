@@ -81,7 +81,8 @@ def test_matches_are_drawn_by_kind(tmp_path: Path) -> None:
     # The crop is drawn half as large, to the right of the photo.
     np.testing.assert_allclose(first[1], xy[0, ::-1] / 4 + (64 * 1.02, 0))
     none = np.zeros(0, np.bool_)
-    saved(draw_matches(GREY, crop, np.zeros((0, 2)), np.zeros((0, 2)), none, "t"), tmp_path / "n")
+    empty = np.zeros((0, 2))
+    saved(draw_matches(GREY, crop, empty, empty, none, "t"), tmp_path / "n.png")
 
 
 def test_failures_are_crosses_on_the_map(tmp_path: Path) -> None:

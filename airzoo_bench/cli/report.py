@@ -1,0 +1,50 @@
+"""``airzoo-bench report``: one HTML file with everything that results tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from airzoo_bench.cli.common import DataOption, JobsOption, progress, resolve_data, say
+
+__all__ = ["report"]
+
+
+def report(
+    results: Annotated[list[Path], typer.Argument(help="One or more result.json.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .html to write.")] = Path(
+        "report.html"
+    ),
+    data: DataOption = None,
+    title: Annotated[str, typer.Option(help="What the page is called.")] = "Results",
+    pictures: Annotated[
+        int, typer.Option(min=0, max=100, help="So many of the hardest queries are shown.")
+    ] = 12,
+    jobs: JobsOption = 2,
+) -> None:
+    """Write a report: tables, drill-down, pictures, maps, the hardest queries, settings.
+
+    Results of one protocol and truth stand side by side; others get parts of their own. Maps and
+    pictures are added where the benchmark folder is there.
+
+    Example: airzoo-bench report results/*/result.json -o report.html
+    """
+    from airzoo_bench.files import atomic_write
+    from airzoo_bench.report.page import make_report
+
+    made = make_report(
+        results,
+        data=resolve_data(data),
+        data_was_named=data is not None,
+        title=title,
+        pictures=pictures,
+        jobs=jobs,
+        progress=progress,
+    )
+    with atomic_write(out, "w") as stream:
+        stream.write(made.page)
+    for note in made.notes:
+        say(note)
+    say(f"wrote {out} ({out.stat().st_size / 1e6:.1f} MB)")

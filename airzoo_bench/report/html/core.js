@@ -1,0 +1,167 @@
+const page = JSON.parse(document.getElementById("page-data").textContent);
+const UNITS = { share: "%", m: "m", deg: "°" };
+const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
+const ARRAYS = { "<u1": Uint8Array, "<u2": Uint16Array, "<i2": Int16Array, "<i4": Int32Array };
+const COLLATOR = new Intl.Collator("en", { numeric: true });
+const unpacked = new Map();
+
+// Makes an element. Texts become text nodes: nothing in the data is ever read as HTML.
+function el(tag, attributes, ...children) {
+  const node = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes || {})) {
+    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
+    else if (value === true) node.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined) node.setAttribute(name, value);
+  }
+  node.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  return node;
+}
+
+function svg(tag, attributes, ...children) {
+  const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  node.append(...children);
+  return node;
+}
+
+// JSON has no infinite numbers and no NaN: they are "inf" and null.
+function number(value) {
+  if (value === null || value === undefined) return NaN;
+  return value === "inf" ? Infinity : value === "-inf" ? -Infinity : value;
+}
+
+function digits(value, count) {
+  if (Number.isNaN(value)) return "–";
+  return Number.isFinite(value) ? value.toFixed(count) : value > 0 ? "inf" : "-inf";
+}
+
+function shown(score, value) {
+  return digits(score.unit === "share" ? 100 * value : value, 2);
+}
+
+function heading(score) {
+  return `${score.title} [${UNITS[score.unit]}] ${score.higher ? "↑" : "↓"}`;
+}
+
+// What one query has: an error, where a scene has the median of errors.
+function headingOfOne(score) {
+  return `${score.ofOne} ${score.higher ? "↑" : "↓"}`;
+}
+
+// Fetches what a blob holds, once.
+function unpack(packed) {
+  if (!unpacked.has(packed.blob)) unpacked.set(packed.blob, inflate(packed));
+  return unpacked.get(packed.blob);
+}
+
+async function inflate(packed) {
+  const holder = document.getElementById(`blob-${packed.blob}`);
+  const bytes = Uint8Array.from(atob(holder.textContent), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const buffer = await new Response(stream).arrayBuffer();
+  if (packed.type === "json") return JSON.parse(new TextDecoder().decode(buffer));
+  return new ARRAYS[packed.type](buffer);
+}
+
+function option(value, text, selected) {
+  return el("option", { value: String(value), selected: Boolean(selected) }, text);
+}
+
+function choice(label, options, onchange) {
+  const select = el("select", { onchange: () => onchange(select.value) });
+  select.append(...options.map(([value, text]) => option(value, text)));
+  return { node: el("label", {}, label, select), select };
+}
+
+function tick(label, checked, onchange) {
+  const box = el("input", { type: "checkbox", checked, onchange: () => onchange(box.checked) });
+  return { node: el("label", { class: "tick" }, box, label), box };
+}
+
+function field(label, type, oninput) {
+  const input = el("input", { type, oninput: () => oninput(input.value), autocomplete: "off" });
+  return { node: el("label", {}, label, input), input };
+}
+
+// Orders values; those that are missing stand last, whichever way.
+function compare(one, other, descending) {
+  const [first, second] = [missing(one), missing(other)];
+  if (first || second) return first - second;
+  const order = typeof one === "string" ? COLLATOR.compare(one, other) : one < other ? -1 : one > other ? 1 : 0;
+  return descending ? -order : order;
+}
+
+function missing(value) {
+  return value === null || value === undefined || Number.isNaN(value);
+}
+
+// A table whose columns sort. A column has a title, value(row) to sort by, show(row), and
+// perhaps bestFirst, "descending" or "ascending"; the first one heads its rows.
+function sortableTable(caption, columns, rows) {
+  const state = { column: null, descending: false, rows };
+  const body = el("tbody", {});
+  const heads = columns.map((column, index) =>
+    el("th", { scope: "col", class: column.text ? "text" : null, "aria-sort": "none" },
+      el("button", { type: "button", title: column.title, onclick: () => sortBy(index) }, column.title)));
+  const node = el("div", { class: "scroll" },
+    el("table", {}, el("caption", {}, el("span", {}, caption)), el("thead", {}, el("tr", {}, heads)), body));
+
+  function sortBy(index) {
+    const first = columns[index].bestFirst === "descending";
+    state.descending = state.column === index ? !state.descending : first;
+    state.column = index;
+    heads.forEach((head, place) => head.setAttribute("aria-sort",
+      place !== index ? "none" : state.descending ? "descending" : "ascending"));
+    draw();
+  }
+
+  function draw() {
+    const sorted = [...state.rows];
+    if (state.column !== null) {
+      const value = columns[state.column].value;
+      sorted.sort((one, other) => compare(value(one), value(other), state.descending));
+    }
+    body.replaceChildren(...sorted.map((row) => el("tr", {}, columns.map((column, index) => cell(column, row, index)))));
+  }
+
+  function cell(column, row, index) {
+    const content = column.show(row);
+    const made = el(index === 0 ? "th" : "td",
+      { scope: index === 0 ? "row" : null, class: [column.text ? "text" : "", column.wide ? "wide" : "", column.mark ? column.mark(row) : ""].join(" ").trim() || null }, content);
+    if (column.tint) made.style.backgroundColor = column.tint(row);
+    return made;
+  }
+
+  draw();
+  return { node, update(newRows) { state.rows = newRows; draw(); } };
+}
+
+// The places of the best values that are finite, by the digits that are shown.
+function bestOf(score, values) {
+  const finite = values.filter((value) => Number.isFinite(value));
+  if (finite.length < 2) return new Set();
+  const best = shown(score, score.higher ? Math.max(...finite) : Math.min(...finite));
+  return new Set(values.flatMap((value, place) => (Number.isFinite(value) && shown(score, value) === best ? [place] : [])));
+}
+
+// A light tint, stronger where a value is better; print and black text stay readable.
+function tintOf(score, values) {
+  const finite = values.filter((value) => Number.isFinite(value));
+  const [low, high] = [Math.min(...finite), Math.max(...finite)];
+  return (value) => {
+    if (!Number.isFinite(value) || high === low) return "";
+    const level = (value - low) / (high - low);
+    return `rgba(0, 114, 178, ${(0.42 * (score.higher ? level : 1 - level)).toFixed(3)})`;
+  };
+}
+
+function panel(section, name, title, ...children) {
+  return el("section", { class: "panel", id: `${section.id}-${name}`, "aria-labelledby": `${section.id}-${name}-h` },
+    el("h3", { id: `${section.id}-${name}-h`, tabindex: "-1" }, title), ...children);
+}
+
+function goTo(section, name) {
+  const target = document.getElementById(`${section.id}-${name}-h`);
+  target.scrollIntoView();
+  target.focus({ preventScroll: true });
+}

@@ -1,0 +1,209 @@
+function methodRows(section) {
+  return section.methods.map((method, index) => ({ name: method.name, index }));
+}
+
+function methodColumn() {
+  return { title: "Method", text: true, value: (row) => row.name, show: (row) => row.name };
+}
+
+// Columns of scores for rows of methods; at(row, score index) gives the value, limits an interval.
+function scoreColumns(section, wanted, at, limits, name = heading, marked = true) {
+  return wanted.map((index) => {
+    const score = section.scores[index];
+    const best = bestOf(score, section.methods.map((_, method) => at({ index: method }, index)));
+    return {
+      title: name(score),
+      value: (row) => at(row, index),
+      show: (row) => [shown(score, at(row, index)), interval(score, limits(score, row))],
+      mark: (row) => (marked && best.has(row.index) ? "best" : ""),
+      bestFirst: score.higher ? "descending" : "ascending",
+    };
+  });
+}
+
+function interval(score, found) {
+  if (!found) return null;
+  const [low, high] = found.map((limit) => shown(score, number(limit)));
+  return el("span", { class: "interval", title: "95 % interval" }, `${low} to ${high}`);
+}
+
+function scoresAt(section, scope) {
+  if (scope === "overall" || scope === "pooled") return section.averages[scope];
+  return section.averages.perScene[scope];
+}
+
+function limitsAt(section, scope) {
+  if (scope === "overall") return section.intervals.overall;
+  if (scope === "pooled") return {};
+  return section.intervals.scenes[section.scenes[scope].id] || {};
+}
+
+function methodsTable(section, scope, every, caption) {
+  const values = scoresAt(section, scope);
+  const limits = limitsAt(section, scope);
+  const wanted = section.scores.flatMap((score, index) => (every || score.headline ? [index] : []));
+  const columns = scoreColumns(section, wanted, (row, index) => number(values[row.index][index]),
+    (score, row) => (limits[score.key] || [])[row.index]);
+  return sortableTable(caption, [methodColumn(), ...columns], methodRows(section));
+}
+
+function summaryView(section) {
+  const state = { scope: "overall", every: false, filter: "" };
+  const holder = el("div", {});
+  const single = section.scenes.length === 1;
+  const scopes = [["overall", single ? section.scenes[0].title : "Average over scenes"]];
+  if (section.byQuery && !single) scopes.push(["pooled", "All queries pooled"]);
+  if (!single) scopes.push(...section.scenes.map((scene, index) => [index, scene.title]));
+  let table = null;
+
+  function draw() {
+    const title = scopes.find(([value]) => String(value) === String(state.scope))[1];
+    table = methodsTable(section, state.scope, state.every, `${title}; ★ marks the best`);
+    holder.replaceChildren(table.node);
+    filter();
+  }
+
+  function filter() {
+    const text = state.filter.toLowerCase();
+    table.update(methodRows(section).filter((row) => row.name.toLowerCase().includes(text)));
+  }
+
+  const scope = choice("Over", scopes, (value) => { state.scope = isNaN(value) ? value : Number(value); draw(); });
+  const every = tick("All scores", false, (checked) => { state.every = checked; draw(); });
+  const name = field("Methods that contain", "search", (text) => { state.filter = text; filter(); });
+  draw();
+  return panel(section, "summary", "Summary",
+    el("div", { class: "controls" }, scope.node, name.node, every.node), holder,
+    el("p", { class: "note" }, section.intervals.note),
+    el("ul", { class: "notes" }, section.notes.map((note) => el("li", {}, note))));
+}
+
+function scoreChoice(section, scores, onchange) {
+  return choice("Score", scores.map((score) => [score.key, heading(score)]), onchange);
+}
+
+function scenesView(section, open) {
+  const holder = el("div", {});
+  const drill = el("div", {});
+
+  function draw(key) {
+    const index = section.scores.findIndex((score) => score.key === key);
+    const score = section.scores[index];
+    const value = (scene, method) => number(section.averages.perScene[scene][method][index]);
+    const all = section.scenes.flatMap((_, scene) => section.methods.map((_, method) => value(scene, method)));
+    const tint = tintOf(score, all);
+    const rows = section.scenes.map((scene, place) => ({ scene, place }));
+    const columns = [
+      { title: "Scene", text: true, value: (row) => row.scene.title,
+        show: (row) => el("button", { type: "button", class: "link", onclick: () => show(row.place) }, row.scene.title) },
+      ...(section.byQuery ? [{ title: "Queries", value: (row) => row.scene.queries, show: (row) => String(row.scene.queries), bestFirst: "descending" }] : []),
+      ...section.methods.map((method, number) => ({
+        title: method.name, value: (row) => value(row.place, number), show: (row) => shown(score, value(row.place, number)),
+        tint: (row) => tint(value(row.place, number)), bestFirst: score.higher ? "descending" : "ascending",
+        mark: (row) => (bestOf(score, section.methods.map((_, m) => value(row.place, m))).has(number) ? "best" : ""),
+      })),
+    ];
+    holder.replaceChildren(sortableTable(`${heading(score)} by scene and method; darker is better; a scene's name opens it`, columns, rows).node);
+  }
+
+  function show(place) {
+    const scene = section.scenes[place];
+    const title = el("h4", { tabindex: "-1" }, section.byQuery ? `${scene.title}: ${scene.queries} queries` : scene.title);
+    const actions = el("div", { class: "controls no-print" },
+      section.queries && el("button", { type: "button", onclick: () => open.queries(place) }, "List its queries"),
+      section.maps.some((map) => map.scene === scene.id) && el("button", { type: "button", onclick: () => open.map(place, null) }, "Show it on the map"),
+      el("button", { type: "button", onclick: () => drill.replaceChildren() }, "Close"));
+    const box = el("div", { class: "drill", id: `${section.id}-scene` }, title, actions,
+      methodsTable(section, place, false, "Scores in this scene").node, countsTable(section, scene));
+    if (section.breakdowns.length) box.append(el("h4", {}, "By condition"), conditionPicker(section, place + 1));
+    drill.replaceChildren(box);
+    title.scrollIntoView();
+    title.focus({ preventScroll: true });
+  }
+
+  const scores = section.scores.filter((score) => score.headline);
+  const score = scoreChoice(section, scores, draw);
+  draw(scores[0].key);
+  return panel(section, "scenes", "Scenes", el("div", { class: "controls" }, score.node), holder, drill);
+}
+
+function countsTable(section, scene) {
+  const names = Object.keys(section.methods[0].counts[scene.id] || {});
+  const columns = names.map((name) => ({
+    title: name.replaceAll("_", " "), bestFirst: "descending",
+    value: (row) => section.methods[row.index].counts[scene.id][name],
+    show: (row) => String(section.methods[row.index].counts[scene.id][name] ?? "–"),
+  }));
+  return el("details", {}, el("summary", {}, "Counts"),
+    sortableTable("What was counted", [methodColumn(), ...columns], methodRows(section)).node);
+}
+
+// A table and a chart of a score by a condition; scope 0 is all scenes, then scene by scene.
+function conditionPicker(section, fixed) {
+  const state = { condition: 0, score: 0, scope: fixed || 0 };
+  const holder = el("div", {});
+
+  async function draw() {
+    const found = section.breakdowns[state.condition];
+    const score = section.queryScores[state.score];
+    const values = (await unpack(found.values))[state.scope][state.score];
+    const counts = found.counts[state.scope];
+    const groups = found.labels.map((label, index) => ({ label, index })).filter((row) => counts[row.index] > 0);
+    const at = (row, method) => number(values[method][row.index]);
+    const tint = tintOf(score, groups.flatMap((row) => section.methods.map((_, method) => at(row, method))));
+    const columns = [
+      { title: found.title, text: true, value: (row) => row.index, show: (row) => row.label },
+      { title: "Queries", value: (row) => counts[row.index], show: (row) => String(counts[row.index]), bestFirst: "descending" },
+      ...section.methods.map((method, number) => ({
+        title: method.name, value: (row) => at(row, number), show: (row) => shown(score, at(row, number)),
+        tint: (row) => tint(at(row, number)), bestFirst: score.higher ? "descending" : "ascending",
+        mark: (row) => (bestOf(score, section.methods.map((_, m) => at(row, m))).has(number) ? "best" : ""),
+      })),
+    ];
+    const where = state.scope ? section.scenes[state.scope - 1].title : "all scenes";
+    const caption = `${heading(score)} by ${found.title}, ${where}: over all queries of each group`;
+    holder.replaceChildren(conditionChart(section, score, found, groups, counts, at), sortableTable(caption, columns, groups).node);
+  }
+
+  const picks = [
+    choice("Condition", section.breakdowns.map((found, index) => [index, found.title]), (value) => { state.condition = Number(value); draw(); }),
+    choice("Score", section.queryScores.map((score, index) => [index, heading(score)]), (value) => { state.score = Number(value); draw(); }),
+  ];
+  if (fixed === null && section.scenes.length > 1) {
+    const scenes = [[0, "All scenes"], ...section.scenes.map((scene, index) => [index + 1, scene.title])];
+    picks.push(choice("Scene", scenes, (value) => { state.scope = Number(value); draw(); }));
+  }
+  draw();
+  return el("div", {}, el("div", { class: "controls" }, picks.map((pick) => pick.node)), holder);
+}
+
+function conditionsView(section) {
+  return panel(section, "conditions", "Conditions", conditionPicker(section, null));
+}
+
+function figuresView(section) {
+  return panel(section, "pictures", "Pictures", el("div", { class: "figures" }, section.figures.map((figure) =>
+    el("figure", {}, el("img", { src: figure.src, alt: figure.title }), el("figcaption", {}, figure.title)))));
+}
+
+function settingsView(section) {
+  const rows = section.settings.map(([key, value]) => ({ key, value }));
+  const table = sortableTable("What can change a score", [
+    { title: "Setting", text: true, value: (row) => row.key, show: (row) => row.key },
+    { title: "Value", text: true, value: (row) => row.value, show: (row) => el("code", {}, row.value) },
+  ], rows);
+  const filter = field("Settings that contain", "search", (text) =>
+    table.update(rows.filter((row) => `${row.key} ${row.value}`.toLowerCase().includes(text.toLowerCase()))));
+  const facts = { Protocol: `${section.protocol.name} v${section.protocol.version}`, "Its fingerprint": section.protocol.fingerprint,
+    Truth: `${section.truth.name} v${section.truth.version}`, "Its fingerprint ": section.truth.fingerprint };
+  const methods = sortableTable("What was scored", [methodColumn(),
+    ...[["File", "file"], ["Holds", "kind"], ["SHA-256", "sha256"], ["Made with", "versions"]].map(([title, key]) => ({
+      title, text: true, wide: key === "sha256" || key === "versions", value: (row) => section.methods[row.index][key], show: (row) => el("code", {}, section.methods[row.index][key]) })),
+  ], methodRows(section));
+  return panel(section, "settings", "Settings and fingerprints", keyList(facts), methods.node,
+    el("details", {}, el("summary", {}, `Settings of the protocol (${rows.length})`), el("div", { class: "controls" }, filter.node), table.node));
+}
+
+function keyList(facts) {
+  return el("dl", { class: "keys" }, Object.entries(facts).flatMap(([key, value]) => [el("dt", {}, key.trim()), el("dd", {}, el("code", {}, String(value)))]));
+}

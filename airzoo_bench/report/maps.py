@@ -1,0 +1,121 @@
+"""Maps of a report: the picture of a map, and what is drawn over it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.errors import RasterError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.rasters import gsd_m, read_rgb
+from airzoo_bench.report.packing import Blobs, data_uri
+from airzoo_bench.report.places import Place
+from airzoo_bench.report.sections import Section
+
+__all__ = ["jpeg", "maps"]
+
+_LONG_SIDE_PX = 1600
+_TOTAL_BYTES = 4 << 20
+_MOST_BYTES = 900 << 10
+_QUALITY = 72
+_STEPS_PER_PIXEL = 4  # outlines are kept to a quarter of a pixel of the picture
+_NOWHERE = -32768
+
+
+def jpeg(pixels: NDArray[np.uint8], quality: int = _QUALITY) -> bytes:
+    """Write a picture (height, width, 3) as JPEG."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "JPEG", quality=quality, optimize=True)
+    return stream.getvalue()
+
+
+def maps(
+    section: Section, places: Sequence[Place], blobs: Blobs, notes: list[str]
+) -> list[dict[str, Any]]:
+    """Pack the maps of a section's scenes.
+
+    The pictures take no more than 4 MB together.
+
+    Parameters
+    ----------
+    section : Section
+    places : sequence of Place
+    blobs : Blobs
+        Takes outlines and tiles.
+    notes : list of str
+        Takes why a map was left out: colours that are not 8 bit, a damaged file.
+    """
+    share = min(_MOST_BYTES, _TOTAL_BYTES // max(len(places), 1))
+    found = []
+    for place in places:
+        try:
+            found.append(_map(section, place, share, blobs))
+        except RasterError as error:
+            notes.append(f"no map of scene {place.scene}: {error}")
+    return found
+
+
+def _map(section: Section, place: Place, most_bytes: int, blobs: Blobs) -> dict[str, Any]:
+    content, width, height = _picture(place, most_bytes)
+    scale = width / place.dom.width
+    records = section.methods[0].records
+    rows = np.flatnonzero((records["scene"] == place.scene).to_numpy(bool))
+    known = {query: row for row, query in enumerate(place.queries)}
+    order = np.array([known[query] for query in records["query"].iloc[rows]], np.intp)
+    packed = {
+        "scene": place.scene,
+        "picture": data_uri(content, "image/jpeg"),
+        "width": width,
+        "height": height,
+        "metresPerPixel": gsd_m(place.dom)[0] / scale,
+        "rows": blobs.array(rows),
+        "outlines": blobs.array(_steps(place.outlines[order] * scale)),
+        "centres": blobs.array(_steps(place.centres[order] * scale)),
+        "stepsPerPixel": _STEPS_PER_PIXEL,
+        "nowhere": _NOWHERE,
+    }
+    return packed | _tiles(section, place, rows, scale, blobs)
+
+
+def _picture(place: Place, most_bytes: int) -> tuple[bytes, int, int]:
+    """Return the map as JPEG of at most so many bytes, its width and height."""
+    side = min(_LONG_SIDE_PX, max(place.dom.width, place.dom.height))
+    pixels = read_rgb(place.dom.path, long_side_px=side)
+    content = jpeg(pixels)
+    while len(content) > most_bytes and side > 64:
+        side = int(side * min(0.9, (most_bytes / len(content)) ** 0.5))
+        pixels = read_rgb(place.dom.path, long_side_px=side)
+        content = jpeg(pixels)
+    return content, pixels.shape[1], pixels.shape[0]
+
+
+def _steps(pixels: Floats) -> NDArray[np.int64]:
+    limit = -_NOWHERE - 1
+    steps = np.clip(np.round(pixels * _STEPS_PER_PIXEL), -limit, limit)
+    return np.where(np.isfinite(pixels), steps, _NOWHERE).astype(np.int64)
+
+
+def _tiles(
+    section: Section, place: Place, rows: NDArray[np.intp], scale: float, blobs: Blobs
+) -> dict[str, Any]:
+    """Pack the tiles that some method has ranked first, and which method on which query."""
+    lists = [method.records.get("first_tile") for method in section.methods]
+    if place.tiles is None or any(column is None for column in lists):
+        return {}
+    import pandas as pd
+
+    index = pd.Index(place.tiles["id"])
+    first = np.array([index.get_indexer(c.iloc[rows]) for c in lists if c is not None])
+    shown = np.unique(first[first >= 0])
+    codes = np.where(first >= 0, np.searchsorted(shown, first), len(shown))
+    return {
+        "tiles": blobs.json(place.tiles["id"].to_numpy()[shown].tolist()),
+        "tileOutlines": blobs.array(_steps(place.tile_outlines[shown] * scale)),
+        "first": blobs.array(codes),
+    }

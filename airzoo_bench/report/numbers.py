@@ -1,0 +1,182 @@
+"""The numbers of a report's section: averages, intervals, breakdowns, values of queries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.breakdown import condition_title, group_averages, group_records
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.report.packing import Blobs
+from airzoo_bench.report.sections import Section
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.statistics.comparison import make_sample
+from airzoo_bench.statistics.intervals import Interval, bootstrap
+from airzoo_bench.statistics.samples import Plan
+
+__all__ = ["Intervals", "averages", "breakdowns", "intervals", "queries"]
+
+Limits = list[list[float] | None]
+
+_MOST_RESAMPLES = 10_000
+_FEWEST_RESAMPLES = 1_000
+_WORK = 2.5e9  # resampled values: about five seconds
+
+
+class Intervals:
+    """Intervals of a section.
+
+    Attributes
+    ----------
+    overall : dict of str to list
+        By score, the limits of each method's average over scenes, None where there are none.
+    scenes : dict of str to dict
+        The same of each scene.
+    note : str
+        How they were made, or why there are none.
+    """
+
+    def __init__(
+        self, overall: dict[str, Limits], scenes: dict[str, dict[str, Limits]], note: str
+    ) -> None:
+        self.overall = overall
+        self.scenes = scenes
+        self.note = note
+
+
+def averages(section: Section) -> dict[str, Any]:
+    """Return every score by method: over scenes, over all queries, and of each scene."""
+    keys = [score.key for score in section.scores]
+    results = [method.result for method in section.methods]
+    return {
+        "overall": [[result.overall[key] for key in keys] for result in results],
+        "pooled": [[result.pooled[key] for key in keys] for result in results],
+        "perScene": [
+            [[result.scenes[scene][key] for key in keys] for result in results]
+            for scene in section.first.scenes
+        ],
+    }
+
+
+def intervals(section: Section) -> Intervals:
+    """Take 95 % intervals as `compare` does, of as many scores and resamples as seconds allow.
+
+    With very many values there are fewer resamples, and then intervals of the first score only.
+    """
+    scores, resamples = _affordable(section)
+    if not scores:
+        return Intervals({}, {}, "no intervals: there are too many queries and methods")
+    plan = Plan(resamples)
+    sample = make_sample(section.methods, scores)
+    found = bootstrap(sample, plan)
+    scenes = found.groups if sample.unit == "query" else {}
+    every = [interval for part in [found.overall, *scenes.values()] for interval in part]
+    reasons = sorted({interval.reason for interval in every if interval.reason})
+    names = ", ".join(score.title for score in scores)
+    note = (
+        f"95 % intervals ({plan.interval}) of {names}: {resamples:,} resamples of "
+        f"{'queries within scenes' if sample.unit == 'query' else 'scenes'}, seed {plan.seed}"
+    )
+    if len(scores) < len(section.headline):
+        note += "; of the other scores they would take too long"
+    return Intervals(
+        _by_score(section, scores, found.overall),
+        {scene: _by_score(section, scores, part) for scene, part in scenes.items()},
+        "; none where ".join([note, " / ".join(reasons)]) if reasons else note,
+    )
+
+
+def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:
+    values = len(section.methods) * len(section.methods[0].records)
+    for scores in (section.headline, section.headline[:1]):
+        resamples = min(_MOST_RESAMPLES, int(_WORK / (values * len(scores))))
+        if resamples >= _FEWEST_RESAMPLES:
+            return scores, resamples
+    return [], 0
+
+
+def _by_score(
+    section: Section, scores: Sequence[ScoreColumn], found: Sequence[Interval]
+) -> dict[str, Limits]:
+    """Split what stands score by score, and in each method by method."""
+    limits = [None if i.low is None or i.high is None else [i.low, i.high] for i in found]
+    count = len(section.methods)
+    return {
+        score.key: limits[start : start + count]
+        for score, start in zip(scores, range(0, len(limits), count), strict=True)
+    }
+
+
+def breakdowns(section: Section, blobs: Blobs) -> list[dict[str, Any]]:
+    """Return every score of queries by every condition, in all scenes and in each."""
+    if not section.by_query:
+        return []
+    scores = section.query_scores
+    values = _values(section, scores)
+    medians = np.repeat([score.average == "median" for score in scores], len(section.methods))
+    scenes = section.methods[0].records["scene"].to_numpy(str)
+    parts = [np.ones(len(scenes), bool), *(scenes == scene for scene in section.first.scenes)]
+    return [_breakdown(section, by, values, medians, parts, blobs) for by in section.conditions]
+
+
+def _breakdown(
+    section: Section,
+    by: str,
+    values: Floats,
+    medians: NDArray[np.bool_],
+    parts: Sequence[NDArray[np.bool_]],
+    blobs: Blobs,
+) -> dict[str, Any]:
+    grouping = group_records(section.methods[0].records, by)
+    groups = len(grouping.labels)
+    found = [
+        group_averages(values[:, part], medians, grouping.codes[part], groups) for part in parts
+    ]
+    counts = [np.bincount(grouping.codes[part], minlength=groups).tolist() for part in parts]
+    shape = (len(section.query_scores), len(section.methods), groups)
+    return {
+        "by": by,
+        "title": condition_title(by),
+        "labels": list(grouping.labels),
+        "counts": counts,
+        "values": blobs.json([part.reshape(shape) for part in found]),
+    }
+
+
+def _values(section: Section, scores: Sequence[ScoreColumn]) -> Floats:
+    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in section.methods]
+    return np.array(columns).reshape(len(columns), len(section.methods[0].records))
+
+
+def queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
+    """Pack what the table of queries shows; None where records are of scenes."""
+    if not section.by_query:
+        return None
+    records = section.methods[0].records
+    place = {scene: number for number, scene in enumerate(section.first.scenes)}
+    scenes = np.array([place[scene] for scene in records["scene"]], np.int64)
+    return {
+        "count": len(records),
+        "ids": blobs.json(records["query"].tolist()),
+        "scene": blobs.array(scenes),
+        "conditions": [_condition(section, name, blobs) for name in section.conditions],
+        "scores": {
+            score.key: blobs.numbers(_values(section, [score])) for score in section.query_scores
+        },
+    }
+
+
+def _condition(section: Section, name: str, blobs: Blobs) -> dict[str, Any]:
+    column = section.methods[0].records[name]
+    numeric = column.dtype.kind in "iuf"
+    packed = (
+        blobs.numbers(column.to_numpy(np.float64))
+        if numeric
+        else blobs.texts_of(
+            "" if missing else str(v) for v, missing in zip(column, column.isna(), strict=True)
+        )
+    )
+    return {"name": name, "title": condition_title(name), "numeric": numeric, **packed}

@@ -1,0 +1,181 @@
+"""What a benchmark folder adds to a section: where queries are, and their pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from airzoo_bench.benchmark import Benchmark, find_benchmark, read_table
+from airzoo_bench.errors import BenchmarkError, UserError
+from airzoo_bench.files import fingerprint
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.grids import world_to_pixel
+from airzoo_bench.geometry.planes import change_of_plane
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.truth import read_truth as read_matching
+from airzoo_bench.report.sections import Section
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, BOX_COLUMNS, RetrievalTruth
+from airzoo_bench.retrieval.truth import read_truth as read_retrieval
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Place", "find_places"]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A scene on its map; Q queries by id, T tiles in their own order.
+
+    Attributes
+    ----------
+    scene : str
+    dom : RasterInfo
+        The map.
+    gallery : Path
+        The map that tiles are cut from.
+    photos : dict of str to Path
+        By query.
+    outlines : (Q, 4, 2) array
+        Of the footprints in pixels of the map, NaN where a query has none.
+    centres : (Q, 2) array
+        Where the query is, in pixels of the map; NaN where that is not known.
+    queries : list of Q str
+    tiles : DataFrame
+        With the windows in pixels of the gallery's map.
+    tile_outlines : (T, 4, 2) array
+    crops : dict of str to (x, y, width, height)
+        Where a query is on the map, in pixels of it; of the matching track.
+    """
+
+    scene: str
+    dom: RasterInfo
+    gallery: Path
+    photos: dict[str, Path]
+    queries: list[str]
+    outlines: Floats
+    centres: Floats
+    tiles: pd.DataFrame | None = None
+    tile_outlines: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))
+    crops: dict[str, tuple[int, ...]] = field(default_factory=dict)
+
+
+def find_places(section: Section, data: Path) -> list[Place]:
+    """Read where the queries of a section are.
+
+    Parameters
+    ----------
+    section : Section
+    data : Path
+        The benchmark folder, or the folder that holds it.
+
+    Raises
+    ------
+    BenchmarkError
+        The folder is missing or damaged, or its truth is not that of the results.
+    RasterError
+        A map cannot be read.
+    """
+    readers: dict[str, Callable[[Section, Benchmark], list[Place]]] = {
+        "retrieval": _retrieval_places,
+        "matching": _matching_places,
+    }
+    reader = readers.get(section.track)
+    if reader is None:
+        return []
+    return reader(section, find_benchmark(section.first.truth.benchmark, data))
+
+
+def _check_truth(section: Section, benchmark: Benchmark, prints: dict[str, str]) -> None:
+    if fingerprint(prints) != section.first.truth.fingerprint:
+        raise BenchmarkError(
+            "its truth is not the one that the results were made with",
+            where=benchmark.folder,
+            expected=f"fingerprint {section.first.truth.fingerprint[:12]}",
+            mend="name the right benchmark folder with --data, or score again",
+        )
+
+
+def _retrieval_places(section: Section, benchmark: Benchmark) -> list[Place]:
+    truths = [read_retrieval(benchmark.scene_folder(s), s) for s in section.first.scenes]
+    _check_truth(section, benchmark, {truth.scene: truth.fingerprint for truth in truths})
+    return [_retrieval_place(truth, benchmark) for truth in truths]
+
+
+def _retrieval_place(truth: RetrievalTruth, benchmark: Benchmark) -> Place:
+    entry = benchmark.scene(truth.scene)
+    dom = open_info(benchmark.resolve(entry.dom))
+    anchors = [name for name in ANCHOR_COLUMNS if name in truth.footprints.columns]
+    corners = (
+        truth.footprints[anchors].to_numpy(np.float64).reshape(-1, 4, 2)
+        if len(anchors) == len(ANCHOR_COLUMNS)
+        else np.full((len(truth.queries), 4, 2), np.nan)
+    )
+    boxes = truth.tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
+    return Place(
+        truth.scene,
+        dom,
+        benchmark.resolve(entry.gallery or entry.dom),
+        _photos(truth.queries, benchmark.resolve(entry.images)),
+        truth.queries["id"].tolist(),
+        _on_map(dom, corners),
+        _on_map(dom, truth.footprint_centres),
+        truth.tiles,
+        _on_map(dom, boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]),
+    )
+
+
+def _matching_places(section: Section, benchmark: Benchmark) -> list[Place]:
+    truths = [read_matching(benchmark, scene) for scene in section.first.scenes]
+    _check_truth(section, benchmark, {truth.scene: truth.fingerprint for truth in truths})
+    return [_matching_place(truth, benchmark) for truth in truths]
+
+
+def _matching_place(truth: MatchingTruth, benchmark: Benchmark) -> Place:
+    entry = benchmark.scene(truth.scene)
+    ids = truth.queries["id"].tolist()
+    flat = truth.poses.centres[:, :2]
+    centres = world_to_pixel(truth.dom.transform, change_of_plane(entry.crs, truth.dom.crs)(flat))
+    return Place(
+        truth.scene,
+        truth.dom,
+        truth.dom.path,
+        _photos(truth.queries, benchmark.resolve(entry.images)),
+        ids,
+        _footprints(truth, benchmark),
+        centres,
+        crops={name: tuple(window) for name, window in zip(ids, truth.crops.tolist(), strict=True)},
+    )
+
+
+def _footprints(truth: MatchingTruth, benchmark: Benchmark) -> Floats:
+    """Return the footprints that the retrieval track of the same folder knows, NaN elsewhere."""
+    outlines = np.full((len(truth.queries), 4, 2), np.nan)
+    path = benchmark.scene_folder(truth.scene) / "retrieval" / "footprints.csv"
+    if not path.is_file():
+        return outlines
+    try:
+        table = read_table(path, ("id", *ANCHOR_COLUMNS)).set_index("id")
+    except UserError:  # made by another rule, without anchors: there are no outlines
+        return outlines
+    corners = table.reindex(truth.queries["id"])[list(ANCHOR_COLUMNS)].to_numpy(np.float64)
+    return _on_map(truth.dom, corners.reshape(-1, 4, 2))
+
+
+def _photos(queries: pd.DataFrame, folder: Path) -> dict[str, Path]:
+    return {i: folder / str(n) for i, n in zip(queries["id"], queries["image"], strict=True)}
+
+
+def _on_map(dom: RasterInfo, lonlat: Floats) -> Floats:
+    """Take degrees (..., 2) to pixels of the map; NaN stays."""
+    flat = lonlat.reshape(-1, 2)
+    known = np.isfinite(flat).all(axis=1)
+    pixels = np.full(flat.shape, np.nan)
+    pixels[known] = world_to_pixel(dom.transform, from_lonlat(dom.crs, flat[known]))
+    return pixels.reshape(lonlat.shape)

@@ -1,0 +1,118 @@
+"""Results to make pictures and reports of: by hand, and of a benchmark with photos and a map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import typer
+from typer.testing import CliRunner, Result
+
+from airzoo_bench.cli.breakdown import breakdown
+from airzoo_bench.cli.plot import plot
+from airzoo_bench.cli.report import report
+from airzoo_bench.records import Scored
+from airzoo_bench.result import ScoreColumn
+from tests.statistics.support import ERROR, HIT, made_result, write_method
+from tests.support import make_place, run_main, write_predictions
+
+HOSTILE = (
+    '</script><script>document.title="bad"</script><img src=x onerror=alert(1)> $x$ {{data}} &'
+)
+
+F1 = [
+    ScoreColumn(
+        key=f"{what}_{limit}m",
+        title=f"{what}@{limit}m",
+        unit="share",
+        higher_is_better=True,
+        average="mean",
+        headline=what == "f1",
+    )
+    for limit in (1, 10)
+    for what in ("precision", "recall", "f1")
+]
+
+app = typer.Typer()
+app.command("report")(report)
+app.command("breakdown")(breakdown)
+app.command("plot")(plot)
+
+
+def run(*arguments: object) -> Result:
+    """Run a command; what it raises is in the result."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def retrieval_method(name: str, seed: int, queries: int = 40, **changes: Any) -> Scored:
+    """Return a method on two scenes, with ranks, tiles, errors and conditions."""
+    random = np.random.default_rng(seed)
+    scenes = np.where(np.arange(queries) % 2 == 0, "east", "west")
+    ranks = random.integers(0, 6, queries)
+    errors = random.exponential(20, queries)
+    errors[ranks == 0] = np.inf
+    records = pd.DataFrame(
+        {
+            "scene": scenes,
+            "query": [f"{scene}/q{row:05d}" for row, scene in enumerate(scenes)],
+            "first_hit_rank": ranks,
+            "first_tile": [f"{scene}/t{rank}" for scene, rank in zip(scenes, ranks, strict=True)],
+            "recall@1": (ranks == 1).astype(float),
+            "error_m": errors,
+            "altitude_m": np.linspace(20, 180, queries),
+            "weather": [("sunny", "rainy", None)[row % 3] for row in range(queries)],
+        }
+    ).sort_values("query", ignore_index=True)
+    settings = {"scores": {"ranks_kept": 5}}
+    result = made_result(records, (HIT, ERROR), name, settings=settings, **changes)
+    return Scored(name, result, records)
+
+
+def reconstruction_method(name: str, seed: int, scenes: int = 3) -> Scored:
+    """Return a method of the reconstruction track: a record a scene."""
+    random = np.random.default_rng(seed)
+    ids = [f"scene{number}" for number in range(scenes)]
+    values = {column.key: random.random(scenes) for column in F1}
+    records = pd.DataFrame({"scene": ids, "query": ids, **values})
+    result = made_result(records, F1, name, protocol="r" * 64)
+    return Scored(name, result.model_copy(update={"track": "reconstruction"}).sealed(), records)
+
+
+def write_methods(folder: Path, methods: list[Scored]) -> list[Path]:
+    """Write each result into a folder of its own."""
+    return [
+        write_method(folder / f"{method.result.track}{number}", method)
+        for number, method in enumerate(methods)
+    ]
+
+
+def write_photo_results(folder: Path, names: list[str]) -> tuple[Path, list[Path]]:
+    """Prepare a benchmark of 30 photos, and score a random prediction for each name.
+
+    Returns
+    -------
+    (Path, list of Path)
+        The data root, and the results.
+    """
+    random = np.random.default_rng(0)
+    places = {f"p{number:02d}.jpg": tuple(random.uniform(60, 196, 2)) for number in range(30)}
+    place = make_place(folder / "sources", places)
+    data = folder / "data"
+    assert run_main(*place.arguments(out=data / "park")) == 0
+    scene = data / "park" / "scenes"
+    home = next(scene.iterdir())
+    queries = pd.read_csv(home / "queries.csv")["id"].tolist()
+    tiles = pd.read_parquet(home / "retrieval" / "tiles.parquet")["id"].to_numpy()
+    results = []
+    for number, name in enumerate(names):
+        ranked = [random.permutation(tiles)[:5].tolist() for _ in queries]
+        file = write_predictions(
+            folder / f"{number}.npz", "park-retrieval", query_ids=queries, ranked_ids=ranked
+        )
+        out = folder / "results" / str(number)
+        ask = ("eval", "retrieval", file, "--data", data, "--method", name, "--out", out)
+        assert run_main(*ask) == 0
+        results.append(out / "result.json")
+    return data, results

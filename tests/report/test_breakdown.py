@@ -1,0 +1,159 @@
+"""Scores by condition: groups, averages, tables, and what bad input gets."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airzoo_bench.breakdown import (
+    condition_names,
+    condition_title,
+    even_edges,
+    group_averages,
+    group_records,
+)
+from airzoo_bench.errors import UsageError
+from tests.report.made import retrieval_method, run, write_methods
+
+RECORDS = pd.DataFrame(
+    {
+        "altitude_m": [10.0, 50.0, 99.9, 100.0, np.nan, 400.0],
+        "weather": ["sunny", "rainy", None, "sunny", "foggy", "rainy"],
+        "year": [2024, 2023, 2024, 2024, 2023, 2024],
+        "night": [True, False, True, True, False, False],
+    }
+)
+
+
+def groups(by: str, bins: list[float] | None = None) -> dict[str, list[int]]:
+    found = group_records(RECORDS, by, bins)
+    return {
+        label: np.flatnonzero(found.codes == code).tolist()
+        for code, label in enumerate(found.labels)
+    }
+
+
+def test_bins_hold_their_lower_edge() -> None:
+    assert groups("altitude_m", [50, 100]) == {
+        "below 50": [0],
+        "50 to 100": [1, 2],
+        "100 and more": [3, 5],
+        "unknown": [4],
+    }
+
+
+def test_bins_that_are_empty_are_left_out() -> None:
+    assert groups("altitude_m", [150, 200, 300]) == {
+        "below 150": [0, 1, 2, 3],
+        "300 and more": [5],
+        "unknown": [4],
+    }
+
+
+def test_categories_are_sorted_and_unknown_is_last() -> None:
+    assert groups("weather") == {"foggy": [4], "rainy": [1, 5], "sunny": [0, 3], "unknown": [2]}
+    assert groups("year") == {"2023": [1, 4], "2024": [0, 2, 3, 5]}
+    assert groups("night") == {"False": [1, 4, 5], "True": [0, 2, 3]}
+
+
+@pytest.mark.parametrize(
+    ("by", "bins", "said"),
+    [
+        ("altitud_m", None, "did you mean 'altitude_m'"),
+        ("weather", [1.0], "no number"),
+        ("altitude_m", [100.0, 50.0], "do not ascend"),
+        ("altitude_m", [50.0, 50.0], "do not ascend"),
+        ("altitude_m", [np.nan], "do not ascend"),
+        ("altitude_m", [], "do not ascend"),
+    ],
+)
+def test_what_bad_groups_get(by: str, bins: list[float] | None, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        group_records(RECORDS, by, bins)
+
+
+@given(
+    st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=2, max_size=50),
+    st.integers(2, 9),
+)
+def test_even_edges_are_few_round_and_inside(values: list[float], most: int) -> None:
+    array = np.array(values)
+    edges = even_edges(array, most)
+    assert len(edges) < most
+    assert list(edges) == sorted(set(edges))
+    assert all(array.min() < edge <= array.max() for edge in edges)
+
+
+def test_even_edges_by_hand() -> None:
+    assert even_edges(np.array([12.0, 487.0])) == (100, 200, 300, 400)
+    assert even_edges(np.array([0.13, 0.19])) == (0.14, 0.15, 0.16, 0.17, 0.18)
+    assert even_edges(np.array([3.0, 3.0])) == ()
+
+
+def test_averages_are_those_of_pandas() -> None:
+    random = np.random.default_rng(1)
+    values, codes = random.random((2, 200)), random.integers(0, 5, 200)
+    codes[codes == 3] = 4
+    values[1, ::17] = np.inf
+    found = group_averages(values, np.array([False, True]), codes, 5)
+    frame = pd.DataFrame({"code": codes, "mean": values[0], "median": values[1]})
+    by = frame.groupby("code").agg({"mean": "mean", "median": "median"}).reindex(range(5))
+    np.testing.assert_allclose(found, by.to_numpy().T)
+    assert np.isnan(found[:, 3]).all()
+
+
+def test_conditions_are_what_no_method_did() -> None:
+    assert condition_names(retrieval_method("a", 0)) == ["altitude_m", "weather"]
+    assert condition_title("altitude_m") == "altitude [m]"
+    assert condition_title("pitch_deg") == "pitch [°]"
+    assert condition_title("time_of_day") == "time of day"
+
+
+def test_one_result_gives_a_column_a_score(tmp_path: Path) -> None:
+    method = retrieval_method("mine", 0)
+    [path] = write_methods(tmp_path, [method])
+    done = run("breakdown", path, "--by", "weather", "--format", "json")
+    assert done.exit_code == 0, done.output
+    table = json.loads(done.stdout)
+    rows = method.records[method.records["weather"] == "rainy"]
+    text = json.dumps(table)
+    assert f"{100 * rows['recall@1'].mean():.4f}"[:5] in text
+    assert "unknown" in text
+
+
+def test_one_score_has_intervals_of_each_group(tmp_path: Path) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("mine", 0)])
+    ask = ("breakdown", path, "--by", "altitude_m", "--bins", "22,100", "--score", "R@1")
+    done = run(*ask, "--format", "csv")
+    assert done.exit_code == 0, done.output
+    rows = [line.split(",") for line in done.stdout.splitlines()]
+    assert [head.split(" [")[0] for head in rows[0][3:]] == ["95 % from", "to"]
+    assert [row[0] for row in rows[1:]] == ["below 22", "22 to 100", "100 and more"]
+    assert not any(text.replace(".", "").isdigit() for text in rows[1][3:])
+    low, value, high = float(rows[2][3]), float(rows[2][2]), float(rows[2][4])
+    assert low < value < high
+
+
+def test_several_results_give_a_column_a_method(tmp_path: Path) -> None:
+    paths = write_methods(tmp_path, [retrieval_method("a", 0), retrieval_method("b", 1)])
+    done = run("breakdown", *paths, "--by", "scene", "--format", "markdown")
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("| scene | Queries | a ")
+    east, west = (line.split(" | ")[2:] for line in lines[2:4])
+    # Both are best in the East; in the West b alone.
+    assert east == ["**15.00**", "**15.00** |"]
+    assert west == ["15.00", "**25.00** |"]
+
+
+def test_bins_that_are_no_numbers(tmp_path: Path) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("mine", 0)])
+    done = run("breakdown", path, "--by", "altitude_m", "--bins", "50;100")
+    assert isinstance(done.exception, UsageError)
+    assert "no numbers" in str(done.exception)

@@ -1,0 +1,308 @@
+"""The report as a file: what stands in it, what is left out, what bad input gets."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airzoo_bench.errors import BenchmarkError, ResultError, UsageError
+from airzoo_bench.report.hardest import hardest_rows
+from airzoo_bench.report.packing import Blobs, json_value, page_json, rounded
+from airzoo_bench.report.sections import Section, read_sections
+from tests.report.made import (
+    HOSTILE,
+    reconstruction_method,
+    retrieval_method,
+    run,
+    write_methods,
+    write_photo_results,
+)
+from tests.support import write_raster
+
+TYPES = {"<u1": np.uint8, "<u2": np.uint16, "<i2": np.int16, "<i4": np.int32}
+
+
+class Page:
+    """A page as its script reads it."""
+
+    def __init__(self, path: Path) -> None:
+        self.text = path.read_text(encoding="utf-8")
+        found = re.search(r'id="page-data">(.*?)</script>', self.text, re.DOTALL)
+        assert found
+        self.sections: list[dict[str, Any]] = json.loads(found[1])["sections"]
+        self.blobs = re.findall(r'id="blob-\d+">(.*?)</script>', self.text)
+
+    def unpack(self, packed: dict[str, Any]) -> Any:
+        content = zlib.decompress(base64.b64decode(self.blobs[packed["blob"]]))
+        return (
+            json.loads(content)
+            if packed["type"] == "json"
+            else np.frombuffer(content, packed["type"])
+        )
+
+    def values(self, packed: dict[str, Any]) -> np.ndarray[Any, Any]:
+        values = [{"inf": np.inf, None: np.nan}.get(value, value) for value in packed["values"]]
+        return np.array(values)[self.unpack(packed["codes"])]
+
+
+def made_page(folder: Path, *arguments: object) -> Page:
+    done = run("report", *arguments, "-o", folder / "report.html")
+    assert done.exit_code == 0, (done.output, done.exception)
+    return Page(folder / "report.html")
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path]]:
+    return write_photo_results(tmp_path_factory.mktemp("photos"), ["first", "second"])
+
+
+def test_numbers_are_those_of_results_and_records(tmp_path: Path) -> None:
+    methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
+    page = made_page(tmp_path, *write_methods(tmp_path, methods))
+    [part] = page.sections
+    assert [method["name"] for method in part["methods"]] == ["a", "b"]
+    keys = [score["key"] for score in part["scores"]]
+    for place, method in enumerate(methods):
+        assert part["averages"]["overall"][place] == json_value(
+            [method.result.overall[key] for key in keys]
+        )
+    assert page.unpack(part["queries"]["ids"]) == methods[0].records["query"].tolist()
+    hits = page.values(part["queries"]["scores"]["recall@1"]).reshape(2, -1)
+    errors = page.values(part["queries"]["scores"]["error_m"]).reshape(2, -1)
+    for row, method in enumerate(methods):
+        np.testing.assert_array_equal(hits[row], method.records["recall@1"])
+        np.testing.assert_allclose(errors[row], method.records["error_m"], rtol=1e-12)
+
+
+def test_breakdowns_are_of_all_scenes_and_of_each(tmp_path: Path) -> None:
+    method = retrieval_method("a", 0)
+    page = made_page(tmp_path, *write_methods(tmp_path, [method]))
+    weather = next(found for found in page.sections[0]["breakdowns"] if found["by"] == "weather")
+    values = page.unpack(weather["values"])
+    for scope, scene in enumerate((None, "east", "west")):
+        rows = method.records if scene is None else method.records.query("scene == @scene")
+        group = rows[rows["weather"] == weather["labels"][0]]
+        assert weather["counts"][scope][0] == len(group)
+        assert values[scope][0][0][0] == pytest.approx(group["recall@1"].mean())
+
+
+def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
+    from airzoo_bench.statistics.comparison import score_intervals
+    from airzoo_bench.statistics.samples import Plan
+
+    methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
+    [part] = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
+    for place, method in enumerate(methods):
+        found = score_intervals(method, method.result.columns[:1], Plan())
+        limits = part["intervals"]["overall"]["recall@1"][place]
+        assert limits == pytest.approx([found.overall[0].low, found.overall[0].high])
+        west = part["intervals"]["scenes"]["west"]["recall@1"][place]
+        assert west == pytest.approx([found.groups["west"][0].low, found.groups["west"][0].high])
+
+
+def test_other_protocols_are_parts_of_their_own(tmp_path: Path) -> None:
+    methods = [
+        retrieval_method("a", 0),
+        reconstruction_method("cloud", 0),
+        retrieval_method("b", 1),
+        retrieval_method("a", 2, truth="u" * 64),
+    ]
+    parts = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
+    assert [[m["name"] for m in part["methods"]] for part in parts] == [
+        ["a", "b"],
+        ["cloud"],
+        ["a"],
+    ]
+    assert parts[1]["queries"] is None
+    assert parts[1]["hardest"] == []
+
+
+def test_methods_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
+    paths = write_methods(tmp_path, [retrieval_method("a", 0), retrieval_method("a", 1)])
+    names = [section.name for section in read_sections(paths)[0].methods]
+    assert len(set(names)) == 2
+    assert all(name.startswith("a (") for name in names)
+
+
+def test_the_same_results_give_the_same_bytes(tmp_path: Path) -> None:
+    paths = write_methods(tmp_path, [retrieval_method("a", 0), reconstruction_method("b", 1)])
+    assert made_page(tmp_path, *paths).text == made_page(tmp_path, *paths, "-j", 1).text
+
+
+def test_nothing_hostile_gets_out_of_its_text(tmp_path: Path) -> None:
+    page = made_page(
+        tmp_path, *write_methods(tmp_path, [retrieval_method(HOSTILE, 0)]), "--title", HOSTILE
+    )
+    assert page.sections[0]["methods"][0]["name"] == HOSTILE
+    scripts = re.findall(r"<script[^>]*>", page.text)
+    expected = len(page.blobs) + 2
+    assert len(scripts) == len(re.findall("</script>", page.text)) == expected
+    assert "<img" not in page.text
+    assert '<script>document.title="bad"' not in page.text
+
+
+def test_the_policy_lets_only_this_script_run_and_nothing_load(tmp_path: Path) -> None:
+    page = made_page(tmp_path, *write_methods(tmp_path, [retrieval_method("a", 0)]))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page.text)
+    script = re.search(r"<script>(.*)</script>", page.text, re.DOTALL)
+    assert policy
+    assert script
+    digest = base64.b64encode(hashlib.sha256(script[1].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in policy[1]
+    assert policy[1].startswith("default-src 'none'; img-src data:;")
+    addresses = re.findall(r'(?:src|href)="([^"]*)"', page.text)
+    assert all(address.startswith(("data:", "#")) for address in addresses)
+
+
+def test_without_script_there_are_the_averages(tmp_path: Path) -> None:
+    method = retrieval_method("mine", 0)
+    page = made_page(tmp_path, *write_methods(tmp_path, [method]))
+    static = re.search("<noscript>(.*)</noscript>", page.text, re.DOTALL)
+    assert static
+    assert "mine" in static[1]
+    assert f"{100 * method.result.overall['recall@1']:.2f}" in static[1]
+
+
+def test_a_folder_adds_maps_and_pictures(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:
+    data, results = photos
+    page = made_page(tmp_path, *results, "--data", data, "--pictures", 3)
+    [part] = page.sections
+    [found] = part["maps"]
+    assert found["picture"].startswith("data:image/jpeg;base64,")
+    assert (found["width"], found["height"]) == (256, 256)
+    assert found["metresPerPixel"] == pytest.approx(1, rel=1e-2)
+    outlines = page.unpack(found["outlines"]).reshape(-1, 4, 2) / found["stepsPerPixel"]
+    # A photo sees 100 m x 75 m, and its anchors stand a sixteenth inside.
+    sides = outlines.max(axis=1) - outlines.min(axis=1)
+    np.testing.assert_allclose(sides, np.tile([87.5, 65.6], (30, 1)), atol=1)
+    assert len(part["hardest"]) == 3
+    titles = [[picture["title"] for picture in one["pictures"]] for one in part["hardest"]]
+    assert titles[0] == ["photo", "the place on the map", "first tile of first"]
+    assert len(page.unpack(found["first"])) == 2 * 30
+
+
+def test_first_tiles_are_those_of_the_records(
+    photos: tuple[Path, list[Path]], tmp_path: Path
+) -> None:
+    data, results = photos
+    page = made_page(tmp_path, *results, "--data", data)
+    found = page.sections[0]["maps"][0]
+    tiles, first = page.unpack(found["tiles"]), page.unpack(found["first"]).reshape(2, -1)
+    methods = read_sections(results)[0].methods
+    for row, method in enumerate(methods):
+        assert [tiles[code] for code in first[row]] == method.records["first_tile"].tolist()
+
+
+def test_without_the_folder_there_are_no_maps_and_a_note(tmp_path: Path) -> None:
+    paths = write_methods(tmp_path, [retrieval_method("a", 0)])
+    done = run("report", *paths, "-o", tmp_path / "r.html")
+    assert done.exit_code == 0
+    assert "no maps and pictures for made" in done.stderr
+    assert Page(tmp_path / "r.html").sections[0]["maps"] == []
+
+
+def test_a_folder_that_was_named_must_be_the_right_one(
+    photos: tuple[Path, list[Path]], tmp_path: Path
+) -> None:
+    paths = write_methods(tmp_path, [retrieval_method("a", 0)])
+    done = run("report", *paths, "--data", photos[0], "-o", tmp_path / "r.html")
+    assert isinstance(done.exception, BenchmarkError)
+    assert not (tmp_path / "r.html").exists()
+
+
+def test_a_photo_that_is_gone_is_left_out(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:
+    data, results = photos
+    folder = data.parent / "sources" / "photos"
+    folder.rename(folder.with_name("moved"))
+    try:
+        page = made_page(tmp_path, *results, "--data", data, "--pictures", 2)
+    finally:
+        folder.with_name("moved").rename(folder)
+    titles = {p["title"] for one in page.sections[0]["hardest"] for p in one["pictures"]}
+    assert titles == {"the place on the map", "first tile of first"}
+
+
+def test_a_map_without_colours_is_left_out(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:
+    data, results = photos
+    dom = data.parent / "sources" / "dom.tif"
+    moved = dom.rename(dom.with_name("moved.tif"))
+    write_raster(dom, np.zeros((3, 256, 256), np.float32))
+    try:
+        done = run("report", *results, "--data", data, "-o", tmp_path / "r.html")
+    finally:
+        moved.rename(dom)
+    assert done.exit_code == 0, done.exception
+    assert "no map of scene" in done.stderr
+    part = Page(tmp_path / "r.html").sections[0]
+    assert part["maps"] == []
+    assert {p["title"] for one in part["hardest"] for p in one["pictures"]} == {"photo"}
+
+
+def test_records_that_were_changed_are_refused(tmp_path: Path) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
+    records = path.with_name("records.csv")
+    records.write_text(records.read_text().replace("sunny", "foggy"))
+    done = run("report", path, "-o", tmp_path / "r.html")
+    assert isinstance(done.exception, ResultError)
+
+
+def test_a_file_named_twice_is_refused(tmp_path: Path) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
+    assert isinstance(run("report", path, path).exception, UsageError)
+
+
+def test_the_hardest_queries_are_worst_on_average_then_by_error() -> None:
+    methods = [retrieval_method("a", 0, 8), retrieval_method("b", 1, 8)]
+    hits = [[1, 0, 0, 1, 0, 1, 1, 1], [0, 0, 0, 0, 0, 1, 1, 1]]
+    errors = [[1, 5, 9, 1, np.inf, 1, 1, 1], [1, 5, 9, 2, 1, 1, 1, 1]]
+    made = [
+        method.__class__(
+            method.name,
+            method.result,
+            method.records.assign(**{"recall@1": np.array(hit, float), "error_m": error}),
+        )
+        for method, hit, error in zip(methods, hits, errors, strict=True)
+    ]
+    # Rows 1, 2, 4 are missed by both; by rank of error 2 leads, then 1, then 4; 3 leads 0.
+    assert hardest_rows(Section(made), 5).tolist() == [2, 1, 4, 3, 0]
+
+
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=64), min_size=1, max_size=40))
+def test_rounding_keeps_four_digits(values: list[float]) -> None:
+    array = np.array(values)
+    found = rounded(array, 4)
+    counted = np.isfinite(array) & (np.abs(array) > 1e-130) & (np.abs(array) < 1e130)
+    np.testing.assert_array_equal(found[~np.isfinite(array)], array[~np.isfinite(array)])
+    np.testing.assert_allclose(found[counted], array[counted], rtol=5.01e-4)
+    expected = [float(f"{value:.3e}") for value in found[counted]]
+    np.testing.assert_allclose(found[counted], expected, rtol=1e-14)
+
+
+def test_many_values_are_packed_in_few_bytes() -> None:
+    blobs = Blobs()
+    values = np.random.default_rng(0).exponential(60, 200_000)
+    values[:3] = (np.inf, np.nan, 0.0)
+    packed = blobs.numbers(values)
+    assert packed["codes"]["type"] == "<u2"
+    codes = np.frombuffer(zlib.decompress(base64.b64decode(blobs.texts[0])), "<u2")
+    found = np.array(packed["values"])[codes]
+    np.testing.assert_allclose(found[2:], values[2:], rtol=5.01e-4)
+    assert found[0] == np.inf
+    assert np.isnan(found[1])
+
+
+@given(st.text(max_size=30))
+def test_page_json_comes_back_and_ends_no_element(text: str) -> None:
+    made = page_json({"a": [text, float("inf"), float("nan")]})
+    assert json.loads(made) == {"a": [text, "inf", None]}
+    assert not {"<", ">", "&", "\u2028", "\u2029"} & set(made)
