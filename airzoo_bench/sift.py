@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.pycolmap_loader import load_pycolmap
 
 __all__ = ["Descriptors", "Grey", "extract", "mutual_nearest"]
 
@@ -43,9 +44,8 @@ def extract(
     descriptors : (n, 128) float32 array
         Whole numbers from 0 to 255, of length about 512.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
-    pycolmap.logging.minloglevel = pycolmap.logging.Level.WARNING.value
     options = pycolmap.FeatureExtractionOptions(use_gpu=False)
     options.sift.max_num_features = max_features
     options.sift.peak_threshold = peak_threshold

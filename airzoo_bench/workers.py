@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import TypeVar
 
 __all__ = ["spread"]
@@ -13,12 +15,17 @@ __all__ = ["spread"]
 T = TypeVar("T")
 R = TypeVar("R")
 
+# In a worker: whether it was told to end.
+_ending = False
+
 
 def spread(work: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
     """Yield the work done on each item, in order.
 
     Processes are spawned, since a fork would copy the thread pools of faiss and BLAS in whatever
-    state they are. Work and items must be picklable; with one worker it is done right here.
+    state they are. Work and items must be picklable; with one worker it is done right here. Where
+    the iteration ends early, by Ctrl-C or an error, so does the work, at once, and what it was
+    writing is taken away.
 
     Parameters
     ----------
@@ -30,10 +37,36 @@ def spread(work: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator
     if workers == 1:
         yield from map(work, items)
         return
-    with ProcessPoolExecutor(workers, get_context("spawn"), _leave_interrupts) as pool:
-        yield from pool.map(work, items)
+    with ProcessPoolExecutor(workers, get_context("spawn"), _obey_the_parent) as pool:
+        # Not `pool.map`, which cancels what is left, and so trips the pool over workers that ended.
+        left = deque(pool.submit(_unless_ending, work, item) for item in items)
+        try:
+            while left:
+                yield left.popleft().result()
+        except BaseException:
+            for process in active_children():
+                process.terminate()
+            raise
 
 
-def _leave_interrupts() -> None:
+def _obey_the_parent() -> None:
     # Ctrl-C is for the parent, which then ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end)
+
+
+def _end(*_: object) -> None:
+    global _ending
+    # Told twice, a worker is tidying up already.
+    if not _ending:
+        _ending = True
+        raise SystemExit
+
+
+def _unless_ending(work: Callable[[T], R], item: T) -> R:
+    try:
+        return work(item)
+    except SystemExit:
+        # Half-written files are gone by now. The pool would take this for the answer to one item,
+        # and hand out the next.
+        os._exit(0)

@@ -24,6 +24,7 @@ from airzoo_bench.errors import CameraError, first_of
 from airzoo_bench.files import read_text
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
+from airzoo_bench.pycolmap_loader import load_pycolmap
 from airzoo_bench.validation import validation_message
 
 __all__ = ["PosedPhotos", "read_poses"]
@@ -171,7 +172,7 @@ def _given(value: Matrix | None, key: str, name: str, path: Path) -> Matrix:
 
 
 def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     try:
         model = pycolmap.Reconstruction(str(path))

@@ -15,6 +15,7 @@ import numpy as np
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.pycolmap_loader import load_pycolmap
 
 __all__ = ["Found", "Ransac", "Solver", "check_settings", "find_pose"]
 
@@ -89,7 +90,7 @@ def find_pose(
 
 
 def _colmap(camera: Cameras, query_xy: Floats, points: Floats, ransac: Ransac) -> Found | None:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     arguments = _colmap_arguments(camera, ransac)
     return _from_colmap(pycolmap.estimate_absolute_pose(query_xy, points, *arguments))
@@ -98,7 +99,7 @@ def _colmap(camera: Cameras, query_xy: Floats, points: Floats, ransac: Ransac) -
 def _colmap_refined(
     camera: Cameras, query_xy: Floats, points: Floats, ransac: Ransac
 ) -> Found | None:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     arguments = (*_colmap_arguments(camera, ransac), _refinement())
     return _from_colmap(pycolmap.estimate_and_refine_absolute_pose(query_xy, points, *arguments))
@@ -112,7 +113,7 @@ def _from_colmap(answer: dict[str, Any] | None) -> Found | None:
 
 
 def _colmap_arguments(camera: Cameras, ransac: Ransac) -> tuple[Any, Any]:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = {
         "max_error": ransac.max_error_px,
@@ -133,7 +134,7 @@ def _colmap_arguments(camera: Cameras, ransac: Ransac) -> tuple[Any, Any]:
 
 
 def _refinement() -> Any:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     # COLMAP's own values, written down so that a new version of it does not change scores.
     return pycolmap.AbsolutePoseRefinementOptions(

@@ -14,6 +14,7 @@ import numpy as np
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.pycolmap_loader import load_pycolmap
 from airzoo_bench.reconstruction.sfm_model import Colours, Lens, Model
 
 __all__ = ["TwoViews", "map_photos", "verify"]
@@ -67,11 +68,10 @@ def verify(
         See `TwoViews`.
     kept : (K, 2) int64 array
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     if len(matches) < least_inliers:
         return 0, np.zeros((0, 2), np.int64)
-    _be_quiet(pycolmap)
     options = pycolmap.TwoViewGeometryOptions(min_num_inliers=least_inliers)
     options.ransac.max_error = max_error_px
     options.ransac.random_seed = seed
@@ -116,9 +116,8 @@ def map_photos(
     Model or None
         The one with the most photos, then the most points; None where no two photos fit.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
-    _be_quiet(pycolmap)
     database = folder / "database.db"
     _write_database(pycolmap, database, lenses, places, pairs)
     options = _options(pycolmap, max_error_px, least_inliers, seed)
@@ -135,10 +134,6 @@ def map_photos(
         sorted(models), key=lambda key: (models[key].num_reg_images(), models[key].num_points3D())
     )
     return _read(models[best], colours)
-
-
-def _be_quiet(pycolmap: Any) -> None:
-    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
 
 
 def _camera(pycolmap: Any, lens: Lens, number: int) -> Any:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.files import atomic_write, fingerprint, sha256_of, write_npz
 from airzoo_bench.geometry.arrays import Ints
+from airzoo_bench.pycolmap_loader import load_pycolmap
 from airzoo_bench.reconstruction.sfm import TwoViews, map_photos, verify
 from airzoo_bench.reconstruction.sfm_model import Lens, Model, model_arrays, model_from_arrays
 from airzoo_bench.sift import extract, mutual_nearest
@@ -97,7 +98,7 @@ class Batch(NamedTuple):
 
 def list_photo(path: Path, size: Ints, settings: SfmSettings, folder: Path) -> Photo:
     """Return a photo of (width, height), its features named by its bytes and the settings."""
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     extraction = [settings.long_side_px, settings.max_features, settings.peak_threshold]
     made_by = [_VERSION, pycolmap.__version__, *extraction, settings.doubled]
