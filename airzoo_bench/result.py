@@ -56,7 +56,7 @@ def _printable(name: object) -> object:
 Value = Annotated[float, AfterValidator(_is_number)]
 Name = Annotated[str, BeforeValidator(_printable)]
 
-_PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap")
+_PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
 
 
 class _Model(BaseModel):

@@ -21,14 +21,17 @@ __all__ = ["check"]
 
 
 def check(
-    predictions: Annotated[Path, typer.Argument(help="A prediction file of any track.")],
+    predictions: Annotated[
+        Path, typer.Argument(help="A prediction file, folder or archive of any track.")
+    ],
     protocol: ProtocolOption = None,
     data: DataOption = None,
     max_memory: MemoryOption = "2G",
 ) -> None:
-    """Say what is wrong with a prediction file; exit code 1 if anything is.
+    """Say what is wrong with predictions; exit code 1 if anything is.
 
-    Needs no truth; where the benchmark folder is there, ids are held against it.
+    Needs no truth. Where the benchmark folder is there, ids are held against it and reconstructions
+    are aligned, so that all is found that eval would refuse.
     """
     from airzoo_bench.runner.checks import check_predictions
 

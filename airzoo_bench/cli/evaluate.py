@@ -171,6 +171,7 @@ def reconstruction(
         method=method,
         memory_bytes=memory_bytes(max_memory),
         jobs=jobs,
+        keep_clouds=figures or clouds,
         progress=progress,
     )
     if out is not None:

@@ -22,25 +22,36 @@ class Kind(StrEnum):
 
 def template(
     protocol: Annotated[str, typer.Argument(help="Name or .toml file.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The .npz to write.")] = Path(
-        "template.npz"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="The .npz to write (default: template.npz); for reconstruction the folder "
+            "(default: template).",
+            show_default=False,
+        ),
+    ] = None,
     kind: Annotated[Kind, typer.Option(help="What the file shall hold.")] = Kind.RANKED_IDS,
     data: DataOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random ranking.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is random.")] = 0,
 ) -> None:
-    """Write an example prediction file: every query, with random tiles or matches.
+    """Write an example prediction: every query, with random tiles, matches or depth maps.
 
     Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
     """
+    from airzoo_bench.protocol import find_protocol
     from airzoo_bench.runner.templates import write_template
 
-    track = write_template(
+    root = resolve_data(data)
+    track = find_protocol(protocol, root).track
+    target = out or Path("template" if track == "reconstruction" else "template.npz")
+    write_template(
         protocol,
-        data=resolve_data(data),
-        out=out,
+        data=root,
+        out=target,
         descriptors=kind is Kind.DESCRIPTORS,
         seed=seed,
     )
-    say(f"wrote {out}: replace its arrays by your own")
-    say(f"next: airzoo-bench eval {track} {out}{with_data(data)}")
+    say(f"wrote {target}: replace its arrays by your own")
+    say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")

@@ -25,7 +25,7 @@ from airzoo_bench.datasets.sources import (
     photo_sizes,
 )
 from airzoo_bench.datasets.tiles import write_crops, write_tiles
-from airzoo_bench.errors import BenchmarkError, UserError
+from airzoo_bench.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.files import atomic_folder, sha256_of
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
@@ -39,11 +39,17 @@ from airzoo_bench.protocol import (
     ReconstructionProtocol,
     RetrievalProtocol,
 )
+from airzoo_bench.readers.clouds.formats import open_cloud
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
+from airzoo_bench.reconstruction.prepared import box_of
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
 from airzoo_bench.scene_inputs import SceneInputs, photo_table
 
 __all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
+
+
+# What the parts of a cloud that cannot be read in pieces may take in memory.
+_CLOUD_BYTES = 8 << 30
 
 
 @dataclass(frozen=True)
@@ -156,9 +162,18 @@ def _truths(inputs: SceneInputs, protocols: PhotoProtocols, sources: PhotoSource
     matching = _matching_truth(inputs, protocols.matching)
     if retrieval.truth.queries.empty:
         raise _nothing_to_ask(retrieval, sources)
-    cloud = sources.cloud
-    reconstruction = None if cloud is None else build_reconstruction_truth(inputs, cloud)
+    reconstruction = None
+    if sources.cloud is not None:
+        _check_cloud(sources.cloud)
+        reconstruction = build_reconstruction_truth(inputs, sources.cloud)
     return SceneTruths(inputs.photos, retrieval, matching, reconstruction)
+
+
+def _check_cloud(cloud: Path) -> None:
+    """Read a true cloud to its end, so that a damaged one is found now and not when scoring."""
+    if not cloud.is_file():
+        raise UsageError("no such cloud", where=f"--cloud {cloud}")
+    box_of(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
 
 
 def _inputs(

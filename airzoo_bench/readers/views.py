@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.errors import CameraError, PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.readers.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.readers.image_poses import (
@@ -28,10 +28,28 @@ _DEPTH = "depth"
 _POINTS = ("world_points", "points")
 _CONFIDENCE = ("conf", "confidence")
 _COLOURS = ("colours", "colors", "image")
+_NAMES = "image_names"
 _EXPECTED = (
     "depth (N, H, W) or world_points (N, H, W, 3), intrinsics (N, 3, 3), extrinsics (N, 3, 4) or "
     "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, 3)"
 )
+
+
+class _Numbered:
+    """Fields of a file without names of images: they are called by their number."""
+
+    def __init__(self, arrays: Arrays, count: int) -> None:
+        self.path = arrays.path
+        self._arrays, self._numbers = arrays, np.array([f"view {row}" for row in range(count)])
+
+    def names(self) -> set[str]:
+        return self._arrays.names() | {_NAMES}
+
+    def read(self, name: str) -> NDArray[Any]:
+        return self._numbers if name == _NAMES else self._arrays.read(name)
+
+    def map(self, name: str) -> NDArray[Any]:
+        return self._numbers if name == _NAMES else self._arrays.map(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +68,9 @@ class Views:
         is (0, 0).
     images : ImagePoses or None
         Only point maps may lack them.
+    named : bool
+        False where the file does not name its images (as Depth Anything 3 writes it): the names in
+        `images` are then numbers.
     confidence : (N, H, W) float array or None
     colours : (N, H, W, 3) uint8 array or None
     notes : tuple of str
@@ -64,6 +85,7 @@ class Views:
     confidence: NDArray[np.floating[Any]] | None
     colours: NDArray[np.uint8] | None
     notes: tuple[str, ...] = ()
+    named: bool = True
 
     @property
     def size(self) -> tuple[int, int]:
@@ -92,7 +114,8 @@ def read_views(path: Path, limit_bytes: int) -> Views:
     path : Path
         An npz with ``depth`` (N, H, W) or (N, H, W, 1), ``intrinsics``, ``extrinsics`` and
         ``image_names``; or with ``world_points`` or ``points`` (N, H, W, 3) and, as far as there
-        are any, these. ``conf`` and ``colours`` are optional.
+        are any, these. ``conf`` and ``colours`` are optional. Whether names may be left out is for
+        the caller to say: `Views.named`.
     limit_bytes : int
         The most that one array may take in memory.
 
@@ -109,14 +132,16 @@ def read_views(path: Path, limit_bytes: int) -> Views:
         raise field_fault(
             arrays, f"holds {' and '.join(kinds)}, and they could disagree", "one of them"
         )
-    needed = (_DEPTH, *CAMERA_FIELDS) if kinds == [_DEPTH] else (kinds[0] if kinds else _DEPTH,)
+    cameras_of_depth = tuple(name for name in CAMERA_FIELDS if name != _NAMES)
+    needed = (_DEPTH, *cameras_of_depth) if kinds == [_DEPTH] else (kinds[0] if kinds else _DEPTH,)
     maps_name = needed[0]
     allowed = ("protocol", maps_name, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
     maps = _maps(arrays, maps_name)
     count, height, width = maps.shape[:3]
     cameras, notes = _cameras(arrays, count, width, height)
-    images = image_poses(arrays, count) if "extrinsics" in names else None
+    called = arrays if _NAMES in names else _Numbered(arrays, count)
+    images = image_poses(called, count) if "extrinsics" in names else None
     return Views(
         path,
         maps if maps_name == _DEPTH else None,
@@ -126,6 +151,7 @@ def read_views(path: Path, limit_bytes: int) -> Views:
         _confidence(arrays, (count, height, width)),
         _colours(arrays, (count, height, width, 3)),
         notes,
+        _NAMES in names,
     )
 
 
@@ -136,10 +162,11 @@ def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
     shape = (3,) if name in _POINTS else ()
     fits = values.ndim == 3 + len(shape) and values.shape[3:] == shape and 0 not in values.shape
     if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
-        raise field_fault(
-            arrays,
+        raise PredictionError(
             f"field '{name}' is {values.dtype} of shape {values.shape}",
-            f"floating point, {_EXPECTED.split(',')[0]} ...",
+            where=arrays.path,
+            expected=f"floating point of shape ({', '.join(('N', 'H', 'W', *map(str, shape)))})",
+            mend=f"{name}.astype(np.float32), in the units of the poses",
         )
     return values
 
@@ -184,16 +211,17 @@ def _optional(
         raise field_fault(arrays, f"holds {' and '.join(given)}", "one of them")
     values = arrays.map(given[0])
     if values.shape != shape:
-        raise field_fault(
-            arrays,
+        raise PredictionError(
             f"field '{given[0]}' has shape {values.shape}",
-            f"{shape}: the size of the maps and of '{given[0]}' must be the same",
+            where=arrays.path,
+            expected=f"{shape}: the size of the maps and of '{given[0]}' must be the same",
+            mend=f"write '{given[0]}' at the size of the maps, or leave it out",
         )
     return values
 
 
 def _labels(arrays: Arrays, count: int) -> list[str] | None:
-    if "image_names" not in arrays.names():
+    if _NAMES not in arrays.names():
         return None
-    names = texts(arrays, "image_names", 1)
+    names = texts(arrays, _NAMES, 1)
     return names.tolist() if len(names) == count else None

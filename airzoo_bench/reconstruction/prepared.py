@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.geometry.arrays import Bools
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
 from airzoo_bench.reconstruction.settings import Preparation
@@ -23,6 +23,8 @@ __all__ = ["Held", "Moved", "PreparedCloud", "box_of", "prepared"]
 
 # Where voxels of both clouds have a corner, whatever the clouds.
 _GRID_ORIGIN = np.zeros(3)
+_SAMPLE = 100_000
+_ROBUST = (1.0, 99.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,10 @@ class Moved:
             kept = piece
             if self.confidence_above is not None and piece.confidence is not None:
                 kept = take(piece, piece.confidence > self.confidence_above)
-            yield Cloud(self.transform.apply(kept.points), kept.colours, kept.confidence)
+            # What is infinite becomes NaN at worst, and is counted where the cloud is prepared.
+            with np.errstate(invalid="ignore", over="ignore"):
+                moved = self.transform.apply(kept.points)
+            yield Cloud(moved, kept.colours, kept.confidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +79,16 @@ class PreparedCloud:
         Finite points only.
     not_finite, outside, thinned : int
         Points with NaN or infinite coordinates, outside the box, and merged by voxels.
+    bounds : (2, 3) float64
+        Percentiles 1 and 99 of the finite points, those outside the box among them; NaN where there
+        are none.
     """
 
     source: CloudSource
     not_finite: int
     outside: int
     thinned: int
+    bounds: Floats
 
 
 def box_of(source: CloudSource, points: int = 1 << 20) -> Box:
@@ -125,17 +134,39 @@ def prepared(
     if not isinstance(settings.voxel_m, str):
         grid = VoxelGrid(settings.voxel_m, _GRID_ORIGIN)
     not_finite = outside = inside = 0
+    sample = _Sample(source.count)
     for piece in source.pieces(block_points):
         finite, within = kept.rows(piece)
+        sample.add(piece.points)
         not_finite += len(piece) - int(np.count_nonzero(finite))
         outside += int(np.count_nonzero(finite & ~within))
         inside += int(np.count_nonzero(within))
         if grid is not None:
             grid.add(take(piece, within))
+    bounds = sample.bounds()
     if grid is None:
-        return PreparedCloud(_Counted(kept, inside), not_finite, outside, 0)
+        return PreparedCloud(_Counted(kept, inside), not_finite, outside, 0, bounds)
     thin = grid.cloud()
-    return PreparedCloud(Held(thin), not_finite, outside, inside - len(thin))
+    return PreparedCloud(Held(thin), not_finite, outside, inside - len(thin), bounds)
+
+
+class _Sample:
+    """Every so many-th point of a cloud, the same whatever the pieces."""
+
+    def __init__(self, count: int) -> None:
+        self._step, self._seen = max(1, count // _SAMPLE), 0
+        self._parts = [np.zeros((0, 3))]
+
+    def add(self, points: Floats) -> None:
+        self._parts.append(points[-self._seen % self._step :: self._step])
+        self._seen += len(points)
+
+    def bounds(self) -> Floats:
+        points = np.concatenate(self._parts)
+        points = points[finite_rows(points)]
+        if not len(points):
+            return np.full((2, 3), np.nan)
+        return np.asarray(np.percentile(points, _ROBUST, axis=0), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

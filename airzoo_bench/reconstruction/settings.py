@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from airzoo_bench.reconstruction.consensus import RansacSettings
 from airzoo_bench.reconstruction.icp import IcpSettings
@@ -63,6 +63,12 @@ class Fusion(Strict):
     tsdf_voxel_m: Positive
     tsdf_truncation_m: Positive
     tsdf_max_voxels: Count
+
+    @model_validator(mode="after")
+    def _truncation_spans_voxels(self) -> Self:
+        if self.tsdf_truncation_m < self.tsdf_voxel_m:
+            raise ValueError("tsdf_truncation_m must be at least tsdf_voxel_m")
+        return self
 
     @property
     def least_confidence(self) -> float | None:

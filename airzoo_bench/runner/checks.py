@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from airzoo_bench.errors import PredictionError
 from airzoo_bench.protocol import find_protocol
+from airzoo_bench.readers.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.readers.arrays import open_arrays, protocol_name
+from airzoo_bench.readers.clouds.formats import SUFFIXES
 from airzoo_bench.runner.common import Checked
 
 __all__ = ["check_predictions"]
+
+_OTHER_KINDS = (".npz", ".parquet", ".txt")
+_OF_RECONSTRUCTION = {"depth", "world_points", "points"}
 
 
 def check_predictions(
@@ -46,14 +52,25 @@ def check_predictions(
 
 def _track(path: Path, data: Path, protocol: str | None, memory_bytes: int) -> str:
     """Find the track of a prediction by its protocol, else by what kind of file it is."""
+    name = path.name.lower()
+    if path.is_file() and not name.endswith((*_OTHER_KINDS, *SUFFIXES, *ARCHIVE_SUFFIXES)):
+        raise PredictionError(
+            f"no kind of file that predictions come in: {path.suffix[:20]!r}",
+            where=path,
+            expected="retrieval: .npz or .parquet; matching: .npz or .txt; reconstruction: a "
+            f"folder, an archive, or {', '.join(SUFFIXES)}",
+            mend="`airzoo-bench template` writes an example",
+        )
     if path.suffix == ".txt":
         return "matching"
-    if protocol is None and path.is_file() and path.suffix == ".npz":
-        protocol = protocol_name(open_arrays(path, memory_bytes))
+    fields: set[str] = set()
+    if path.is_file() and path.suffix == ".npz":
+        arrays = open_arrays(path, memory_bytes)
+        fields = arrays.names()
+        protocol = protocol or protocol_name(arrays)
     if protocol is not None:
         return find_protocol(protocol, data).track
-    return (
-        "retrieval"
-        if path.suffix in (".npz", ".parquet") or not path.exists()
-        else "reconstruction"
-    )
+    if fields & _OF_RECONSTRUCTION:
+        return "reconstruction"
+    is_table = path.suffix in (".npz", ".parquet") or not path.exists()
+    return "retrieval" if is_table else "reconstruction"

@@ -284,14 +284,17 @@ def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: i
     """Say what a reader of the numbers of any track must know."""
     missing = sum(scene["missing"] for scene in counts.values())
     notes = []
-    if missing:
-        what = "scenes" if protocol.track == "reconstruction" else "queries"
-        notes.append(f"{missing} {what} are missing from the predictions and score their worst")
-    if extra:
+    by_scene = protocol.track == "reconstruction"
+    if missing and by_scene:
+        names = [scene for scene, found in counts.items() if found["missing"]]
+        notes.append(f"missing from the predictions, so scored worst: scene {', '.join(names)}")
+    elif missing:
+        notes.append(f"{missing} queries are missing from the predictions and score their worst")
+    if extra and not by_scene:
         notes.append(f"{extra} ids of the predictions are no queries and were left aside")
     for scene in protocol.scenes:
         found = counts[scene.id]["queries"]
-        if scene.queries is not None and scene.queries != found:
+        if scene.queries not in (None, found) and not by_scene:
             notes.append(
                 f"scene {scene.title} has {found} queries here, {scene.queries} in the paper"
             )

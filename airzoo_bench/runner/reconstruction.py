@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
 from airzoo_bench.errors import BenchmarkError, PredictionError, first_of
 from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import ReconstructionProtocol
-from airzoo_bench.readers.clouds.formats import open_cloud
-from airzoo_bench.readers.clouds.meshes import MeshSampling
-from airzoo_bench.readers.reconstruction import ReconstructionPredictions, open_reconstruction
+from airzoo_bench.readers.reconstruction import ReconstructionPredictions
+from airzoo_bench.reconstruction.clouds import Cloud
+from airzoo_bench.reconstruction.pose_scores import worst_poses
+from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.reconstruction.track import (
-    Rules,
-    ScoredScene,
-    Work,
-    score_missing,
-    score_scene,
-    worst_poses,
-)
+from airzoo_bench.reconstruction.track import ScoredScene, score_missing, score_scene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
-from airzoo_bench.runner.common import Checked, Evaluation, Run, choose_protocol, make_result
-from airzoo_bench.runner.reconstruction_claims import (
-    claim_of_scene,
-    kind_of,
-    odd_place,
-    odd_views,
-    true_cameras,
+from airzoo_bench.runner.common import Checked, Evaluation, Run, make_result
+from airzoo_bench.runner.reconstruction_claims import true_cameras
+from airzoo_bench.runner.reconstruction_notes import listing_notes
+from airzoo_bench.runner.reconstruction_scenes import (
+    look_into,
+    open_predictions,
+    placed_scene,
+    rules_of,
+    work_for,
 )
 
 if TYPE_CHECKING:
@@ -42,15 +40,15 @@ __all__ = [
     "read_reconstruction_truths",
 ]
 
-# What a point takes in memory while distances are computed: both clouds, their order, the tree.
-_BYTES_A_POINT = 128
-_LEAST_BLOCK = 100_000
-_UNPACKED_BYTES = 1 << 40
+_PIECE = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionEvaluation:
-    """An evaluation, and what pictures need beside it; by scene."""
+    """An evaluation, and what pictures need beside it; by scene.
+
+    Clouds and distances are there where they were asked for.
+    """
 
     evaluation: Evaluation
     protocol: ReconstructionProtocol
@@ -65,6 +63,7 @@ def evaluate_reconstruction(
     method: str | None = None,
     memory_bytes: int,
     jobs: int = 1,
+    keep_clouds: bool = False,
     progress: Progress = silent,
 ) -> ReconstructionEvaluation:
     """Score predictions of the reconstruction track.
@@ -83,6 +82,8 @@ def evaluate_reconstruction(
         The most that one array may take, and about what distances may take.
     jobs : int
         Threads; the numbers do not depend on it.
+    keep_clouds : bool
+        Keep the clouds and distances of each scene, for pictures.
     progress : Progress
 
     Raises
@@ -90,21 +91,23 @@ def evaluate_reconstruction(
     UserError
         The predictions, the protocol or the benchmark folder are not as they must be.
     """
-    predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
-    chosen = choose_protocol(path, predictions.protocol, protocol, data, ReconstructionProtocol)
+    predictions, chosen = open_predictions(path, protocol, data, memory_bytes)
     _refuse_other_scenes(predictions, chosen)
     benchmark = find_benchmark(chosen.benchmark, data)
     truths = read_reconstruction_truths(benchmark, chosen)
-    work = Work(max(memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK), jobs, progress)
-    scored, kinds, notes = {}, set(), []
+    known = [truth.scene for truth in truths]
+    work = work_for(memory_bytes, jobs, progress)
+    scored, kinds, notes = {}, set(), listing_notes(predictions, known)
     for truth in truths:
         if truth.scene not in predictions.scenes:
             scored[truth.scene] = score_missing(truth.scene, chosen.scores)
             continue
-        scene = _score_scene(predictions, truth, chosen, memory_bytes, work)
-        scored[truth.scene] = scene.scored
-        kinds.add(scene.kind)
-        notes += [f"scene {truth.scene}: {note}" for note in scene.notes]
+        with placed_scene(predictions, truth, chosen, memory_bytes, work) as found:
+            rules, cameras = rules_of(chosen), true_cameras(truth)
+            scene = score_scene(found.claim, found.placed, cameras, rules, work)
+            scored[truth.scene] = _kept(scene, path) if keep_clouds else _without_clouds(scene)
+        kinds.add(found.kind)
+        notes += found.notes
     with_poses = any("ate_m" in scene.record for scene in scored.values())
     records = _records(scored, chosen, with_poses)
     run = Run(
@@ -120,7 +123,7 @@ def evaluate_reconstruction(
         records,
         reconstruction_scores(chosen.scores, with_poses=with_poses),
         {name: scene.counts for name, scene in scored.items()},
-        len(predictions.unknown([truth.scene for truth in truths])),
+        len(predictions.unknown(known)),
         notes,
     )
     return ReconstructionEvaluation(Evaluation(result, records), chosen, scored)
@@ -138,32 +141,26 @@ def check_reconstruction(
     UserError
         The predictions cannot be listed at all, or the protocol is unknown.
     """
-    predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
-    chosen = choose_protocol(path, predictions.protocol, protocol, data, ReconstructionProtocol)
-    notes = [f"{len(predictions.extra)} files are nobody's prediction"] if predictions.extra else []
+    predictions, chosen = open_predictions(path, protocol, data, memory_bytes)
+    known = [scene.id for scene in chosen.scenes]
     try:
         _refuse_other_scenes(predictions, chosen)
     except PredictionError as fault:
-        return Checked([fault], notes)
-    missing = predictions.missing([scene.id for scene in chosen.scenes])
-    if missing:
-        notes.append(
-            f"{len(missing)} scenes are missing and will score their worst: " + first_of(missing)
-        )
+        return Checked([fault], [])
+    notes = listing_notes(predictions, known)
     try:
-        truths = {
-            truth.scene: truth
-            for truth in read_reconstruction_truths(find_benchmark(chosen.benchmark, data), chosen)
-        }
+        truths = read_reconstruction_truths(find_benchmark(chosen.benchmark, data), chosen)
     except BenchmarkError as error:
-        truths = {}
-        notes.append(f"images were not held against the benchmark: {error.what}")
+        notes.append(f"predictions were not held against the benchmark: {error.what}")
+        truths = []
+    by_scene = {truth.scene: truth for truth in truths}
     faults = []
-    for scene in predictions.scenes:
-        try:
-            notes += _look_into(predictions, scene, truths.get(scene), chosen, memory_bytes)
-        except PredictionError as fault:
-            faults.append(fault)
+    for scene in known:
+        if scene in predictions.scenes:
+            try:
+                notes += look_into(predictions, scene, by_scene.get(scene), chosen, memory_bytes)
+            except PredictionError as fault:
+                faults.append(fault)
     return Checked(faults, notes)
 
 
@@ -175,55 +172,21 @@ def read_reconstruction_truths(
     return [read_truth(benchmark, scene.id) for scene in protocol.scenes]
 
 
-@dataclass(frozen=True, eq=False)
-class _Scored:
-    scored: ScoredScene
-    kind: str
-    notes: list[str]
+def _without_clouds(scene: ScoredScene) -> ScoredScene:
+    return replace(scene, clouds=None, distances=None)
 
 
-def _score_scene(
-    predictions: ReconstructionPredictions,
-    truth: ReconstructionTruth,
-    chosen: ReconstructionProtocol,
-    memory_bytes: int,
-    work: Work,
-) -> _Scored:
-    sampling = _sampling(chosen)
-    true_cloud = open_cloud(truth.cloud, limit_bytes=memory_bytes, sampling=sampling)
-    rules = Rules(chosen.alignment, chosen.fusion, chosen.preparation, chosen.scores)
-    place = f"{predictions.path}, scene {truth.scene}"
-    with predictions.opened(truth.scene, limit_bytes=memory_bytes, sampling=sampling) as found:
-        claim = claim_of_scene(found, truth, place)
-        try:
-            scored = score_scene(claim, true_cloud, true_cameras(truth), rules, work)
-        except PredictionError as fault:
-            raise fault.inside(place) from fault
-        notes = [*odd_views(found, truth, claim), *_count_notes(scored)]
-        if scored.clouds is not None:
-            notes += odd_place(*(cloud.source for cloud in scored.clouds))
-        return _Scored(scored, kind_of(found), notes)
+def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
+    """Return the scene with clouds that can be read once the predictions are closed."""
+    if path.is_dir() or scene.clouds is None:
+        return scene
+    predicted, true = scene.clouds
+    return replace(scene, clouds=(_in_memory(predicted), true))
 
 
-def _look_into(
-    predictions: ReconstructionPredictions,
-    scene: str,
-    truth: ReconstructionTruth | None,
-    chosen: ReconstructionProtocol,
-    memory_bytes: int,
-) -> list[str]:
-    with predictions.opened(scene, limit_bytes=memory_bytes, sampling=_sampling(chosen)) as found:
-        if truth is None:
-            return []
-        claim = claim_of_scene(found, truth, f"{predictions.path}, scene {scene}")
-        return [f"scene {scene}: {note}" for note in odd_views(found, truth, claim)]
-
-
-def _sampling(chosen: ReconstructionProtocol) -> MeshSampling:
-    meshes = chosen.meshes
-    return MeshSampling(
-        seed=meshes.seed, count=meshes.points, per_square_unit=None, max_points=meshes.points
-    )
+def _in_memory(cloud: PreparedCloud) -> PreparedCloud:
+    pieces = [piece.points for piece in cloud.source.pieces(_PIECE)]
+    return replace(cloud, source=Held(Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))))
 
 
 def _records(
@@ -232,22 +195,10 @@ def _records(
     import pandas as pd
 
     records = pd.DataFrame([scene.record for scene in scored.values()])
+    counted = {name for scene in scored.values() for name in scene.counts} & set(records)
+    records = records.astype(dict.fromkeys(sorted(counted), "Int64"))
     # A scene without poses, where others have some, has failed.
     return records.fillna(worst_poses(chosen.scores)) if with_poses else records
-
-
-def _count_notes(scored: ScoredScene) -> list[str]:
-    counts, alignment = scored.counts, scored.alignment
-    notes = []
-    if counts["not_finite"]:
-        notes.append(f"{counts['not_finite']:,} points are NaN or infinite and were left out")
-    if not counts["points"]:
-        notes.append("no point is left to compare: it scores 0 and infinite distances")
-    if alignment is not None and alignment.used_orientations:
-        notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
-    if alignment is not None and not alignment.robust:
-        notes.append("fewer than 3 cameras agree: aligned to all of them")
-    return notes
 
 
 def _refuse_other_scenes(

@@ -1,33 +1,31 @@
-"""From what a prediction holds of a scene to a claim, and what looks odd about it."""
+"""From what a prediction holds of a scene to a claim, its cameras named as the truth names them."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import PurePosixPath
 
 import numpy as np
 
 from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.readers.clouds.source import FileCloud
-from airzoo_bench.readers.clouds.suspicions import suspicions
 from airzoo_bench.readers.image_poses import ImagePoses
 from airzoo_bench.readers.reconstruction import ScenePrediction
-from airzoo_bench.readers.view_suspicions import suspect_camera_to_world, suspect_image_size
+from airzoo_bench.readers.view_suspicions import suspect_camera_to_world
 from airzoo_bench.readers.views import Views
 from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.consensus import PosedCameras
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
-from airzoo_bench.reconstruction.regions import finite_rows
-from airzoo_bench.reconstruction.track import Claim
+from airzoo_bench.reconstruction.placing import Claim
+from airzoo_bench.reconstruction.pose_metrics import pair_errors
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
-__all__ = ["claim_of_scene", "kind_of", "odd_place", "odd_views", "true_cameras"]
+__all__ = ["claim_of_scene", "kind_of", "true_cameras"]
 
-_SAMPLE = 100_000
-_PIECE = 1 << 20
-_ROBUST = (1.0, 99.0)
+_ORDER_FITS_DEG = 15.0
+_MOST_CAMERAS = 64
 
 
 def true_cameras(truth: ReconstructionTruth) -> PosedCameras:
@@ -37,9 +35,9 @@ def true_cameras(truth: ReconstructionTruth) -> PosedCameras:
 
 
 def kind_of(prediction: ScenePrediction) -> str:
-    """Say what a prediction holds: ``cloud``, ``depth`` or ``points``."""
+    """Say what a prediction holds: ``cloud``, ``mesh``, ``depth`` or ``points``."""
     if isinstance(prediction.geometry, FileCloud):
-        return "cloud"
+        return "mesh" if prediction.geometry.kind.endswith("mesh") else "cloud"
     return "depth" if prediction.geometry.depth is not None else "points"
 
 
@@ -56,11 +54,15 @@ def claim_of_scene(prediction: ScenePrediction, truth: ReconstructionTruth, plac
     Raises
     ------
     PredictionError
-        An image name that the truth lacks.
+        An image name that the truth lacks, or that stands for two images; no names, where it is not
+        clear which view is which photo's.
     """
-    cameras = None
+    cameras, geometry = None, prediction.geometry
     if prediction.images is not None:
-        names = _true_names(prediction.images.names.tolist(), truth, place)
+        if isinstance(geometry, Views) and not geometry.named:
+            names = _names_by_order(prediction.images, truth, place)
+        else:
+            names = _true_names(prediction.images.names.tolist(), truth, place)
         cameras = _posed(prediction.images, names)
     return Claim(truth.scene, _geometry(prediction), cameras)
 
@@ -73,8 +75,15 @@ def _geometry(prediction: ScenePrediction) -> CloudSource | DepthMaps | PointMap
         return PointMaps(views.points, views.confidence, views.colours)
     if views.depth is None or views.cameras is None or views.images is None:
         raise ValueError("depth maps without cameras")
-    poses = _without_unfound(views.images)
-    return DepthMaps(views.depth, views.cameras, poses, views.confidence, views.colours)
+    maps = views.depth, views.cameras, views.images.poses, views.confidence, views.colours
+    depth, cameras, poses, confidence, colours = maps
+    if not views.images.found.all():
+        # Depth of a view without a pose is nowhere.
+        rows = np.flatnonzero(views.images.found)
+        depth, cameras, poses = depth[rows], cameras.take(rows), poses.take(rows)
+        confidence = None if confidence is None else confidence[rows]
+        colours = None if colours is None else colours[rows]
+    return DepthMaps(depth, cameras, poses, confidence, colours)
 
 
 def _without_unfound(images: ImagePoses) -> Poses:
@@ -88,51 +97,69 @@ def _posed(images: ImagePoses, names: Sequence[str]) -> PosedCameras:
     return PosedCameras(tuple(names), poses.centres, poses.rotation)
 
 
+def _names_by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+    """Take views without names for the photos in the order of their names, where cameras agree.
+
+    Compared is what no choice of the world changes; a wrong order would else be scored as a bad
+    method.
+    """
+    photos = sorted(truth.photos["image"])
+    if len(images.names) != len(photos):
+        raise _nameless(
+            f"has no image_names, and its {len(images.names)} views are not the {len(photos)} "
+            "photos of the scene",
+            place,
+        )
+    rows = np.flatnonzero(images.found)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_CAMERAS).astype(int))]
+    if len(rows) < 2:
+        raise _nameless("has no image_names, and too few poses to tell which view is which", place)
+    places = {name: row for row, name in enumerate(truth.photos["image"])}
+    true = truth.poses.take(np.array([places[photos[row]] for row in rows]))
+    given = images.poses.take(rows)
+    off = float(np.median(pair_errors(given, true, least_baseline=0.0).worse_deg))
+    if off > _ORDER_FITS_DEG:
+        turned = suspect_camera_to_world(given, true)
+        raise _nameless(
+            "has no image_names, and its cameras do not fit the photos in the order of their "
+            f"names: between two cameras they are {off:.0f} degrees off"
+            + (f"; {turned}" if turned else ""),
+            place,
+        )
+    return photos
+
+
+def _nameless(what: str, place: str) -> PredictionError:
+    return PredictionError(
+        what,
+        where=place,
+        expected="a field image_names (N,) that says which photo each view is of",
+        mend="np.savez('SCENE.npz', **np.load('results.npz'), image_names=names), with the names "
+        "of the photos in the order in which the method was given them",
+    )
+
+
 def _true_names(names: list[str], truth: ReconstructionTruth, place: str) -> list[str]:
     """Return the truth's names of images; an ending may be left out."""
-    known = {name: name for name in truth.photos["image"]}
-    stems = {PurePosixPath(name).with_suffix("").as_posix(): name for name in known}
-    found = [known.get(name) or stems.get(name) for name in names]
-    odd = [repr(name) for name, true in zip(names, found, strict=True) if true is None]
+    photos = truth.photos["image"].tolist()
+    stems = [PurePosixPath(name).with_suffix("").as_posix() for name in photos]
+    times = Counter(stems)
+    known = {stem: name for stem, name in zip(stems, photos, strict=True) if times[stem] == 1}
+    known |= {name: name for name in photos}
+    odd = [repr(name) for name in names if name not in known]
     if odd:
         raise PredictionError(
             f"image names that the benchmark lacks: {first_of(odd, len(names))}",
             where=f"{place}, field 'image_names'",
-            expected=f"names such as {next(iter(known))!r}",
+            expected=f"names such as {photos[0]!r}, with or without their ending",
             mend="name images as the photos of the scene are named, relative to their folder",
         )
-    return [name for name in found if name is not None]
-
-
-def odd_views(prediction: ScenePrediction, truth: ReconstructionTruth, claim: Claim) -> list[str]:
-    """Say what looks odd about maps and poses and need not be wrong."""
-    notes: list[str] = []
-    if isinstance(prediction.geometry, Views):
-        views = prediction.geometry
-        widths, heights = truth.photos["width"], truth.photos["height"]
-        odd = suspect_image_size(views.size, int(widths.median()), int(heights.median()))
-        notes += [*views.notes, *([odd] if odd else [])]
-    if claim.cameras is None or claim.cameras.rotation is None:
-        return [*notes, "holds no cameras: taken as it stands, without alignment"]
-    rows = {name: row for row, name in enumerate(truth.photos["image"])}
-    there = np.flatnonzero(np.isfinite(claim.cameras.centres).all(axis=1))
-    given = Poses(rotation=claim.cameras.rotation[there], centres=claim.cameras.centres[there])
-    true = truth.poses.take(np.array([rows[claim.cameras.names[row]] for row in there], dtype=int))
-    turned = suspect_camera_to_world(given, true)
-    return [*notes, *([turned] if turned else [])]
-
-
-def odd_place(cloud: CloudSource, truth: CloudSource) -> tuple[str, ...]:
-    """Say where an aligned cloud looks as if it were in other units or elsewhere."""
-    return suspicions(_robust_bounds(cloud), _robust_bounds(truth))
-
-
-def _robust_bounds(source: CloudSource) -> Floats:
-    """Return bounds (2, 3) that outliers do not move, from evenly spread points."""
-    step = max(1, source.count // _SAMPLE)
-    parts = [piece.points[::step] for piece in source.pieces(_PIECE)]
-    points = np.concatenate([np.zeros((0, 3)), *parts])
-    points = points[finite_rows(points)]
-    if not len(points):
-        return np.full((2, 3), np.nan)
-    return np.asarray(np.percentile(points, _ROBUST, axis=0), dtype=np.float64)
+    found = [known[name] for name in names]
+    twice = [repr(name) for name, uses in Counter(found).items() if uses > 1]
+    if twice:
+        raise PredictionError(
+            f"images that are named with their ending and without: {first_of(twice, len(names))}",
+            where=f"{place}, field 'image_names'",
+            expected="each image once",
+        )
+    return found

@@ -30,7 +30,7 @@ def save_alignments(evaluation: ReconstructionEvaluation, folder: Path) -> None:
         if scene.alignment is not None
     }
     with atomic_write(folder / "alignment.json", "w") as stream:
-        stream.write(json.dumps(values, indent=1) + "\n")
+        stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
 
 
 def draw_figures(
@@ -44,15 +44,14 @@ def draw_figures(
         if scene.curve is None or scene.clouds is None or scene.distances is None:
             continue
         draw_curve(folder / f"{name}_curve.png", scene.curve, limit, name)
-        for which, cloud, distances in zip(
-            ("precision", "recall"),
-            scene.clouds,
-            (scene.distances.to_truth, scene.distances.to_prediction),
-            strict=True,
+        there, back = scene.distances.to_truth, scene.distances.to_prediction
+        for which, cloud, distances, what in (
+            ("precision", scene.clouds[0], there, "from predicted points to the truth"),
+            ("recall", scene.clouds[1], back, "from true points to the prediction"),
         ):
             points = _cloud(cloud.source).points
             path = folder / f"{name}_{which}.png"
-            draw_error_map(path, points, distances, limit, f"{name}, {which}")
+            draw_error_map(path, points, distances, limit, f"{name}: {what}")
     return 3 * len(scenes)
 
 
@@ -95,6 +94,7 @@ def _alignment(found: Alignment) -> dict[str, Any]:
         "inliers": found.inliers,
         "inlier_limit_m": found.inlier_limit,
         "used_orientations": found.used_orientations,
+        "robust": found.robust,
     }
     for name in ("centres", "inlier_centres", "rotations_deg"):
         residuals: Residuals | None = getattr(found, name)
@@ -104,7 +104,11 @@ def _alignment(found: Alignment) -> dict[str, Any]:
 
 
 def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Write infinite numbers as text, as in results, at whatever depth."""
     return {
-        key: "Infinity" if isinstance(value, float) and np.isinf(value) else value
-        for key, value in values.items()
+        key: _finite(one) if isinstance(one, dict) else _text(one) for key, one in values.items()
     }
+
+
+def _text(value: object) -> object:
+    return "Infinity" if isinstance(value, float) and np.isinf(value) else value

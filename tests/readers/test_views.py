@@ -71,6 +71,15 @@ def test_other_shapes_that_mean_the_same(tmp_path: Path) -> None:
     np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-3)
 
 
+def test_views_without_names_are_numbered(tmp_path: Path) -> None:
+    views = read_views(written(tmp_path, image_names=None), LIMIT)
+    assert not views.named
+    assert views.images is not None
+    assert views.images.names.tolist() == ["view 0", "view 1", "view 2", "view 3"]
+    np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-9)
+    assert read_views(written(tmp_path), LIMIT).named
+
+
 @pytest.mark.parametrize("name", ["points", "world_points"])
 def test_point_maps_with_cameras_or_without(name: str, tmp_path: Path) -> None:
     points = np.random.default_rng(2).random((N, H, W, 3))
@@ -116,7 +125,6 @@ def changed(index: Any, value: Any) -> np.ndarray:
     ("changes", "message"),
     [
         ({"intrinsics": None}, "lacks the field intrinsics"),
-        ({"image_names": None}, "lacks the field image_names"),
         ({"depth": None}, "lacks the field depth"),
         ({"depths": np.zeros(3)}, "'depths'"),
         ({"points": np.zeros((N, H, W, 3))}, "depth and points"),

@@ -1,0 +1,664 @@
+"""What bad input gets, through the command: one message and exit code 2, or a stated note."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pytest
+
+from airzoo_bench.reconstruction.clouds import Cloud
+from airzoo_bench.reconstruction.ply import write_ply
+from tests.reconstruction.world import (
+    PROTOCOL,
+    World,
+    camera_poses,
+    exact_depth,
+    make_world,
+    matrix_of_maps,
+    predict_clouds,
+    replace_cloud,
+    save,
+    true_points,
+)
+from tests.support import files_below, run_main
+
+Make = Callable[[World, Path], Path]
+Capture = pytest.CaptureFixture[str]
+
+RIGHT = ("yard", "lot")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+@pytest.fixture
+def world(made: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> World:
+    """Return a world of its own: nothing that a test does to it reaches another."""
+    root = tmp_path / "data"
+    shutil.copytree(made.root, root)
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(root))
+    return World(root)
+
+
+def clouds(cameras: bool = True, **scenes: Any) -> Make:
+    """Predict the true clouds but for some, given as points or as what changes them."""
+
+    def make(world: World, folder: Path) -> Path:
+        points = {scene: true_points(scene) for scene in RIGHT}
+        for scene, given in scenes.items():
+            points[scene] = given(points[scene]) if callable(given) else given
+        return predict_clouds(world, folder, points, cameras)
+
+    return make
+
+
+def yard(**changes: Any) -> Make:
+    """Predict exact depth maps, those of the yard with some fields changed."""
+
+    def make(world: World, folder: Path) -> Path:
+        found = {k: v(world) if callable(v) else v for k, v in changes.items()}
+        save(folder / "yard.npz", world.views("yard", **found))
+        save(folder / "lot.npz", world.views("lot"))
+        (folder / "protocol.txt").write_text(PROTOCOL)
+        return folder
+
+    return make
+
+
+def cameras(**changes: Any) -> Make:
+    """Predict the true clouds with other cameras of the yard."""
+
+    def make(world: World, folder: Path) -> Path:
+        clouds()(world, folder)
+        found = {k: v(world) if callable(v) else v for k, v in changes.items()}
+        save(folder / "yard.cameras.npz", world.cameras("yard", **found))
+        return folder
+
+    return make
+
+
+def with_file(name: str, write: Callable[[Path], object]) -> Make:
+    """Predict the true clouds, with a file instead of the yard's cloud."""
+
+    def make(world: World, folder: Path) -> Path:
+        clouds()(world, folder)
+        (folder / "yard.ply").unlink()
+        (folder / name).parent.mkdir(exist_ok=True)
+        write(folder / name)
+        return folder
+
+    return make
+
+
+def write_laz(path: Path, points: Any) -> None:
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.offsets, header.scales = points.min(axis=0), np.full(3, 0.001)
+    file = laspy.LasData(header)
+    file.x, file.y, file.z = points.T
+    file.write(path)
+
+
+def cut_laz(path: Path) -> None:
+    random = np.random.default_rng(0)
+    write_laz(path, random.uniform(0, 50, (120_000, 3)) + true_points("yard").mean(axis=0))
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+
+def lying_ply(promised: int) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        write_ply(path, Cloud(true_points("yard")))
+        content = path.read_bytes()
+        count = f"element vertex {len(true_points('yard'))}\n".encode()
+        assert count in content
+        path.write_bytes(content.replace(count, f"element vertex {promised}\n".encode()))
+
+    return write
+
+
+def taken(count: int) -> Callable[[World], Any]:
+    """Return the extrinsics of the yard with so many poses, NaN in the others."""
+
+    def poses(world: World) -> Any:
+        found = world.cameras("yard")["extrinsics"].copy()
+        found[count:] = np.nan
+        return found
+
+    return poses
+
+
+def inverted(world: World) -> Any:
+    poses = camera_poses("yard")
+    local = poses.centres - poses.centres.mean(axis=0)
+    return np.concatenate([poses.rotation.swapaxes(1, 2), local[..., None]], axis=2)
+
+
+def at_one_point(world: World) -> Any:
+    found = world.cameras("yard")["extrinsics"].copy()
+    found[..., 3] = 0.0
+    return found
+
+
+def backwards(world: World) -> Any:
+    """Return true orientations with centres on a line that runs against the flight."""
+    poses = camera_poses("yard")
+    local = poses.centres - poses.centres.mean(axis=0)
+    along = np.linalg.svd(local)[2][0]
+    centres = -(local @ along)[:, None] * along
+    return np.concatenate([poses.rotation, -(poses.rotation @ centres[..., None])], axis=2)
+
+
+def nan_at(rows: Any) -> Callable[[Any], Any]:
+    def change(points: Any) -> Any:
+        changed = points.copy()
+        changed[rows, 1] = np.nan
+        return changed
+
+    return change
+
+
+def other(matrix: Any) -> Any:
+    return lambda world: np.tile(matrix, (6, 1, 1))
+
+
+def edited(make: Make, edit: Callable[[Path], object]) -> Make:
+    def made_and_edited(world: World, folder: Path) -> Path:
+        path = make(world, folder)
+        edit(path)
+        return path
+
+    return made_and_edited
+
+
+def only(name: str, make: Make) -> Make:
+    """Give one file of the predictions, not the folder."""
+    return lambda world, folder: make(world, folder) / name
+
+
+FAULTS: dict[str, tuple[Make, list[str]]] = {
+    "nothing there": (lambda _, folder: folder, ["p: no such predictions", "a folder, or an arch"]),
+    "an empty folder": (
+        lambda _, folder: (folder.mkdir(), folder)[1],
+        ["p: holds no cloud, mesh or npz", "school.ply", "name the files by their scenes"],
+    ),
+    "a csv": (
+        lambda _, folder: (folder.with_suffix(".csv").write_text("a"), folder.with_suffix(".csv"))[
+            1
+        ],
+        ["p.csv: no kind of file that", "'.csv'", ".ply", "template"],
+    ),
+    "only other scenes": (
+        edited(clouds(), lambda p: [f.rename(p / f"x{f.name}") for f in p.glob("*.ply")]),
+        ["p: holds none of the scenes of made-reconstruction: 2 (xlot, xyard)", "yard, lot"],
+    ),
+    "no protocol": (
+        edited(clouds(), lambda p: (p / "protocol.txt").unlink()),
+        ["p: does not say which protocol it is for", "protocol.txt", "--protocol"],
+    ),
+    "another track's protocol": (
+        edited(clouds(), lambda p: (p / "protocol.txt").write_text("airzoo-mini-retrieval")),
+        ["p: protocol airzoo-mini-retrieval is of the retrieval track"],
+    ),
+    "a path as protocol": (
+        edited(clouds(), lambda p: (p / "protocol.txt").write_text("../x.toml")),
+        ["protocol.txt: the protocol '../x.toml' is no protocol's name"],
+    ),
+    "all NaN": (
+        clouds(yard=nan_at(slice(None))),
+        ["p, scene yard: all 15,264 points have a coordinate that is NaN", "write the cloud again"],
+    ),
+    "a LAZ cut in the middle": (
+        with_file("yard.laz", cut_laz),
+        ["yard.laz: ", "copy the file again"],
+    ),
+    "a PLY that promises more points": (
+        with_file("yard.ply", lying_ply(20_000)),
+        ["yard.ply: ", "20,000", "copy the file again"],
+    ),
+    "a PLY that promises more than memory": (
+        with_file("yard.ply", lying_ply(10**15)),
+        ["yard.ply: ", "1,000,000,000,000,000"],
+    ),
+    "no cloud at all": (
+        with_file("yard.ply", lambda p: p.write_bytes(b"")),
+        ["yard.ply: is empty"],
+    ),
+    "an image": (
+        with_file("yard.ply", lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n")),
+        ["yard.ply: is no cloud that can be read: it looks like a PNG image"],
+    ),
+    "two entries of a scene": (
+        edited(clouds(), lambda p: shutil.copy(p / "yard.ply", p / "yard.pcd")),
+        ["p: scene 'yard' has two entries: yard.pcd and yard.ply", "keep one"],
+    ),
+    "depth and confidence of different sizes": (
+        yard(conf=np.ones((6, 18, 24))),
+        ["yard.npz", "'conf' has shape (6, 18, 24)", "(6, 36, 48)"],
+    ),
+    "depth of one view too few": (
+        yard(depth=np.ones((5, 36, 48))),
+        ["yard.npz", "6 rows for 5 images", "a row an image"],
+    ),
+    "integer depth": (
+        yard(depth=np.ones((6, 36, 48), np.uint16)),
+        ["yard.npz", "field 'depth' is uint16", "floating point"],
+    ),
+    "intrinsics of the photos": (
+        yard(intrinsics=other(matrix_of_maps() * [[10.0], [10.0], [1.0]])),
+        ["field 'intrinsics': the principal point is 10 times the centre", "480 x 360", "48 x 36"],
+    ),
+    "normalised intrinsics": (
+        yard(intrinsics=other(np.array([[1.7, 0, 0.5], [0, 1.7, 0.5], [0, 0, 1]]))),
+        ["field 'intrinsics'", "normalised to 0..1"],
+    ),
+    "no intrinsics": (
+        yard(intrinsics=None),
+        ["yard.npz: lacks the field intrinsics", "(N, 3, 3)"],
+    ),
+    "transposed extrinsics": (
+        yard(extrinsics=lambda w: np.swapaxes(square(w), 1, 2)),
+        ["field 'extrinsics': a last row other than 0 0 0 1", "transposed"],
+    ),
+    "rotations that are none": (
+        yard(extrinsics=lambda w: w.cameras("yard")["extrinsics"] * 2.0),
+        ["field 'extrinsics'"],
+    ),
+    "depth and points": (
+        yard(world_points=np.ones((6, 36, 48, 3))),
+        ["yard.npz", "holds depth and world_points, and they could disagree"],
+    ),
+    "a misspelt field": (
+        yard(confidences=np.ones((6, 36, 48))),
+        ["yard.npz: has fields that are not read here: 'confidences'"],
+    ),
+    "a name that the truth lacks": (
+        yard(image_names=lambda w: np.array([*w.images("yard")[:5], "IMG_7.JPG"])),
+        ["scene yard, field 'image_names'", "lacks: 1 of 6 ('IMG_7.JPG')", "such as 'yard_0.jpg'"],
+    ),
+    "names of another scene": (
+        cameras(image_names=lambda w: np.array([f"lot_{n}.jpg" for n in range(6)])),
+        ["scene yard, field 'image_names'", "6 of 6 (first 3: 'lot_0.jpg'"],
+    ),
+    "a name twice": (
+        cameras(image_names=lambda w: np.array([*w.images("yard")[:5], "yard_0.jpg"])),
+        ["yard.cameras.npz, field 'image_names'", "more than once: 1 of 6 ('yard_0.jpg')"],
+    ),
+    "a name with its ending and without": (
+        cameras(image_names=lambda w: np.array([*w.images("yard")[:5], "yard_0"])),
+        ["scene yard, field 'image_names'", "with their ending and without: 1 of 6 ('yard_0.jpg')"],
+    ),
+    "no names, another number of views": (
+        yard(
+            **{
+                key: lambda w, key=key: w.views("yard")[key][:5]
+                for key in ("depth", "intrinsics", "extrinsics")
+            },
+            image_names=None,
+        ),
+        ["scene yard: has no image_names, and its 5 views are not the 6 photos", "np.savez("],
+    ),
+    "no names, another order": (
+        yard(
+            **{
+                key: lambda w, key=key: w.views("yard")[key][::-1]
+                for key in ("depth", "intrinsics", "extrinsics")
+            },
+            image_names=None,
+        ),
+        ["scene yard: has no image_names, and its cameras do not fit", "image_names=names"],
+    ),
+    "no names and camera-to-world": (
+        yard(extrinsics=inverted, image_names=None),
+        ["p, scene yard: has no image_names, and its cameras do not fit", "look camera-to-world"],
+    ),
+    "two cameras": (
+        yard(extrinsics=taken(2)),
+        ["scene yard: a similarity needs 3 cameras, and 2 of 6", "align by 'none'"],
+    ),
+    "no pose at all": (
+        yard(extrinsics=taken(0)),
+        ["scene yard: a similarity needs 3 cameras, and 0 of 6"],
+    ),
+    "all cameras at one point": (
+        cameras(extrinsics=at_one_point),
+        ["scene yard: the predicted camera centres all lie at one point, which has no scale"],
+    ),
+    "cameras on a line that fly backwards": (
+        cameras(extrinsics=backwards),
+        ["scene yard: the cameras' orientations contradict their centres", "world-to-camera"],
+    ),
+    "extrinsics twice": (
+        edited(yard(), lambda p: shutil.copy(p / "yard.npz", p / "yard.cameras.npz")),
+        ["yard.cameras.npz"],
+    ),
+}
+
+
+def square(world: World) -> Any:
+    rows = np.tile([[[0.0, 0.0, 0.0, 1.0]]], (6, 1, 1))
+    return np.concatenate([world.cameras("yard")["extrinsics"], rows], axis=1)
+
+
+@pytest.mark.parametrize("case", list(FAULTS))
+def test_faults(case: str, world: World, tmp_path: Path, capsys: Capture) -> None:
+    make, fragments = FAULTS[case]
+    path = make(world, tmp_path / "p")
+    assert run_main("eval", "reconstruction", path, "--out", tmp_path / "out") == 2
+    out, message = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in message
+    assert message.count("expected:") <= 1, "more than one message"
+    for fragment in fragments:
+        assert fragment in message
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("case", list(FAULTS))
+def test_check_refuses_what_eval_refuses(
+    case: str, world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    make, fragments = FAULTS[case]
+    path = make(world, tmp_path / "p")
+    before = files_below(tmp_path)
+    # 1 where something was found, 2 where it cannot be read as predictions at all.
+    if case in ("nothing there", "no protocol", "another track's protocol", "a path as protocol"):
+        return
+    assert run_main("check", path, "--protocol", PROTOCOL) in (1, 2)
+    out, message = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in message
+    for fragment in fragments:
+        assert fragment in message
+    assert files_below(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "fragments"),
+    [
+        ("p.csv", ["p.csv: no kind of file that predictions come in: '.csv'", "retrieval: .npz"]),
+        ("p", ["p: holds no cloud, mesh or npz"]),
+        ("nowhere.ply", ["nowhere.ply: "]),
+    ],
+)
+def test_check_of_what_is_no_prediction(
+    name: str, fragments: list[str], world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p.csv").write_text("a,b\n")
+    assert run_main("check", tmp_path / name) == 2
+    message = capsys.readouterr().err
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_check_names_every_scene_that_is_wrong(
+    world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    path = clouds(yard=nan_at(slice(None)), lot=nan_at(slice(None)))(world, tmp_path / "p")
+    assert run_main("check", path) == 1
+    message = capsys.readouterr().err
+    assert "scene yard: all 15,264 points" in message
+    assert "scene lot: all 14,400 points" in message
+
+
+def test_check_without_the_benchmark_reads_all(
+    world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    """The protocol is shipped, its benchmark folder is not there."""
+    path = tmp_path / "p"
+    path.mkdir()
+    cut_laz(path / "city.laz")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    arguments = ("--protocol", "airzoo-mini-reconstruction", "--data", empty)
+    assert run_main("check", path, *arguments) == 1
+    message = capsys.readouterr().err
+    assert "city.laz: " in message
+    assert "predictions were not held against the benchmark" in message
+
+
+def notes_of(world: World, path: Path, tmp_path: Path, *options: object) -> str:
+    assert run_main("eval", "reconstruction", path, "--out", tmp_path / "out", *options) == 0
+    return "\n".join(json.loads((tmp_path / "out" / "result.json").read_text())["notes"])
+
+
+def fields_of(world: World, path: Path, tmp_path: Path) -> Any:
+    return json.loads((tmp_path / "out" / "result.json").read_text())
+
+
+def lon_lat(points: Any) -> Any:
+    from pyproj import Transformer
+
+    lon, lat = Transformer.from_crs(32633, 4326, always_xy=True).transform(*points[:, :2].T)
+    return np.stack([lon, lat, points[:, 2]], axis=1)
+
+
+def splats(path: Path) -> None:
+    names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
+    names += ["rot_0", "rot_1", "rot_2", "rot_3"]
+    points = true_points("yard")
+    rows = np.zeros(len(points), [(axis, "<f8") for axis in "xyz"] + [(n, "<f4") for n in names])
+    for axis, column in zip("xyz", points.T, strict=True):
+        rows[axis] = column
+    kinds = [f"property double {axis}" for axis in "xyz"] + [f"property float {n}" for n in names]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *kinds]
+    path.write_bytes("\n".join([*lines, "end_header\n"]).encode() + rows.tobytes())
+
+
+NOTES: dict[str, tuple[Make, list[str]]] = {
+    "nothing odd": (clouds(), []),
+    "NaN points": (
+        clouds(yard=nan_at(slice(0, 7))),
+        ["scene yard: left out: 7 points with NaN or infinite coordinates"],
+    ),
+    "infinite points": (
+        clouds(yard=lambda p: np.concatenate([p, [[np.inf, 0.0, -np.inf]]])),
+        ["scene yard: left out: 1 point with NaN or infinite"],
+    ),
+    "an empty cloud": (
+        clouds(yard=np.zeros((0, 3))),
+        ["scene yard: no point is left to compare: it scores 0 and infinite distances"],
+    ),
+    "millimetres": (
+        clouds(cameras=False, yard=lambda p: p * 1000.0),
+        ["scene yard: the cloud looks like millimetres", "scene yard: holds no cameras: taken as"],
+    ),
+    "longitude and latitude": (
+        clouds(cameras=False, yard=lon_lat),
+        ["scene yard: the cloud looks like longitude and latitude in degrees"],
+    ),
+    "a local origin": (
+        clouds(cameras=False, yard=lambda p: p - p.min(axis=0)),
+        ["scene yard: the cloud lies 5.22", "another coordinate system, or a local origin"],
+    ),
+    "x and y exchanged": (
+        clouds(cameras=False, yard=lambda p: p[:, [1, 0, 2]]),
+        ["scene yard: the cloud has x and y exchanged"],
+    ),
+    "single precision": (
+        with_file("yard.npy", lambda p: np.save(p, true_points("yard").astype(np.float32))),
+        ["scene yard: coordinates such as 5200060 are stored as float32, which keeps them to 0.6"],
+    ),
+    "Gaussians": (with_file("yard.ply", splats), ["scene yard: ", "aussian"]),
+    "camera-to-world": (
+        cameras(extrinsics=inverted),
+        ["scene yard: the extrinsics look camera-to-world: between two cameras"],
+    ),
+    "a scene that the protocol lacks": (
+        edited(clouds(), lambda p: shutil.copy(p / "lot.ply", p / "plaza.ply")),
+        ["scenes that the protocol lacks, left aside: 1 (plaza)"],
+    ),
+    "files of no scene": (
+        edited(clouds(), lambda p: (p / "readme.md").write_text("hi")),
+        ["files that belong to no scene, left aside: 1 (readme.md)"],
+    ),
+    "a scene missing": (
+        edited(clouds(), lambda p: (p / "lot.ply").unlink()),
+        [
+            "1 scenes are missing",
+            "scenes that the predictions lack, scored at their worst: 1 (lot)",
+        ],
+    ),
+    "no cameras": (
+        clouds(cameras=False),
+        ["scene lot: holds no cameras: taken as it stands, without alignment by sim3"],
+    ),
+    "fewer photos than there are": (
+        yard(extrinsics=taken(4)),
+        ["scene yard: 2 of 6 photos have no pose", "scene yard: 2 of 6 depth maps have no pose"],
+    ),
+    "maps of other photos": (
+        yard(
+            depth=lambda w: w.views("yard")["depth"][:, :, 12:36],
+            intrinsics=other(matrix_of_maps() - [[0, 0, 12.0], [0, 0, 0], [0, 0, 0]]),
+        ),
+        ["scene yard: maps of 24 x 36 for photos of 480 x 360: the images look cut, padded"],
+    ),
+    "no names, in order": (
+        yard(image_names=None),
+        ["scene yard: has no image_names: its views were taken for the photos in the order of"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", list(NOTES))
+def test_notes_of_eval_and_of_check(
+    case: str, world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    make, fragments = NOTES[case]
+    path = make(world, tmp_path / "p")
+    notes = notes_of(world, path, tmp_path)
+    for fragment in fragments:
+        assert fragment in notes
+    if not fragments:
+        assert notes == ""
+    capsys.readouterr()
+    assert run_main("check", path) == 0
+    told = capsys.readouterr().err
+    for note in notes.splitlines():
+        # The count of missing scenes is of results only: check names them anyway.
+        assert note in told or "are missing from the predictions" in note or "ids of" in note
+
+
+def test_a_crop_that_leaves_nothing_says_so(world: World, tmp_path: Path) -> None:
+    path = clouds(cameras=False, yard=lambda p: p * 1000.0)(world, tmp_path / "p")
+    chosen = world.protocol(tmp_path / "c.toml", preparation={"crop_margin_m": 5.0})
+    notes = notes_of(world, path, tmp_path, "--protocol", chosen)
+    assert "scene yard: no point is left to compare (15,264 points outside the crop)" in notes
+    assert "scene yard: the cloud looks like millimetres" in notes
+
+
+def test_an_archive_names_its_files(world: World, tmp_path: Path, capsys: Capture) -> None:
+    folder = with_file("yard.laz", cut_laz)(world, tmp_path / "p")
+    with zipfile.ZipFile(tmp_path / "p.zip", "w") as archive:
+        for file in folder.iterdir():
+            archive.write(file, f"p/{file.name}")
+    for command in (("eval", "reconstruction"), ("check",)):
+        assert run_main(*command, tmp_path / "p.zip") in (1, 2)
+        message = capsys.readouterr().err
+        assert "p.zip, scene yard, yard.laz: " in message
+
+
+def test_a_mesh_with_faces_that_name_no_vertex(
+    world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    path = with_file("yard.obj", lambda p: p.write_text("v 0 0 0\nv 1 0 0\nf 1 2 9\n"))(
+        world, tmp_path / "p"
+    )
+    assert run_main("eval", "reconstruction", path) == 2
+    assert "yard.obj: " in capsys.readouterr().err
+
+
+def test_fused_maps_that_take_too_many_voxels(
+    world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    path = yard()(world, tmp_path / "p")
+    chosen = world.protocol(
+        tmp_path / "c.toml", fusion={"method": "tsdf", "tsdf_max_voxels": 10_000}
+    )
+    for command in (("eval", "reconstruction"), ("check",)):
+        assert run_main(*command, path, "--protocol", chosen) in (1, 2)
+        message = capsys.readouterr().err
+        assert "scene yard: the fused surface takes more than 10,000 voxels of 0.5" in message
+
+
+def test_a_truncation_below_a_voxel(world: World, tmp_path: Path, capsys: Capture) -> None:
+    path = yard()(world, tmp_path / "p")
+    chosen = tmp_path / "c.toml"
+    text = (
+        world.protocol(chosen)
+        .read_text()
+        .replace("tsdf_truncation_m = 2.0", "tsdf_truncation_m = 0.1")
+    )
+    chosen.write_text(text)
+    assert run_main("eval", "reconstruction", path, "--protocol", chosen) == 2
+    message = capsys.readouterr().err
+    assert "c.toml: key 'fusion': tsdf_truncation_m must be at least tsdf_voxel_m" in message
+
+
+@pytest.mark.parametrize(
+    ("points", "fragments"),
+    [
+        (np.zeros((0, 3)), ["the true cloud holds no finite point", "check the benchmark's cloud"]),
+        (np.full((5, 3), np.nan), ["the true cloud holds no finite point"]),
+    ],
+)
+def test_a_true_cloud_without_points(
+    points: Any, fragments: list[str], world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    path = clouds()(world, tmp_path / "p")
+    replace_cloud(world, "yard", points)
+    assert run_main("eval", "reconstruction", path) == 2
+    message = capsys.readouterr().err
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_a_true_cloud_that_is_gone_or_another(
+    world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    path = clouds()(world, tmp_path / "p")
+    cloud = world.folder / "data" / "yard" / "cloud.ply"
+    write_ply(cloud, Cloud(true_points("yard") + 1.0))
+    assert run_main("eval", "reconstruction", path) == 2
+    assert "cloud.ply: the cloud is not the one that the benchmark was" in capsys.readouterr().err
+    cloud.unlink()
+    assert run_main("eval", "reconstruction", path) == 2
+    assert "cloud.ply: the true cloud is not there" in capsys.readouterr().err
+
+
+def test_a_damaged_true_cloud_is_not_blamed_on_the_prediction(
+    world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    import tomllib
+
+    import tomli_w
+
+    from airzoo_bench.files import sha256_of
+
+    path = clouds()(world, tmp_path / "p")
+    cloud, file = world.folder / "data" / "yard" / "cloud.ply", world.folder / "benchmark.toml"
+    lying_ply(20_000)(cloud)
+    values = tomllib.loads(file.read_text())
+    values["scenes"][0]["cloud_sha256"] = sha256_of(cloud)
+    file.write_text(tomli_w.dumps(values))
+    assert run_main("eval", "reconstruction", path) == 2
+    message = capsys.readouterr().err
+    assert "cloud.ply: the true cloud cannot be read" in message
+    assert f"{path}" not in message
+
+
+def test_perfect_depth_of_the_made_world_is_exact() -> None:
+    """The world's own depth is right: its points lie on the ground or on the box."""
+    depth = exact_depth(camera_poses("yard"), boxed=True)
+    assert (depth > 20).all()
+    assert (depth < 60).all()

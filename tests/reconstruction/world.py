@@ -1,0 +1,240 @@
+"""A made world with exact depth: level ground with a box on it, seen by a few oblique cameras."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import tomli_w
+
+from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.files import sha256_of
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.protocol import ReconstructionProtocol, load_protocol, shipped_protocols
+from airzoo_bench.queries import write_queries
+from airzoo_bench.reconstruction.clouds import Cloud
+from airzoo_bench.reconstruction.ply import write_ply
+from airzoo_bench.reconstruction.truth import ReconstructionTruth, write_truth
+from airzoo_bench.runner.reconstruction import ReconstructionEvaluation, evaluate_reconstruction
+from airzoo_bench.scene_inputs import photo_table
+from tests.geometry.support import looking_down
+
+Array = np.ndarray[Any, Any]
+
+NAME = "made"
+PROTOCOL = f"{NAME}-reconstruction"
+ORIGIN = np.array((500_000.0, 5_200_000.0, 100.0))
+SIDE = 60.0  # of the square of ground that the true cloud covers
+STEP = 0.5
+BOX_LOW, BOX_HIGH = np.array((26.0, 24.0, 0.0)), np.array((36.0, 32.0, 6.0))
+PHOTO_SIZE = (480, 360)
+MAP_SIZE = (48, 36)
+FOCAL = 80.0  # of the maps, px
+MEMORY = 1 << 30
+
+
+def ground(step: float = STEP, height: float = 0.0) -> Array:
+    """Points of level ground, with the made world's origin as (0, 0, 0)."""
+    along = np.arange(step / 2, SIDE, step)
+    x, y = np.meshgrid(along, along, indexing="ij")
+    return np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
+
+
+def box_sides(step: float = STEP) -> Array:
+    """Points of the box's top and of its four walls."""
+    points = ground(step)
+    inside = ((points >= BOX_LOW) & (points <= BOX_HIGH))[:, :2].all(axis=1)
+    top = points[inside] + (0.0, 0.0, BOX_HIGH[2])
+    up = np.arange(step / 2, BOX_HIGH[2], step)
+    along = [np.arange(BOX_LOW[axis] + step / 2, BOX_HIGH[axis], step) for axis in (0, 1)]
+    x, z = (grid.ravel() for grid in np.meshgrid(along[0], up))
+    y, w = (grid.ravel() for grid in np.meshgrid(along[1], up))
+    walls = []
+    for corner in (BOX_LOW, BOX_HIGH):
+        walls.append(np.stack([x, np.full(x.size, corner[1]), z], axis=1))
+        walls.append(np.stack([np.full(y.size, corner[0]), y, w], axis=1))
+    return np.concatenate([top, *walls])
+
+
+def true_points(scene: str) -> Array:
+    """The true cloud: ground and box in the yard, ground only in the lot."""
+    points = ground()
+    if scene == "lot":
+        return points + ORIGIN
+    covered = ((points > BOX_LOW) & (points < BOX_HIGH))[:, :2].all(axis=1)
+    return np.concatenate([points[~covered], box_sides()]) + ORIGIN
+
+
+def camera_poses(scene: str) -> Poses:
+    """Cameras above the middle that look down and to all sides, none like another."""
+    count = {"yard": 6, "lot": 4}[scene]
+    rows = np.arange(count)
+    rotation = np.concatenate([looking_down(5 + 3 * n, 65 * n - 40) for n in rows])
+    east, north = 22 + 7 * (rows % 3) + rows, 22 + 9 * (rows // 3) + 0.7 * rows
+    centres = np.stack([east, north, 28 + 2.0 * rows], axis=1) + ORIGIN
+    return Poses(rotation=rotation, centres=centres)
+
+
+def matrix_of_maps() -> Array:
+    width, height = MAP_SIZE
+    return np.array([[FOCAL, 0, width / 2], [0, FOCAL, height / 2], [0, 0, 1.0]])
+
+
+def exact_depth(poses: Poses, boxed: bool) -> Array:
+    """Depth (N, H, W) of ground and box by ray and plane: no code of the suite."""
+    width, height = MAP_SIZE
+    u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    rays = np.stack([(u - width / 2) / FOCAL, (v - height / 2) / FOCAL, np.ones_like(u)], axis=-1)
+    maps = []
+    for rotation, centre in zip(poses.rotation, poses.centres - ORIGIN, strict=True):
+        d = rays @ rotation  # R^T r, row by row; its z in the camera is 1, so that t is depth
+        with np.errstate(divide="ignore"):
+            t = np.where(d[..., 2] < 0, -centre[2] / d[..., 2], np.inf)
+            near, far = ((side - centre) / d for side in (BOX_LOW, BOX_HIGH))
+        first = np.minimum(near, far).max(axis=-1)
+        last = np.maximum(near, far).min(axis=-1)
+        hit = (first < last) & (first > 0)
+        maps.append(np.where(hit & boxed, np.minimum(first, t), t))
+    return np.where(np.isfinite(maps), maps, 0.0)
+
+
+def protocol(**sections: Any) -> ReconstructionProtocol:
+    """Return the shipped protocol for own photos with the made scenes, some keys changed."""
+    values = load_protocol(shipped_protocols()["photos-reconstruction"]).model_dump(by_alias=True)
+    values |= {"name": PROTOCOL, "benchmark": NAME, "title": "Made"}
+    values["scenes"] = ({"id": "yard", "title": "Yard"}, {"id": "lot", "title": "Lot"})
+    for section, keys in sections.items():
+        values[section] = values[section] | keys
+    return ReconstructionProtocol.model_validate(values)
+
+
+@dataclass(frozen=True)
+class World:
+    """A benchmark folder `root / NAME`, and perfect predictions of its scenes."""
+
+    root: Path
+
+    @property
+    def folder(self) -> Path:
+        return self.root / NAME
+
+    def images(self, scene: str) -> list[str]:
+        return [f"{scene}_{row}.jpg" for row in range(len(camera_poses(scene)))]
+
+    def cameras(self, scene: str, **changes: Any) -> dict[str, Any]:
+        """Return the fields of a file of true cameras."""
+        poses = camera_poses(scene)
+        extrinsics = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
+        fields = {"image_names": np.array(self.images(scene)), "extrinsics": extrinsics}
+        return _changed(fields, changes)
+
+    def views(self, scene: str, **changes: Any) -> dict[str, Any]:
+        """Return the fields of a file of exact depth maps."""
+        poses = camera_poses(scene)
+        fields = {
+            "depth": exact_depth(poses, boxed=scene == "yard"),
+            "intrinsics": np.tile(matrix_of_maps(), (len(poses), 1, 1)),
+            **self.cameras(scene),
+        }
+        return _changed(fields, changes)
+
+    def protocol(self, path: Path, **sections: Any) -> Path:
+        """Write a protocol file with some keys changed."""
+        path.write_text(tomli_w.dumps(_plain(protocol(**sections))))
+        return path
+
+    def score(self, predictions: Path, **options: Any) -> ReconstructionEvaluation:
+        given = {"data": self.root, "memory_bytes": MEMORY, "protocol": PROTOCOL} | options
+        return evaluate_reconstruction(predictions, **given)
+
+
+def make_world(root: Path) -> World:
+    """Write the benchmark folder."""
+    world, chosen = World(root), protocol()
+    entries = tuple(_write_scene(world, scene.id) for scene in chosen.scenes)
+    (world.folder / "protocols").mkdir()
+    text = tomli_w.dumps(_plain(chosen))
+    (world.folder / "protocols" / f"{chosen.name}.toml").write_text(text)
+    file = BenchmarkFile(
+        schema=1,
+        name=NAME,
+        version=1,
+        title="Made",
+        tracks={"reconstruction": {}},
+        scenes=entries,
+        checksums={},
+    )
+    write_benchmark_file(world.folder, file)
+    return world
+
+
+def replace_cloud(world: World, scene: str, points: Array) -> None:
+    """Give a scene another true cloud, as if it had been prepared with it."""
+    import tomllib
+
+    path = world.folder / "data" / scene / "cloud.ply"
+    write_ply(path, Cloud(points))
+    file = world.folder / "benchmark.toml"
+    values = tomllib.loads(file.read_text())
+    for entry in values["scenes"]:
+        if entry["id"] == scene:
+            entry["cloud_sha256"] = sha256_of(path)
+    file.write_text(tomli_w.dumps(values))
+
+
+def save(path: Path, fields: dict[str, Any]) -> Path:
+    """Write an npz, with the folder that it lies in."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(path, **fields)
+    return path
+
+
+def predict_clouds(
+    world: World, folder: Path, clouds: dict[str, Array], cameras: bool = True
+) -> Path:
+    """Write predictions of clouds with true cameras."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for scene, points in clouds.items():
+        write_ply(folder / f"{scene}.ply", Cloud(np.asarray(points, np.float64)))
+        if cameras:
+            save(folder / f"{scene}.cameras.npz", world.cameras(scene))
+    (folder / "protocol.txt").write_text(PROTOCOL + "\n")
+    return folder
+
+
+def _write_scene(world: World, scene: str) -> SceneFile:
+    home = world.folder / "scenes" / scene
+    poses, images = camera_poses(scene), world.images(scene)
+    (width, height), factor = PHOTO_SIZE, PHOTO_SIZE[0] / MAP_SIZE[0]
+    matrix = matrix_of_maps() * np.array([[factor], [factor], [1.0]])
+    cameras = Cameras.from_matrices(np.tile(matrix, (len(images), 1, 1)), width, height, names=None)
+    photos = photo_table(scene, tuple(images), cameras, poses, None, ORIGIN[2])
+    write_queries(home, photos)
+    cloud = world.folder / "data" / scene / "cloud.ply"
+    write_ply(cloud, Cloud(true_points(scene)))
+    nothing = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
+    truth = ReconstructionTruth(scene, photos, cloud, sha256_of(cloud), nothing)
+    write_truth(home, truth)
+    return SceneFile(
+        id=scene,
+        title=scene,
+        crs="EPSG:32633",
+        plane_height_m=float(ORIGIN[2]),
+        images="photos",
+        dom="dom.tif",
+        cloud=str(cloud.relative_to(world.folder)),
+        cloud_sha256=truth.cloud_sha256,
+    )
+
+
+def _plain(chosen: ReconstructionProtocol) -> dict[str, Any]:
+    return chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+def _changed(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in (fields | changes).items() if value is not None}
