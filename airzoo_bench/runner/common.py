@@ -285,10 +285,7 @@ def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: i
     missing = sum(scene["missing"] for scene in counts.values())
     notes = []
     by_scene = protocol.track == "reconstruction"
-    if missing and by_scene:
-        names = [scene for scene, found in counts.items() if found["missing"]]
-        notes.append(f"missing from the predictions, so scored worst: scene {', '.join(names)}")
-    elif missing:
+    if missing and not by_scene:
         notes.append(f"{missing} queries are missing from the predictions and score their worst")
     if extra and not by_scene:
         notes.append(f"{extra} ids of the predictions are no queries and were left aside")
