@@ -47,4 +47,7 @@ def check(
         say(f"{predictions}: {note}")
     if checked.faults:
         raise typer.Exit(1)
-    put(f"{predictions}: nothing wrong was found\n")
+    if checked.notes:
+        put(f"{predictions}: nothing that eval refuses was found; see the notes\n")
+    else:
+        put(f"{predictions}: nothing wrong was found\n")

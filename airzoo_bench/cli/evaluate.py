@@ -208,4 +208,4 @@ def _print_next(out: Path | None) -> None:
         say(f"wrote {out / 'result.json'} and {out / 'records.csv'}")
         say(f"next: airzoo-bench table {out / 'result.json'} --format latex")
     else:
-        say("nothing was written; add --out DIR to keep the result and a row for each query")
+        say("nothing was written; add --out DIR to keep the result and its records")

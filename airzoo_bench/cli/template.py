@@ -53,5 +53,5 @@ def template(
         descriptors=kind is Kind.DESCRIPTORS,
         seed=seed,
     )
-    say(f"wrote {target}: replace its arrays by your own")
+    say(f"wrote {target}: replace its arrays, which are random and score near nothing, by your own")
     say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")

@@ -50,6 +50,8 @@ __all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
 
 # What the parts of a cloud that cannot be read in pieces may take in memory.
 _CLOUD_BYTES = 8 << 30
+# A true cloud is at most so far from the photos, beyond what these span themselves.
+_REACH_M = 1000.0
 
 
 @dataclass(frozen=True)
@@ -164,16 +166,30 @@ def _truths(inputs: SceneInputs, protocols: PhotoProtocols, sources: PhotoSource
         raise _nothing_to_ask(retrieval, sources)
     reconstruction = None
     if sources.cloud is not None:
-        _check_cloud(sources.cloud)
+        _check_cloud(sources.cloud, inputs)
         reconstruction = build_reconstruction_truth(inputs, sources.cloud)
     return SceneTruths(inputs.photos, retrieval, matching, reconstruction)
 
 
-def _check_cloud(cloud: Path) -> None:
-    """Read a true cloud to its end, so that a damaged one is found now and not when scoring."""
+def _check_cloud(cloud: Path, inputs: SceneInputs) -> None:
+    """Read a true cloud to its end, and hold it against where the cameras are.
+
+    A damaged cloud, or one of another frame, is then found now and not when scoring.
+    """
     if not cloud.is_file():
         raise UsageError("no such cloud", where=f"--cloud {cloud}")
-    box_of(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
+    box = box_of(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
+    centres = inputs.photos[["x", "y"]].to_numpy(np.float64)
+    reach = _REACH_M + np.ptp(centres, axis=0)
+    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
+    if (box.high[:2] < low).any() or (box.low[:2] > high).any():
+        raise BenchmarkError(
+            f"lies about ({box.low[0]:.0f}, {box.low[1]:.0f}), the photos about "
+            f"({centres[:, 0].mean():.0f}, {centres[:, 1].mean():.0f})",
+            where=f"--cloud {cloud}",
+            expected=f"a cloud in the CRS of the poses, {inputs.crs}",
+            mend="transform the cloud, or add the offset that it was reduced by",
+        )
 
 
 def _inputs(

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["draw_curve", "draw_error_map", "error_colours"]
 
 _MAP = "viridis"  # even steps of lightness, for print and colour-blind readers
+# Percentiles of each axis between which maps reach: a few strays would make all else a dot.
+_FRAME = (0.02, 99.98)
 _BEYOND = (213, 94, 0)  # vermilion: at the limit or farther
 _LEAST_CELLS, _MOST_CELLS = 40, 400
 _POINTS_A_CELL = 2
@@ -71,8 +73,8 @@ def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, 
     figure, axes = new_figure(6.4, 5.2)
     axes.set(xlabel="east [m]", ylabel="north [m]", title=title)
     if len(points):
-        low = np.floor(np.percentile(points[:, :2], 0.5, axis=0))
-        high = np.maximum(np.ceil(np.percentile(points[:, :2], 99.5, axis=0)), low + 1.0)
+        low = np.floor(np.percentile(points[:, :2], _FRAME[0], axis=0))
+        high = np.maximum(np.ceil(np.percentile(points[:, :2], _FRAME[1], axis=0)), low + 1.0)
         mean = _mean_by_cell(points[:, :2], np.minimum(distances, limit), low, high)
         # A mean of limits only may be rounded to a little less.
         mean[mean >= limit * (1 - 1e-9)] = 2 * limit

@@ -21,6 +21,8 @@ from airzoo_bench.reconstruction.truth import ReconstructionTruth
 __all__ = ["listing_notes", "notes_of_placed", "notes_of_reading"]
 
 _PIECE = 1 << 20
+_HALF_TURN_DEG = 150.0
+_LOOKED_AT = 1 << 22
 
 
 def listing_notes(predictions: ReconstructionPredictions, known: list[str]) -> list[str]:
@@ -70,6 +72,8 @@ def notes_of_placed(placed: PlacedClaim) -> list[str]:
             notes.append(f"left out: {_points(count)} {what}")
     notes += suspicions(cloud.bounds, placed.truth.bounds)
     if not cloud.source.count:
+        if not cloud.outside and not cloud.not_finite and not placed.distrusted:
+            notes.append("the prediction holds no point, or no depth within the protocol's range")
         cropped = f" ({_points(cloud.outside)} outside the crop)" if cloud.outside else ""
         notes.append(f"no point is left to compare{cropped}: it scores 0 and infinite distances")
     return notes
@@ -103,12 +107,27 @@ def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list
             "has no image_names: its views were taken for the photos in the order of their names, "
             "which their poses fit"
         )
+    notes += _far_depth(views, fusion)
     if views.depth is not None and views.images is not None and not views.images.found.all():
         lost = int(np.count_nonzero(~views.images.found))
         notes.append(f"{lost} of {len(views.images.found)} depth maps have no pose: left out")
     if fusion.least_confidence is not None and views.confidence is None:
         notes.append("has no confidence: all of it was taken")
     return notes
+
+
+def _far_depth(views: Views, fusion: Fusion) -> list[str]:
+    """Say where depth maps hold nothing nearer than the protocol looks."""
+    if views.depth is None or views.depth.size == 0:
+        return []
+    some = views.depth[: max(1, _LOOKED_AT // max(views.depth[0].size, 1))]
+    seen = some[np.isfinite(some) & (some > 0)]
+    if seen.size and (seen > fusion.max_depth_m).mean() > 0.5:
+        return [
+            f"depths are {float(np.median(seen)):g} m (median), beyond the protocol's "
+            f"{fusion.max_depth_m:g} m: are they in millimetres?"
+        ]
+    return []
 
 
 def _odd_cameras(cameras: PosedCameras, truth: ReconstructionTruth) -> list[str]:
@@ -126,6 +145,12 @@ def _alignment_notes(alignment: Alignment) -> list[str]:
     notes = []
     if alignment.used_orientations:
         notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
+    turns, apart = alignment.rotations_deg, alignment.centres
+    if turns is not None and apart is not None and turns.median > _HALF_TURN_DEG:
+        notes.append(
+            f"cameras look the other way, {turns.median:.0f} degrees off (median), though their "
+            "centres fit: are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's?"
+        )
     if not alignment.robust:
         notes.append("fewer than 3 cameras agree: aligned to all of them")
     if alignment.method != "none" and alignment.missing:

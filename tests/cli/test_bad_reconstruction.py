@@ -503,10 +503,7 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     ),
     "a scene missing": (
         edited(clouds(), lambda p: (p / "lot.ply").unlink()),
-        [
-            "1 scenes are missing",
-            "scenes that the predictions lack, scored at their worst: 1 (lot)",
-        ],
+        ["scenes that the predictions lack, scored at their worst: 1 (lot)"],
     ),
     "no cameras": (
         clouds(cameras=False),

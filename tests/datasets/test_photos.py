@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import random
 import sys
@@ -23,6 +24,7 @@ from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.protocol import load_protocol
+from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from tests.support import (
     MAP_SIZE_M,
@@ -393,3 +395,27 @@ def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
     assert result.without_pose == ()
     assert truth.queries["pitch_deg"].between(60, 90).all()
     assert (truth.positives.counts > 0).all()
+
+
+def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
+    place = make_place(tmp_path)
+    cloud = tmp_path / "cloud.npy"
+    np.save(cloud, np.random.default_rng(0).uniform(0, 100, (50, 3)))
+    sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
+    with pytest.raises(BenchmarkError, match="in the CRS of the poses"):
+        prepare_photos(sources, photo_protocols("park", (64,)), tmp_path / "park")
+    assert not (tmp_path / "park").exists()
+
+
+def test_a_true_cloud_makes_truth_for_reconstruction(tmp_path: Path) -> None:
+    place = make_place(tmp_path)
+    cloud = tmp_path / "cloud.npy"
+    images = json.loads(place.poses.read_text())["images"].values()
+    centres = np.array([image["center"] for image in images])
+    np.save(cloud, np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0))
+    sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
+    result = prepare_photos(sources, photo_protocols("park", (64,)), tmp_path / "park", copy=True)
+    assert "park-reconstruction" in result.protocols
+    truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
+    assert len(truth.photos) == 4
+    assert truth.cloud.read_bytes() == cloud.read_bytes()

@@ -13,6 +13,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.open3d_loader import load_open3d
+from airzoo_bench.readers.clouds.formats import open_cloud
 from airzoo_bench.readers.clouds.meshes import MeshSampling, fans, sample_mesh, triangles_of
 from tests.readers.cloud_support import (
     CUBE,
@@ -297,3 +300,24 @@ def test_how_many_points_a_mesh_gets(tmp_path: Path) -> None:
         opened(path, sampling=None)
     with refused("bytes of memory"):
         opened(path, limit_bytes=600)
+
+
+def test_a_buffer_written_out_in_the_file_is_read(tmp_path: Path) -> None:
+    o3d = load_open3d()
+    box = o3d.geometry.TriangleMesh.create_box(2.0, 3.0, 4.0)
+    path = tmp_path / "box.glb"
+    assert o3d.io.write_triangle_mesh(str(path), box)
+    assert b"data:application/octet-stream;base64," in path.read_bytes()
+    cloud = open_cloud(path, limit_bytes=1 << 24, sampling=MeshSampling(0, 1000, None, 1000))
+    (piece,) = cloud.pieces(2000)
+    np.testing.assert_allclose(np.sort(np.ptp(piece.points, axis=0)), (2, 3, 4), atol=0.05)
+
+
+def test_a_buffer_that_is_no_base64_is_damaged(tmp_path: Path) -> None:
+    o3d = load_open3d()
+    path = tmp_path / "box.glb"
+    o3d.io.write_triangle_mesh(str(path), o3d.geometry.TriangleMesh.create_box())
+    raw = path.read_bytes()
+    path.write_bytes(raw.replace(b"base64,A", b"base64,*"))
+    with pytest.raises(PredictionError, match="damaged"):
+        open_cloud(path, limit_bytes=1 << 24, sampling=MeshSampling(0, 10, None, 10))

@@ -1,7 +1,7 @@
 """GLB (binary glTF 2): triangles and points with the transforms of their nodes.
 
-Only what lies in the file itself is read: a buffer elsewhere (``uri``) is refused, images and
-materials are never looked at.
+Only what lies in the file itself is read: a buffer elsewhere (``uri``) is refused, one that is
+written out in the file is not; images and materials are never looked at.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from airzoo_bench.readers.clouds.source import MEND_COPY, as_colours, fault
 __all__ = ["open_glb"]
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
-_LARGEST_JSON = 1 << 26
+_LARGEST_JSON = 1 << 28  # with a buffer written out in it, as Open3D does
 _DEEPEST = 64
 _MOST_NODES = 1 << 15
 _AXES = "axes as in the file: glTF takes y as up, and many exporters turn and centre the scene"
@@ -93,7 +93,14 @@ def _chunks(path: Path, limit_bytes: int) -> tuple[dict[str, Any], bytes]:
         )
     raw = path.read_bytes()
     words = np.frombuffer(raw[:20].ljust(20, b"\0"), "<u4").tolist()
-    if words[1] != 2 or words[2] > size or words[4] != _JSON or words[3] > min(size, _LARGEST_JSON):
+    if _LARGEST_JSON < words[3] <= size:
+        raise fault(
+            path,
+            f"its JSON part has {words[3]:,} bytes",
+            expected=f"at most {_LARGEST_JSON:,}, with the numbers in the binary part",
+            mend="export it with a binary buffer, or give a PLY",
+        )
+    if words[1] != 2 or words[2] > size or words[4] != _JSON or words[3] > size:
         raise _damaged(path, "its head is not of glTF 2, or it is cut off")
     text, rest = raw[20 : 20 + words[3]], raw[20 + words[3] : words[2]]
     length, kind = np.frombuffer(rest[:8].ljust(8, b"\0"), "<u4").tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,10 @@ class Accessors:
 
     def __init__(self, path: Path, document: dict[str, Any], body: bytes) -> None:
         self._document = document
-        self._body = body
-        if any("uri" in buffer for buffer in document.get("buffers", [])):
+        buffers = document.get("buffers", [])
+        embedded = _embedded(buffers)
+        self._body = body if embedded is None else embedded
+        if embedded is None and any("uri" in buffer for buffer in buffers):
             raise fault(
                 path,
                 "its data lie in another file or address (uri), which is never opened",
@@ -97,3 +100,14 @@ def _whole(value: Any) -> int:
     if not isinstance(value, int) or value < 0:
         raise ValueError("a size that is not a whole number of 0 or more")
     return value
+
+
+def _embedded(buffers: list[dict[str, Any]]) -> bytes | None:
+    """Return the one buffer that is written out in the JSON part, as Open3D does; or None."""
+    uri = buffers[0].get("uri") if len(buffers) == 1 else None
+    if not isinstance(uri, str) or not uri.startswith("data:"):
+        return None
+    head, _, text = uri.partition(",")
+    if not head.endswith(";base64"):
+        return None
+    return base64.b64decode(text, validate=True)

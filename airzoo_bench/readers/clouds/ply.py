@@ -70,7 +70,7 @@ def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
 
 def _open_vertices(path: Path, header: PlyHeader, vertex: Element) -> FileCloud:
     precision = np.result_type(*(one.type for one in vertex.properties if one.name in "xyz"))
-    notes = (_SPLAT_NOTE,) if set(_SPLATS) <= set(vertex.names) else ()
+    notes: tuple[str, ...] = (_SPLAT_NOTE,) if set(_SPLATS) <= set(vertex.names) else ()
     if not header.order:
         _refuse_short_text(path, header)
         read = partial(_read_text, path, header, vertex)
@@ -78,8 +78,20 @@ def _open_vertices(path: Path, header: PlyHeader, vertex: Element) -> FileCloud:
     start = _start_of(path, header, vertex)
     record = vertex.record(header.order)
     _refuse_short(path, vertex, start, record.itemsize)
+    notes += _more_than_promised(path, header, vertex, start + vertex.count * record.itemsize)
     read = partial(_read_binary, path, record, start, vertex.count)
     return FileCloud(path, "PLY (binary)", vertex.count, read, precision, notes)
+
+
+def _more_than_promised(
+    path: Path, header: PlyHeader, vertex: Element, end: int
+) -> tuple[str, ...]:
+    left = path.stat().st_size - end
+    if vertex is not header.elements[-1] or left <= 0:
+        return ()
+    return (
+        f"{left:,} bytes follow the {vertex.count:,} points that its header promises: not read",
+    )
 
 
 def _start_of(path: Path, header: PlyHeader, element: Element) -> int:
