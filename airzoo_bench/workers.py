@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import active_children, get_context
-from typing import TypeVar
+from typing import TypeVar, cast
 
 __all__ = ["spread"]
 
 T = TypeVar("T")
 R = TypeVar("R")
 
-# In a worker: whether it was told to end.
+# In a worker: whether it is at work on an item, and whether it was told to end.
+_working = False
 _ending = False
 
 
@@ -42,7 +42,7 @@ def spread(work: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator
         left = deque(pool.submit(_unless_ending, work, item) for item in items)
         try:
             while left:
-                yield left.popleft().result()
+                yield cast(R, left.popleft().result())
         except BaseException:
             for process in active_children():
                 process.terminate()
@@ -57,16 +57,23 @@ def _obey_the_parent() -> None:
 
 def _end(*_: object) -> None:
     global _ending
-    # Told twice, a worker is tidying up already.
-    if not _ending:
+    if _working and not _ending:
         _ending = True
+        # Half-written files are taken away on the way out; told twice, it is at that already.
         raise SystemExit
+    # Between items a result may be on its way: the pool waits for ever for the rest of a half one.
+    _ending = True
 
 
-def _unless_ending(work: Callable[[T], R], item: T) -> R:
+def _unless_ending(work: Callable[[T], R], item: T) -> R | None:
+    """Do the work; nothing, once told to end: the pool then runs dry, and ends its processes."""
+    global _working
+    if _ending:
+        return None
     try:
+        _working = True
         return work(item)
     except SystemExit:
-        # Half-written files are gone by now. The pool would take this for the answer to one item,
-        # and hand out the next.
-        os._exit(0)
+        return None
+    finally:
+        _working = False

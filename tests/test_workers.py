@@ -51,6 +51,39 @@ def test_an_error_of_a_worker_is_the_parents() -> None:
         list(spread(fail, range(10), 2))
 
 
+LARGE = """
+import sys
+from airzoo_bench.workers import spread
+
+def large(number):
+    return bytes(1 << 20)
+
+if __name__ == "__main__":
+    for number, _ in enumerate(spread(large, list(range(2_000)), 2)):
+        print(number, flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_workers_that_hand_over_large_results_end_too(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(LARGE)
+    for lines in (1, 10, 100):
+        process = subprocess.Popen(
+            [sys.executable, str(script)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        assert process.stdout is not None
+        for _ in range(lines):
+            process.stdout.readline()
+        os.killpg(process.pid, signal.SIGINT)
+        process.communicate(timeout=60)
+        assert process.returncode != 0
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interrupt_ends_all_at_once_and_leaves_nothing(tmp_path: Path) -> None:
     script = tmp_path / "script.py"

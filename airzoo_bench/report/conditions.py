@@ -50,7 +50,7 @@ def breakdown_table(
     values = np.array(columns).reshape(len(columns), len(grouping.codes))
     averages = group_averages(values, medians, grouping.codes, len(grouping.labels))
     units = [s.unit for s in shown for _ in methods]
-    unit_name = "Scenes" if len(grouping.codes) == len(methods[0].result.scenes) else "Queries"
+    unit_name = "Scenes" if methods[0].result.track == "reconstruction" else "Queries"
     heads = [_score_head(s, s.title if alone else m.name) for s in shown for m in methods]
     rows = [
         [Cell(label), Cell(int(count)), *map(_cell, units, averages[:, group])]

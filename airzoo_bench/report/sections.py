@@ -50,7 +50,7 @@ class Section:
     @property
     def by_query(self) -> bool:
         """Whether records are of queries, not of scenes."""
-        return len(self.methods[0].records) > len(self.first.scenes)
+        return self.track != "reconstruction"
 
     @property
     def headline(self) -> list[ScoreColumn]:

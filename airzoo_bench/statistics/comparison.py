@@ -112,7 +112,7 @@ def make_sample(
     columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
     values = np.array(columns).reshape(len(columns), len(of_unit))
     medians = np.array([s.average == "median" for s in scores for _ in methods], np.bool_)
-    if len(of_unit) == len(methods[0].result.scenes):
+    if methods[0].result.track == "reconstruction":
         # One record a scene: their mean over scenes, whatever the average within a scene.
         chosen = values if scene is None else values[:, of_unit == scene]
         return Sample("scene", ("",), (chosen,), np.zeros_like(medians))

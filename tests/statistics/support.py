@@ -81,7 +81,7 @@ def made_result(
         Score(c.key, c.title, c.unit, c.higher_is_better, c.average, c.headline) for c in columns
     ]
     return Result(
-        track="retrieval",
+        track="reconstruction" if any(c.key == "chamfer_m" for c in columns) else "retrieval",
         protocol=ProtocolUsed(
             name="made", version=1, fingerprint=protocol, settings=dict(settings or {})
         ),

@@ -200,7 +200,7 @@ def test_one_query():
     ]
     pair = against(*methods).pairs[0]
     assert pair.difference == -1.0
-    assert "only 1 scene" in pair.interval.reason
+    assert "only 1 query" in pair.interval.reason
     assert pair.test.p_value == pair.p_mcnemar == 1.0
 
 
