@@ -1,10 +1,12 @@
 """Runs the command line, as ``airzoo-bench`` or as ``python -m airzoo_bench``."""
 
+import os
 import sys
 
 __all__ = ["main"]
 
 _STOPPED = 130
+_PATIENCE_S = 0.5
 
 
 def main() -> None:
@@ -14,7 +16,27 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("airzoo-bench: stopped; nothing was left half-written\n")
         sys.exit(_STOPPED)
-    run()
+    try:
+        run()
+    except SystemExit as done:
+        if done.code == _STOPPED:
+            _leave_at_once()
+        raise
+
+
+def _leave_at_once() -> None:
+    """End without waiting for worker processes that were stopped in the middle of something."""
+    from multiprocessing import active_children
+
+    workers = active_children()
+    for process in workers:
+        process.terminate()
+    for process in workers:
+        process.join(_PATIENCE_S)
+        process.kill()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(_STOPPED)
 
 
 if __name__ == "__main__":
