@@ -268,7 +268,7 @@ def test_sizes_that_features_are_sought_at(
 ) -> None:
     shapes = []
 
-    def spy(image: np.ndarray, *_: object) -> object:
+    def spy(image: np.ndarray, *_: object, doubled: bool) -> object:
         shapes.append(image.shape[::-1])
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
 
