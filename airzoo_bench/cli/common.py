@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sys
 from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, TextIO, TypeVar
 
 import typer
 
 from airzoo_bench.benchmark import data_root
 from airzoo_bench.errors import UsageError
 from airzoo_bench.tables.model import Table
+
+if TYPE_CHECKING:
+    from airzoo_bench.tables.latex import LatexStyle
 
 __all__ = [
     "DataOption",
@@ -123,11 +127,12 @@ def _write(text: str, stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def show(table: Table, form: Format) -> None:
-    """Print a table on stdout."""
+def show(table: Table, form: Format, style: LatexStyle | None = None) -> None:
+    """Print a table on stdout, as wide as the terminal; the notes of CSV go to stderr."""
     from airzoo_bench.tables.render import render
 
-    put(render(table, form.value))
+    width = shutil.get_terminal_size((80, 24)).columns
+    put(render(table, form.value, width=width, styled=sys.stdout.isatty(), style=style))
     if form is Format.CSV:
         for note in table.notes:
             say(note)

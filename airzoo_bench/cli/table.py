@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, put, say
+from airzoo_bench.cli.common import Format, FormatOption, show
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.errors import UsageError
-
-if TYPE_CHECKING:
-    from airzoo_bench.tables.latex import LatexStyle
-    from airzoo_bench.tables.model import Table
 
 __all__ = ["table"]
 
@@ -109,14 +103,4 @@ def table(
     )
     if (siunitx or standalone) and form is not Format.LATEX:
         raise UsageError("--siunitx and --standalone are for LaTeX", mend="add --format latex")
-    _print(request.answer(), form, LatexStyle(siunitx, standalone))
-
-
-def _print(made: Table, form: Format, style: LatexStyle) -> None:
-    from airzoo_bench.tables.render import render
-
-    width = shutil.get_terminal_size((80, 24)).columns
-    put(render(made, form.value, width=width, styled=sys.stdout.isatty(), style=style))
-    if form is Format.CSV:
-        for note in made.notes:
-            say(note)
+    show(request.answer(), form, LatexStyle(siunitx, standalone))

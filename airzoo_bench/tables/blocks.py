@@ -12,7 +12,9 @@ __all__ = ["by_count", "by_width", "leading_columns", "units"]
 
 
 def leading_columns(table: Table) -> int:
-    """Count the columns before the first score: names and counts, which every piece repeats."""
+    """Count the columns that say what a row is, which every piece repeats."""
+    if table.leading is not None:
+        return table.leading
     for index, column in enumerate(table.columns):
         if column.higher_is_better is not None:
             return index

@@ -103,6 +103,8 @@ class Cell:
         In the unit of the value.
     cite : str
         Keys of a bibliography, for LaTeX.
+    least : float
+        A number below it is shown as less than it: a p-value is never 0.0000.
     """
 
     value: float | int | str | None
@@ -111,6 +113,7 @@ class Cell:
     gain: float | None = None
     uncertainty: Uncertainty | None = None
     cite: str = ""
+    least: float = 0.0
 
     def text(self, decimals: int) -> str:
         """Return the value as it is shown; a missing one is a dash, an infinite one says so."""
@@ -118,6 +121,8 @@ class Cell:
             return "–"
         if isinstance(self.value, str | int):
             return plain(str(self.value))
+        if 0 <= self.value < self.least:
+            return f"<{show_number(self.least, decimals)}"
         return show_number(self.value, decimals)
 
     def beside(self, decimals: int) -> list[str]:
@@ -156,6 +161,9 @@ class Table:
     ----------
     groups_per_block : int
         How many groups of columns stand side by side where a format breaks a wide table.
+    leading : int, optional
+        How many columns say what a row is, which every block repeats; where it is not given, all
+        before the first score.
     """
 
     title: str
@@ -163,6 +171,7 @@ class Table:
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
     groups_per_block: int = 2
+    leading: int | None = None
 
     def texts(self) -> list[list[str]]:
         """Return every cell as it is shown, with what stands beside its value."""

@@ -89,7 +89,8 @@ def _csv_cells(cell: Cell, column: Column, beside: list[str]) -> list[str]:
     numbers = _beside_numbers(cell)
     further = [numbers.get(kind.strip()) for kind in beside]
     texts = ["" if n is None else show_number(n, column.decimals) for n in further]
-    return [cell.text(column.decimals), *texts]
+    exact = isinstance(cell.value, float) and 0 <= cell.value < cell.least
+    return [repr(cell.value) if exact else cell.text(column.decimals), *texts]
 
 
 def _beside_numbers(cell: Cell) -> dict[str, float]:
