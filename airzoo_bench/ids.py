@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["assign_queries", "check_ids", "scene_of"]
+__all__ = ["PHOTO_SUFFIXES", "assign_queries", "check_ids", "scene_of"]
+
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+"""What the names of photos end in; their ids leave it out."""
 
 Texts = NDArray[np.str_]
 

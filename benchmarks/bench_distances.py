@@ -27,8 +27,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.reconstruction.blocks import block_distances
-from airzoo_bench.reconstruction.neighbours import mutual_distances
+from airzoo_bench.reconstruction.distances.blocks import block_distances
+from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 
 Floats = NDArray[np.float64]
 Both = tuple[Floats, Floats]

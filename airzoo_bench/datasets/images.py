@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.ids import PHOTO_SUFFIXES
 
-__all__ = ["SUFFIXES", "photo_size", "read_grey", "read_rgb_photo"]
-
-SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-"""Endings of files that are photos, in lower case."""
+__all__ = ["photo_size", "read_grey", "read_rgb_photo"]
 
 _UPRIGHT = 1
 _TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
@@ -41,7 +39,7 @@ def photo_size(path: Path) -> tuple[int, int]:
         raise BenchmarkError(
             f"not a readable photo: {_brief(error, path)}",
             where=path,
-            expected="a complete " + ", ".join(SUFFIXES) + " file",
+            expected="a complete " + ", ".join(PHOTO_SUFFIXES) + " file",
             mend="copy it again, or take it out of the folder",
         ) from error
     if orientation in _TURNED:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.datasets.images import SUFFIXES, photo_size
+from airzoo_bench.datasets.images import photo_size
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.errors import (
     BenchmarkError,
@@ -20,6 +20,7 @@ from airzoo_bench.errors import (
 from airzoo_bench.files import check_new_folder
 from airzoo_bench.geometry.frames import horizontal_crs
 from airzoo_bench.geometry.rasters import check_same_crs, describe_crs, open_info
+from airzoo_bench.ids import PHOTO_SUFFIXES
 from airzoo_bench.progress import Progress
 
 if TYPE_CHECKING:
@@ -80,10 +81,11 @@ def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
     """Read width and height of every photo below a folder, by name relative to it."""
     if not folder.is_dir():
         raise UsageError("no such folder of photos", where=folder)
-    paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    found = (path for path in folder.rglob("*") if path.is_file())
+    paths = sorted(path for path in found if path.suffix.lower() in PHOTO_SUFFIXES)
     if not paths:
         raise BenchmarkError(
-            "holds no photo", where=folder, expected="files ending in " + ", ".join(SUFFIXES)
+            "holds no photo", where=folder, expected="files ending in " + ", ".join(PHOTO_SUFFIXES)
         )
     shown = progress(paths, "photos", len(paths))
     return {path.relative_to(folder).as_posix(): photo_size(path) for path in shown}

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.images import SUFFIXES
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.files import read_text
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.ids import PHOTO_SUFFIXES
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
 
 __all__ = ["read_pose_list"]
@@ -72,7 +72,7 @@ def _check_rows(rows: list[list[str]], path: Path) -> None:
 def _without_ending(name: str) -> str:
     """Take off what ends a photo's name, and nothing else that follows a dot."""
     stem, dot, ending = name.rpartition(".")
-    return stem if dot + ending.lower() in SUFFIXES else name
+    return stem if dot + ending.lower() in PHOTO_SUFFIXES else name
 
 
 def _check_whole(

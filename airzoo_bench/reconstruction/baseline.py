@@ -20,17 +20,17 @@ from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.reconstruction.alignment import Alignment, align
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras, RansacSettings
 from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.consensus import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.sfm_model import (
+from airzoo_bench.reconstruction.sfm.model import (
     Lens,
     Model,
     assumed_lenses,
     empty_model,
     known_lenses,
 )
-from airzoo_bench.reconstruction.sfm_steps import (
+from airzoo_bench.reconstruction.sfm.steps import (
     Reader,
     SfmSettings,
     build_models,

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.similarity import Similarity
 
 __all__ = ["DepthCloud", "DepthMaps", "PointCloudOfMaps", "PointMaps", "surface_depth"]
 

@@ -9,15 +9,15 @@ import numpy as np
 from airzoo_bench.errors import PredictionError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.reconstruction.alignment import Alignment, align
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.clouds import CloudSource
-from airzoo_bench.reconstruction.consensus import PosedCameras
 from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointCloudOfMaps, PointMaps
 from airzoo_bench.reconstruction.prepared import Held, Moved, PreparedCloud, box_of, prepared
 from airzoo_bench.reconstruction.regions import finite_rows
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionScores
-from airzoo_bench.reconstruction.similarity import Similarity
 from airzoo_bench.reconstruction.tsdf import fuse
 
 __all__ = ["Claim", "PlacedClaim", "Rules", "Work", "place_claim"]

@@ -6,7 +6,8 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.pose_metrics import (
     centre_errors,
     pair_errors,
@@ -16,7 +17,6 @@ from airzoo_bench.reconstruction.pose_metrics import (
 )
 from airzoo_bench.reconstruction.scores import pose_auc_column
 from airzoo_bench.reconstruction.settings import ReconstructionScores
-from airzoo_bench.reconstruction.similarity import Similarity
 
 __all__ = ["pose_scores", "worst_poses"]
 

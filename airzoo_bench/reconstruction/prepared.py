@@ -13,10 +13,10 @@ import numpy as np
 
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
 from airzoo_bench.reconstruction.settings import Preparation
-from airzoo_bench.reconstruction.similarity import Similarity
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = ["Held", "Moved", "PreparedCloud", "box_of", "prepared"]

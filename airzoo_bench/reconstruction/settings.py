@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from airzoo_bench.reconstruction.consensus import RansacSettings
-from airzoo_bench.reconstruction.icp import IcpSettings
+from airzoo_bench.reconstruction.alignment.consensus import RansacSettings
+from airzoo_bench.reconstruction.alignment.icp import IcpSettings
 from airzoo_bench.reconstruction.tsdf import TsdfSettings
 from airzoo_bench.settings import Limits, Positive, Strict
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.reconstruction.alignment import Alignment
-from airzoo_bench.reconstruction.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.cameras import Alignment
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.curves import Curve, curve, even_thresholds
-from airzoo_bench.reconstruction.distances import CloudDistances, cloud_distances
+from airzoo_bench.reconstruction.distances.both_ways import CloudDistances, cloud_distances
 from airzoo_bench.reconstruction.metrics import CloudScores, score_distances
 from airzoo_bench.reconstruction.placing import Claim, PlacedClaim, Rules, Work
 from airzoo_bench.reconstruction.pose_scores import pose_scores

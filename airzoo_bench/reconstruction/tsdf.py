@@ -19,9 +19,9 @@ from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.open3d_loader import load_open3d
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.fusion import DepthMaps, surface_depth
-from airzoo_bench.reconstruction.similarity import Similarity
 
 __all__ = ["TsdfSettings", "fuse"]
 

@@ -65,7 +65,7 @@ def score_scene(
         "positives": truth.positives.counts,
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": first_hit_rank(hits),
-        "first_tile": _first_tile(truth, ranking),
+        **_ranked_tiles(truth, ranking, max(settings.recall_at)),
         **_hit_scores(hits, truth.positives.counts, settings),
         **_distance_scores(truth, ranking, settings),
     }
@@ -117,6 +117,11 @@ def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32]) -> NDArray[np.fl
     return distances
 
 
-def _first_tile(truth: RetrievalTruth, ranking: Ranking) -> NDArray[np.object_]:
+def _ranked_tiles(truth: RetrievalTruth, ranking: Ranking, depth: int) -> dict[str, Any]:
+    """Return how many tiles each list has, and the ids of the first, empty beyond its end."""
     ids = np.append(truth.tiles["id"].to_numpy(object), "")
-    return ids[ranking.tiles[:, 0]] if ranking.tiles.shape[1] else np.full(len(ranking.tiles), "")
+    tiles = np.full((len(ranking.tiles), depth), -1, np.int32)
+    given = ranking.tiles[:, :depth]
+    tiles[:, : given.shape[1]] = given
+    ranked = (ranking.tiles >= 0).sum(axis=1)
+    return {"ranked": ranked} | {f"tile@{k + 1}": ids[tiles[:, k]] for k in range(depth)}

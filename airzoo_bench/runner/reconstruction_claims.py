@@ -15,8 +15,8 @@ from airzoo_bench.readers.image_poses import ImagePoses
 from airzoo_bench.readers.reconstruction import ScenePrediction
 from airzoo_bench.readers.view_suspicions import suspect_camera_to_world
 from airzoo_bench.readers.views import Views
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.clouds import CloudSource
-from airzoo_bench.reconstruction.consensus import PosedCameras
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.placing import Claim
 from airzoo_bench.reconstruction.pose_metrics import pair_errors

@@ -11,8 +11,8 @@ from airzoo_bench.readers.clouds.suspicions import precision_suspicion, suspicio
 from airzoo_bench.readers.reconstruction import ReconstructionPredictions, ScenePrediction
 from airzoo_bench.readers.view_suspicions import suspect_camera_to_world, suspect_image_size
 from airzoo_bench.readers.views import Views
-from airzoo_bench.reconstruction.alignment import Alignment
-from airzoo_bench.reconstruction.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.cameras import Alignment
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.placing import Claim, PlacedClaim
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion

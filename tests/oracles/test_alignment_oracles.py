@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.open3d_loader import load_open3d
-from airzoo_bench.reconstruction.icp import IcpSettings, refine
+from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, umeyama
 from airzoo_bench.reconstruction.pose_metrics import (
     centre_errors,
     pair_errors,
     rms_of_placed,
     step_errors,
 )
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, umeyama
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
 

@@ -7,10 +7,14 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment import Alignment, align, partners
-from airzoo_bench.reconstruction.consensus import PosedCameras, RansacSettings, mean_rotation
-from airzoo_bench.reconstruction.icp import IcpSettings, refine, subsample
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, partners
+from airzoo_bench.reconstruction.alignment.consensus import (
+    PosedCameras,
+    RansacSettings,
+    mean_rotation,
+)
+from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine, subsample
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 from tests.geometry.support import looking_down, quick, seeds
 
 UTM = np.array((576663.25, 5188165.5, 197.0))

@@ -14,16 +14,16 @@ from airzoo_bench.datasets.images import read_rgb_photo
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.reconstruction.alignment import align
+from airzoo_bench.reconstruction.alignment.cameras import align
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras, RansacSettings
 from airzoo_bench.reconstruction.baseline import (
     SfmResult,
     SfmSettings,
     photo_pairs,
     sparse_reconstruction,
 )
-from airzoo_bench.reconstruction.consensus import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.sfm_model import assumed_lenses
-from airzoo_bench.reconstruction.sfm_steps import focal_from_exif
+from airzoo_bench.reconstruction.sfm.model import assumed_lenses
+from airzoo_bench.reconstruction.sfm.steps import focal_from_exif
 from tests.geometry.support import looking_down
 
 FREE: dict[str, Any] = {"priors": None, "alignment": None}

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from airzoo_bench.errors import BenchmarkError, UserError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction import blocks, spill
-from airzoo_bench.reconstruction.blocks import block_distances
-from airzoo_bench.reconstruction.distances import cloud_distances
-from airzoo_bench.reconstruction.neighbours import mutual_distances
-from airzoo_bench.reconstruction.spill import cells_of, spilled
+from airzoo_bench.reconstruction.distances import blocks, spill
+from airzoo_bench.reconstruction.distances.blocks import block_distances
+from airzoo_bench.reconstruction.distances.both_ways import cloud_distances
+from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
+from airzoo_bench.reconstruction.distances.spill import cells_of, spilled
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces, clouds, surface
 

@@ -14,6 +14,7 @@ from airzoo_bench.errors import PredictionError
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.reconstruction import fusion
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.fusion import (
     DepthCloud,
@@ -22,7 +23,6 @@ from airzoo_bench.reconstruction.fusion import (
     PointMaps,
     surface_depth,
 )
-from airzoo_bench.reconstruction.similarity import Similarity
 from airzoo_bench.reconstruction.tsdf import TsdfSettings, fuse
 from tests.geometry.support import looking_down
 

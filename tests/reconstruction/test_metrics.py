@@ -13,13 +13,13 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import curves as curves_module
 from airzoo_bench.reconstruction import metrics as metrics_module
 from airzoo_bench.reconstruction.curves import counts_below, curve, even_thresholds, f1_score
+from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 from airzoo_bench.reconstruction.metrics import (
     CloudScores,
     exact_mean,
     score_distances,
     summarise_distances,
 )
-from airzoo_bench.reconstruction.neighbours import mutual_distances
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import clouds
 

@@ -8,9 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction import neighbours
-from airzoo_bench.reconstruction.boxes import BoxTree, bound_squared, gap_squared, squared_distance
-from airzoo_bench.reconstruction.neighbours import (
+from airzoo_bench.reconstruction.distances import neighbours
+from airzoo_bench.reconstruction.distances.boxes import (
+    BoxTree,
+    bound_squared,
+    gap_squared,
+    squared_distance,
+)
+from airzoo_bench.reconstruction.distances.neighbours import (
     NeighbourSearch,
     mutual_distances,
     nearest_distances,

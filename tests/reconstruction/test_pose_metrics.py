@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction import pose_metrics
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.pose_metrics import (
     PairErrors,
     centre_errors,
@@ -15,7 +16,6 @@ from airzoo_bench.reconstruction.pose_metrics import (
     rms_of_placed,
     step_errors,
 )
-from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import quick, seeds
 
 

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.prepared import Held, Moved, PreparedCloud, box_of, prepared
 from airzoo_bench.reconstruction.regions import Box
 from airzoo_bench.reconstruction.settings import Preparation
-from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.open3d_loader import load_open3d
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.consensus import PosedCameras
 from airzoo_bench.reconstruction.placing import Claim, Rules, Work, place_claim
 from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.prepared import Held

@@ -11,15 +11,15 @@ import numpy as np
 from airzoo_bench.errors import first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.reconstruction.consensus import (
+from airzoo_bench.reconstruction.alignment.consensus import (
     LEAST_CAMERAS,
     PosedCameras,
     RansacSettings,
     distances,
     fit_cameras,
 )
-from airzoo_bench.reconstruction.icp import IcpReport, IcpSettings, refine
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.alignment.icp import IcpReport, IcpSettings, refine
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 
 __all__ = [
     "Alignment",

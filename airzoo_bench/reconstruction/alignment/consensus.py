@@ -14,7 +14,7 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.reconstruction.similarity import (
+from airzoo_bench.reconstruction.alignment.similarity import (
     RANK_TOLERANCE,
     AlignmentError,
     Similarity,

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from pykdtree import kdtree
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.reconstruction.boxes import BoxTree, squared_distance
-from airzoo_bench.reconstruction.morton import gather, morton_order
+from airzoo_bench.reconstruction.distances.boxes import BoxTree, squared_distance
+from airzoo_bench.reconstruction.distances.morton import gather, morton_order
 
 __all__ = ["NeighbourSearch", "mutual_distances", "nearest_distances"]
 

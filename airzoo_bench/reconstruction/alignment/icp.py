@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, fit_many
 
 __all__ = ["CloudFit", "IcpReport", "IcpSettings", "refine", "subsample"]
 

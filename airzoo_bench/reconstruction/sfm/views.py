@@ -15,7 +15,7 @@ from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.pycolmap_loader import load_pycolmap
-from airzoo_bench.reconstruction.sfm_model import Colours, Lens, Model
+from airzoo_bench.reconstruction.sfm.model import Colours, Lens, Model
 
 __all__ = ["TwoViews", "map_photos", "verify"]
 

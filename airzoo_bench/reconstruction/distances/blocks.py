@@ -19,10 +19,10 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.reconstruction.boxes import bound_squared, gap_squared
-from airzoo_bench.reconstruction.morton import gather, morton_order
-from airzoo_bench.reconstruction.neighbours import NeighbourSearch
-from airzoo_bench.reconstruction.spill import Block, Spill, cells_of, spilled
+from airzoo_bench.reconstruction.distances.boxes import bound_squared, gap_squared
+from airzoo_bench.reconstruction.distances.morton import gather, morton_order
+from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch
+from airzoo_bench.reconstruction.distances.spill import Block, Spill, cells_of, spilled
 
 __all__ = ["block_distances"]
 

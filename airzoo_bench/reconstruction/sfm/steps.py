@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from airzoo_bench.files import atomic_write, fingerprint, sha256_of, write_npz
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.pycolmap_loader import load_pycolmap
-from airzoo_bench.reconstruction.sfm import TwoViews, map_photos, verify
-from airzoo_bench.reconstruction.sfm_model import Lens, Model, model_arrays, model_from_arrays
+from airzoo_bench.reconstruction.sfm.model import Lens, Model, model_arrays, model_from_arrays
+from airzoo_bench.reconstruction.sfm.views import TwoViews, map_photos, verify
 from airzoo_bench.sift import extract, mutual_nearest
 
 __all__ = [

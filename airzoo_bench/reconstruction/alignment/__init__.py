@@ -1,0 +1,1 @@
+"""A prediction brought into the frame of the truth."""

@@ -1,0 +1,1 @@
+"""Exact distances between clouds, in memory or in blocks."""
