@@ -27,8 +27,8 @@ from airzoo_bench.protocol import (
     protocol_of_track,
 )
 from airzoo_bench.queries import PRIOR_COLUMNS, poses_of
-from airzoo_bench.reconstruction.baseline import SfmResult, SfmSettings, sparse_reconstruction
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.baseline import SfmResult, SfmSettings, sparse_reconstruction
 from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction_truth
