@@ -7,9 +7,6 @@ no fingerprint, and stand beside results, never among them.
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +15,10 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field
 
 from airzoo_bench.errors import ResultError
-from airzoo_bench.files import read_text
+from airzoo_bench.printed.table import Printed, read_published
 from airzoo_bench.protocol import load_protocol, shipped_protocols
 from airzoo_bench.settings import Name, Strict
-from airzoo_bench.validation import read_toml, validated
+from airzoo_bench.validation import nearest, read_toml, validated
 
 __all__ = [
     "PublishedTable",
@@ -35,8 +32,6 @@ __all__ = [
 
 V = TypeVar("V")
 
-_COLUMNS = ("table", "benchmark", "track", "scene", "method", "metric", "unit", "value")
-_AVERAGES = ("overall", "Average")
 _OVERALL = ""
 
 
@@ -126,65 +121,49 @@ def read_source(path: Path) -> list[PublishedTable]:
     Parameters
     ----------
     path : Path
-        The TOML file; the CSV file that it names lies beside it.
+        The TOML file; the table that it names lies beside it, as `read_published` reads it.
 
     Raises
     ------
     ResultError
         A file is missing or malformed, a name is not explained, a number is none, or stands there
-        twice.
+        twice; it says in which line and column.
     """
     source = read_source_file(path)
     place = path.with_name(source.data)
     found: dict[tuple[str, str, str], dict[str, dict[str, dict[str, float]]]] = {}
-    for line, row in enumerate(_rows(place), start=2):
-        where = f"{place}, line {line}"
-        benchmark = _known(source.benchmarks, row["benchmark"], "benchmark", where)
-        scores = _known(source.scores, row["track"], "track", where)
-        key = _known(scores, row["metric"], "metric", where)
-        scene = _OVERALL if row["scene"] in _AVERAGES else row["scene"]
-        table = found.setdefault((row["table"], benchmark, row["track"]), {})
-        values = table.setdefault(row["method"], {}).setdefault(scene, {})
+    for cell in read_published(place).cells:
+        where = f"{place}, line {cell.line}, column"
+        benchmark = _known(source.benchmarks, cell.benchmark, "benchmark", where)
+        scores = _known(source.scores, cell.track, "track", where)
+        key = _known(scores, cell.score.name, "metric", where)
+        scene = _OVERALL if cell.is_summary else cell.scene
+        table = found.setdefault((cell.table, benchmark, cell.track), {})
+        values = table.setdefault(cell.method, {}).setdefault(scene, {})
         if key in values:
-            raise ResultError(f"{row['method']} has {row['metric']} twice", where=where)
-        values[key] = _number(row["value"], where)
+            raise ResultError(
+                f"{cell.method} has {cell.score.name} twice",
+                where=f"{place}, line {cell.line}",
+                expected="one average a table, and one number for each score of the TOML file",
+            )
+        values[key] = _value(cell)
     return [
         PublishedTable(source.name, label, benchmark, track, values)
         for (label, benchmark, track), values in found.items()
     ]
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    text = read_text(path, ResultError, "file of published numbers")
-    reader = csv.DictReader(io.StringIO(text, newline=""), restkey="")
-    missing = sorted(set(_COLUMNS) - set(reader.fieldnames or ()))
-    if missing:
-        raise ResultError(
-            f"lacks the columns {', '.join(missing)}", where=path, expected=", ".join(_COLUMNS)
-        )
-    rows = list(reader)
-    for line, row in enumerate(rows, start=2):
-        if "" in row or None in row.values():
-            raise ResultError("has not as many cells as columns", where=f"{path}, line {line}")
-    return rows
+def _value(cell: Printed) -> float:
+    """Return a share in percent, anything else as it is printed."""
+    return float(cell.number.value * (100 // cell.full if cell.score.is_share else 1))
 
 
 def _known(names: Mapping[str, V], name: str, what: str, where: str) -> V:
     if name not in names:
         raise ResultError(
-            f"the {what} {name[:80]!r} is not explained",
-            where=where,
+            f"the {what} {name[:80]!r} is not explained{nearest(name, sorted(names))}",
+            where=f"{where} {what!r}",
             expected="one of " + ", ".join(names),
             mend="add it to the TOML file",
         )
     return names[name]
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ResultError(f"{text[:40]!r} is not a number", where=where)
-    return value

@@ -6,23 +6,25 @@ from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
 from itertools import combinations, permutations
 
-from airzoo_bench.audit.findings import Finding, Grade
-from airzoo_bench.audit.published import Printed, Published
+from airzoo_bench.audit.findings import Finding, Grade, Outcome
+from airzoo_bench.printed.table import Printed, Published
 
 __all__ = ["check_agreement", "check_misplaced_rows"]
 
 Row = list[Printed]
+RowKey = tuple[str, ...]
 
 _SUMMARY = "overall"
 # Two scores may agree by chance; a whole row of fewer says nothing.
 _FEWEST_SCORES = 3
+_LEFT = "nothing is printed in two tables"
 
 
 def _scene(cell: Printed) -> str:
     return _SUMMARY if cell.is_summary else cell.scene
 
 
-def check_agreement(published: Published, reported: AbstractSet[int]) -> list[Finding]:
+def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome:
     """Find numbers that two tables print differently.
 
     Parameters
@@ -31,15 +33,28 @@ def check_agreement(published: Published, reported: AbstractSet[int]) -> list[Fi
     reported : set of int
         Lines of which it is already known that they are wrong: not said again.
     """
-    findings = []
     groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.score.name))
-    for cells in groups.values():
-        for first, second in combinations(cells, 2):
-            same = first.table == second.table or first.number.value == second.number.value
-            if same or reported & {first.line, second.line}:
-                continue
-            findings.append(_differ(first, second))
-    return findings
+    pairs = [
+        (first, second)
+        for cells in groups.values()
+        for first, second in combinations(cells, 2)
+        if first.table != second.table
+    ]
+    findings = [
+        _differ(first, second)
+        for first, second in pairs
+        if not _agree(first, second) and not reported & {first.line, second.line}
+    ]
+    what = "pairs of one number in two tables, whether both say the same"
+    return Outcome("agreement", len(pairs), what, "" if pairs else _LEFT, tuple(findings))
+
+
+def _agree(first: Printed, second: Printed) -> bool:
+    """Whether they are the same digits, or the one with fewer rounds the other."""
+    coarse, fine = sorted((first.number, second.number), key=lambda number: number.decimals)
+    if coarse.decimals == fine.decimals:
+        return coarse.value == fine.value
+    return coarse.interval.meets(fine.interval)
 
 
 def _differ(first: Printed, second: Printed) -> Finding:
@@ -48,12 +63,13 @@ def _differ(first: Printed, second: Printed) -> Finding:
     grade = Grade.ROUNDING if gap <= step else Grade.INCONSISTENT
     other = second.table or "another place"
     why = (
-        f"printed {first.number.text} here and {second.number.text} in {other}, line {second.line}"
+        f"the same number is printed {first.number.text} here and {second.number.text} in {other}, "
+        f"line {second.line}"
     )
     return Finding(grade, "agreement", first, why)
 
 
-def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> list[Finding]:
+def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Outcome:
     """Find rows that another table prints, number for number, under another method's name.
 
     Parameters
@@ -63,29 +79,48 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> li
         Lines of which it is already known that they are wrong: of two such rows, the one that
         holds none is right.
     """
-    alike = [(row, other) for rows in _alike(published) for row, other in permutations(rows, 2)]
-    own = {(c.table, *c.group, c.scene, c.method) for c in published.cells}
-    return [
+    rows = published.by(_key)
+    compared = [row for row in rows.values() if _is_telling(row)]
+    findings = [
         _misplaced(row, other[0])
-        for row, other in alike
-        if _is_elsewhere(row[0], other[0])
-        and (other[0].table, *other[0].group, other[0].scene, row[0].method) in own
-        and (reported & _lines(row) or not reported & _lines(other))
+        for alike in _alike(compared)
+        for row, other in permutations(alike, 2)
+        if row[0].table != other[0].table and _is_another(row, other[0], rows)
+        if reported & _lines(row) or not reported & _lines(other)
     ]
+    tables = len({row[0].table for row in compared})
+    left = _LEFT if tables < 2 else ""
+    what = "rows, whether another table prints one under another method's name"
+    return Outcome("row", 0 if left else len(compared), what, left, tuple(findings))
 
 
-def _alike(published: Published) -> Iterable[list[Row]]:
+def _key(cell: Printed) -> RowKey:
+    return cell.table, *cell.group, cell.scene, cell.method
+
+
+def _is_telling(row: Row) -> bool:
+    return len(row) >= _FEWEST_SCORES and any(cell.number.value for cell in row)
+
+
+def _values(row: Row) -> frozenset[object]:
+    return frozenset((cell.score.name, cell.number.value) for cell in row)
+
+
+def _alike(rows: Iterable[Row]) -> Iterable[list[Row]]:
     """Group rows of equal scores and values, whosever they are."""
     groups: dict[object, list[Row]] = {}
-    for row in published.by(lambda c: (c.table, *c.group, c.scene, c.method)).values():
-        if len(row) >= _FEWEST_SCORES and any(cell.number.value for cell in row):
-            values = frozenset((cell.score.name, cell.number.value) for cell in row)
-            groups.setdefault((row[0].group, _scene(row[0]), values), []).append(row)
+    for row in rows:
+        groups.setdefault((row[0].group, _scene(row[0]), _values(row)), []).append(row)
     return groups.values()
 
 
-def _is_elsewhere(first: Printed, second: Printed) -> bool:
-    return first.table != second.table and first.method != second.method
+def _is_another(row: Row, other: Printed, rows: dict[RowKey, Row]) -> bool:
+    """Whether it is another's row: the other table prints other numbers under this name."""
+    own = rows.get((other.table, *other.group, other.scene, row[0].method))
+    if own is None or own[0].method == other.method:
+        return False
+    printed = {cell.score.name: cell.number.value for cell in own}
+    return any(printed.get(c.score.name, c.number.value) != c.number.value for c in row)
 
 
 def _lines(row: Row) -> set[int]:
@@ -94,5 +129,8 @@ def _lines(row: Row) -> set[int]:
 
 def _misplaced(row: Row, other: Printed) -> Finding:
     values = ", ".join(f"{cell.score.name} {cell.number.text}" for cell in row)
-    why = f"the whole row ({values}) is that of {other.method} in {other.table}, {other.scene}"
+    why = (
+        f"all {len(row)} numbers of this row ({values}) are those of {other.method} in "
+        f"{other.table}, {other.scene}, so it may stand under the wrong name"
+    )
     return Finding(Grade.INCONSISTENT, "row", row[0], why)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from airzoo_bench.audit.agreement_checks import check_agreement, check_misplaced_rows
 from airzoo_bench.audit.average_checks import check_averages
-from airzoo_bench.audit.findings import Audit, Finding, Grade
+from airzoo_bench.audit.count_checks import check_counts
+from airzoo_bench.audit.findings import Audit
 from airzoo_bench.audit.mark_checks import check_bold, check_gains
 from airzoo_bench.audit.order_checks import check_medians, check_order, check_ranges
 from airzoo_bench.audit.precision_checks import check_average_precision, define_average_precision
-from airzoo_bench.audit.published import Published
-from airzoo_bench.audit.queries import check_counts, resolve_queries
+from airzoo_bench.audit.queries import resolve_queries
 from airzoo_bench.audit.reconstruction_checks import check_chamfer, check_f1
-from airzoo_bench.audit.scores import Family
 from airzoo_bench.errors import first_of
+from airzoo_bench.printed.scores import Family
+from airzoo_bench.printed.table import Published
 
 __all__ = ["audit"]
 
@@ -47,52 +49,39 @@ def audit(
     # Numbers of queries from recalls alone tell which average precision it is, so that nothing is
     # proved by itself; that then tells more of the numbers of queries.
     by_recalls, _ = resolve_queries(published, counts or {}, {})
-    definitions, defined = define_average_precision(published, by_recalls, variant)
+    definitions = define_average_precision(published, by_recalls, variant)
     variants = {name: d.variant for name, d in definitions.items() if d.variant}
     queries, conclusions = resolve_queries(published, counts or {}, variants)
-    averages, averaged = check_averages(published, queries, variants)
-    gains, over = check_gains(published)
-    chamfer, distances = check_chamfer(published)
-    off = {finding.cell.line for finding in averages}
-    findings = [
-        *check_ranges(published),
-        *check_counts(published, queries),
-        *check_order(published),
-        *check_medians(published),
+    counted = check_counts(published, queries)
+    averages = check_averages(published, queries, variants)
+    off = {finding.cell.line for finding in averages.findings}
+    outcomes = (
+        check_ranges(published),
+        replace(counted, conclusions=(*conclusions, *counted.conclusions)),
         *check_average_precision(published, queries, definitions),
-        *check_f1(published),
-        *chamfer,
-        *averages,
-        *check_agreement(published, off),
-        *check_misplaced_rows(published, off),
-        *gains,
-        *check_bold(published),
-    ]
-    return Audit(
-        published.source,
-        len(published.cells),
-        tuple(sorted(findings, key=_gravity)),
-        (*conclusions, *defined, *averaged, *over, *distances),
-        tuple(_notes(published)),
+        check_order(published),
+        check_medians(published),
+        check_f1(published),
+        check_chamfer(published),
+        averages,
+        check_agreement(published, off),
+        check_misplaced_rows(published, off),
+        check_gains(published),
+        check_bold(published),
     )
-
-
-def _gravity(finding: Finding) -> tuple[int, int]:
-    return list(Grade).index(finding.grade), finding.cell.line
+    return Audit(published.source, len(published.cells), outcomes, tuple(_notes(published)))
 
 
 def _notes(published: Published) -> list[str]:
     notes = []
     if published.unused_columns:
         notes.append("columns not used: " + ", ".join(published.unused_columns))
-    if not published.has_bold:
-        notes.append("no column 'bold': not checked whether the best is bold")
     unknown = dict.fromkeys(
         cell.score.name for cell in published.cells if cell.score.family is Family.OTHER
     )
     if unknown:
         notes.append(
-            "scores that are not known, of which only averages, gains and agreement were checked: "
+            "scores that are not known, checked only for averages, gains and agreement: "
             + first_of(unknown)
         )
     return notes

@@ -3,52 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
-from airzoo_bench.audit.counts import counted_share
-from airzoo_bench.audit.findings import Conclusion, Finding, Grade
-from airzoo_bench.audit.published import Printed, Published, grouped
+from airzoo_bench.audit.averages import Averaged, example_text, has_common_weights, shown_mean
+from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
-from airzoo_bench.audit.rounding import Interval, Rounded, decimal_text, mean_interval
-from airzoo_bench.audit.scores import Family
+from airzoo_bench.printed.counts import counted_share
+from airzoo_bench.printed.numbers import Interval, decimal_text, mean_interval
+from airzoo_bench.printed.scores import Family
+from airzoo_bench.printed.table import Printed, Published, grouped
 
 __all__ = ["check_averages"]
 
 _CHECK = "average"
-
-
-@dataclass(frozen=True)
-class _Averaged:
-    """A printed average with the scenes' values it should be made of.
-
-    Attributes
-    ----------
-    over_scenes : Interval
-        Where the unweighted mean of the exact values lies.
-    over_queries : Interval or None
-        Where the mean over all queries lies; None where queries are not known, or it is no share.
-    of_rounded : Fraction
-        The unweighted mean of the values as printed.
-    """
-
-    cell: Printed
-    scenes: tuple[Printed, ...]
-    over_scenes: Interval
-    over_queries: Interval | None
-    of_rounded: Fraction
-
-    def fits(self, mean: Interval | None) -> bool:
-        return mean is not None and self.cell.number.interval.meets(mean)
-
-    @property
-    def fits_rounded(self) -> bool:
-        return abs(self.cell.number.value - self.of_rounded) <= self.cell.number.half
+_WHAT = "averages against the scenes they are of"
+Scenes = Mapping[tuple[str, ...], Mapping[str, Mapping[str, Printed]]]
 
 
 def check_averages(
     published: Published, queries: Mapping[Key, Queries], variants: Mapping[Key, str]
-) -> tuple[list[Finding], list[Conclusion]]:
+) -> Outcome:
     """Tell over what a table averages, and find the averages that the scenes do not give.
 
     Parameters
@@ -68,22 +42,44 @@ def check_averages(
     conclusions: list[Conclusion] = []
     summaries = [cell for cell in published.cells if cell.is_summary]
     same = grouped(summaries, _identity)
+    tested = loose = 0
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
         made = [_averaged(cell, scenes, queries, exact) for cell in cells]
         known = [average for average in made if average is not None]
         if not known:
             continue
-        by_queries = _by_queries(known)
         conclusions.append(Conclusion(_CHECK, ", ".join(filter(None, place)), _conclusion(known)))
-        judged = (
-            _judge(average, same[_identity(average.cell)], by_queries=by_queries)
-            for average in known
+        pooled = False
+        for kind in _kinds(known):
+            # What one kind shows to be averaged over queries, no other need be over scenes.
+            pooled = _is_pooled(kind) or (pooled and not kind[0].is_weighed)
+            free = len(kind) if pooled and not kind[0].is_weighed else 0
+            tested, loose = tested + len(kind) - free, loose + free
+            judged = (_judge(a, same[_identity(a.cell)], pooled=pooled) for a in kind)
+            findings.extend(finding for finding in judged if finding)
+    left = _left(len(summaries), tested, loose)
+    return Outcome(_CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions))
+
+
+def _left(summaries: int, tested: int, loose: int) -> str:
+    if not summaries:
+        return "nothing is printed for several scenes"
+    parts = [
+        f"{number} {why}"
+        for number, why in (
+            (
+                loose,
+                "may be over all queries, whose numbers are not known (--counts), so that only "
+                "lying between the scenes' values was checked",
+            ),
+            (summaries - tested - loose, "whose scenes are not all, or not at all, in the file"),
         )
-        findings.extend(finding for finding in judged if finding)
-    return findings, conclusions
+        if number
+    ]
+    return "; ".join(parts)
 
 
-def _scenes(published: Published) -> dict[tuple[str, ...], dict[str, dict[str, Printed]]]:
+def _scenes(published: Published) -> Scenes:
     """Return the scenes' cells: by benchmark, track and score, then scene, then method."""
     scenes: dict[tuple[str, ...], dict[str, dict[str, Printed]]] = {}
     for cell in published.cells:
@@ -96,23 +92,27 @@ def _scenes(published: Published) -> dict[tuple[str, ...], dict[str, dict[str, P
 
 def _averaged(
     cell: Printed,
-    scenes: Mapping[tuple[str, ...], Mapping[str, Mapping[str, Printed]]],
+    scenes: Scenes,
     queries: Mapping[Key, Queries],
     exact: Callable[[Printed], Interval],
-) -> _Averaged | None:
+) -> Averaged | None:
     by_scene = scenes.get((*cell.group, cell.score.name), {})
     parts = [by_method[cell.method] for by_method in by_scene.values() if cell.method in by_method]
     if len(parts) < 2 or len(parts) < len(by_scene):
         return None
     values = [exact(part) for part in parts]
     counts = [queries[key_of(part)].number for part in parts if key_of(part) in queries]
-    weigh = cell.score.is_share and len(counts) == len(parts)
-    return _Averaged(
+    is_of_queries = cell.score.family in (Family.HITS, Family.AVERAGE_PRECISION)
+    is_weighed = is_of_queries and len(counts) == len(parts)
+    # Whatever the weights, a mean or a median of all lies between those of the parts.
+    between = Interval(min(v.low for v in values), max(v.high for v in values))
+    return Averaged(
         cell,
         tuple(parts),
         mean_interval(values),
-        mean_interval(values, counts) if weigh else None,
+        mean_interval(values, counts) if is_weighed else between,
         sum((part.number.value for part in parts), Fraction(0)) / len(parts),
+        is_weighed,
     )
 
 
@@ -127,58 +127,65 @@ def _exact(cell: Printed, queries: Mapping[Key, Queries], variants: Mapping[Key,
     return cell.number.interval
 
 
-def _by_queries(known: Sequence[_Averaged]) -> bool:
-    over_scenes = sum(average.fits(average.over_scenes) for average in known)
-    return sum(average.fits(average.over_queries) for average in known) > over_scenes
+def _is_pooled(known: Sequence[Averaged]) -> bool:
+    """Whether averages of one place and kind are rather over all queries than over scenes.
+
+    Where that cannot be computed, they are so unless most are means over scenes and no weights of
+    the scenes explain all of them.
+    """
+    over_scenes = sum(average.fits_scenes for average in known)
+    if known[0].is_weighed:
+        return sum(average.fits_queries for average in known) > over_scenes
+    if known[0].is_median:
+        # A median of all queries is no mean of medians by any weights.
+        return 3 * over_scenes < 2 * len(known)
+    return 2 * over_scenes <= len(known) or (over_scenes < len(known) and has_common_weights(known))
 
 
-def _conclusion(known: Sequence[_Averaged]) -> str:
-    exact = sum(average.fits(average.over_scenes) for average in known)
-    rounded = sum(
-        average.fits_rounded and not average.fits(average.over_scenes) for average in known
-    )
-    weighed = [average for average in known if average.over_queries is not None]
-    pooled = sum(average.fits(average.over_queries) for average in weighed)
+def _kinds(known: Sequence[Averaged]) -> list[list[Averaged]]:
+    """Group averages that are judged together: by what is known of their weights, medians last."""
+    kinds: dict[tuple[bool, bool], list[Averaged]] = {}
+    for average in sorted(known, key=lambda a: (not a.is_weighed, a.is_median)):
+        kinds.setdefault((average.is_weighed, average.is_median), []).append(average)
+    return list(kinds.values())
+
+
+def _conclusion(known: Sequence[Averaged]) -> str:
+    exact = sum(average.fits_scenes for average in known)
+    rounded = sum(average.fits_rounded and not average.fits_scenes for average in known)
+    weighed = [average for average in known if average.is_weighed]
+    medians = [average for average in known if average.is_median]
     text = f"of {len(known)} averages, {exact} are unweighted means over scenes"
+    if medians:
+        fitting = sum(average.fits_scenes for average in medians)
+        text += f" (of {len(medians)} medians {fitting})"
     if rounded:
         text += f", {rounded} more are so of the rounded values only"
     if weighed:
+        pooled = sum(average.fits_queries for average in weighed)
         text += f"; {pooled} of {len(weighed)} are means over all queries"
-    return text + _example(weighed)
+    return text + example_text(weighed)
 
 
-def _example(weighed: Sequence[_Averaged]) -> str:
-    """Show the average that tells the two ways apart most."""
-    fitting = [average for average in weighed if average.fits(average.over_scenes)]
-    if not fitting:
-        return ""
-
-    def ways(average: _Averaged) -> tuple[Interval, Interval]:
-        return average.over_scenes, average.over_queries or average.over_scenes
-
-    most = max(fitting, key=lambda average: abs(ways(average)[0].low - ways(average)[1].low))
-    scenes, pooled = (_shown(way, most.cell.number) for way in ways(most))
-    name = f"{most.cell.method}, {most.cell.score.name}"
-    printed = most.cell.number.text
-    return f" ({name}: {scenes} over scenes, {pooled} over queries, printed {printed})"
-
-
-def _judge(average: _Averaged, same: Sequence[Printed], *, by_queries: bool) -> Finding | None:
+def _judge(average: Averaged, same: Sequence[Printed], *, pooled: bool) -> Finding | None:
     cell, number = average.cell, average.cell.number
-    pooled = average.over_queries if by_queries else None
-    mean = average.over_scenes if pooled is None else pooled
+    mean = average.over_queries if pooled else average.over_scenes
     if number.interval.meets(mean):
         return None
-    weighed = "over " if pooled is None else "over all queries of "
-    shown = _shown(mean, number)
-    why = f"the mean {weighed}{len(average.scenes)} scenes is {shown}, printed {number.text}"
+    shown, rounded = shown_mean(mean, number), decimal_text(mean.low, number.decimals)
+    of = f"{len(average.scenes)} scenes"
+    if pooled and not average.is_weighed:
+        why = f"no average of {of} whose values lie between {shown.replace(' to ', ' and ')}"
+    else:
+        kind = f"mean over all queries of {of}" if pooled else f"mean of {of}"
+        why = f"the {kind} is {shown}, which rounds to {rounded}"
+    why += f"; printed here is {number.text}"
     why += "".join(f", in {c.table} {c.number.text}" for c in _elsewhere(cell, same))
-    if pooled is None and average.fits_rounded:
-        rounded = decimal_text(average.of_rounded, number.decimals + 2)
-        why += f"; the values as printed have the mean {rounded}: rounded twice"
+    if not pooled and average.fits_rounded:
+        twice = decimal_text(average.of_rounded, number.decimals + 2)
+        why += f"; the scenes' values as printed have the mean {twice}, so it was rounded twice"
         return Finding(Grade.ROUNDING, _CHECK, cell, why)
-    off = max(mean.low - number.value, number.value - mean.high)
-    if off <= 3 * number.half:
+    if number.interval.widened(2 * number.half).meets(mean):
         return Finding(Grade.ROUNDING, _CHECK, cell, why + ": off by the last digit")
     return Finding(Grade.INCONSISTENT, _CHECK, cell, why)
 
@@ -191,9 +198,3 @@ def _elsewhere(cell: Printed, same: Sequence[Printed]) -> list[Printed]:
     """Return the same average where another table prints it differently."""
     value = cell.number.value
     return [other for other in same if other.table != cell.table and other.number.value != value]
-
-
-def _shown(mean: Interval, number: Rounded) -> str:
-    """Write a mean with two digits more than printed, or as far as it is known."""
-    low, high = (decimal_text(end, number.decimals + 2) for end in (mean.low, mean.high))
-    return low if low == high else f"{low} to {high}"

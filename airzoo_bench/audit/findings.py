@@ -1,14 +1,14 @@
-"""Findings: what is wrong, how sure that is, and the arithmetic."""
+"""Findings: what is wrong, how sure that is, and the arithmetic; and what was checked at all."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from airzoo_bench.audit.published import Printed
+from airzoo_bench.printed.table import Printed
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-__all__ = ["Audit", "Conclusion", "Finding", "Grade", "audit_table"]
+__all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table"]
 
 
 class Grade(StrEnum):
@@ -54,6 +54,40 @@ class Conclusion:
 
 
 @dataclass(frozen=True)
+class Outcome:
+    """What one check did.
+
+    Attributes
+    ----------
+    check : str
+    tested : int
+        How many things it held against arithmetic.
+    what : str
+        What these are: "shares of queries".
+    left : str
+        What could not be checked and why; empty where nothing was left.
+    findings : tuple of Finding
+    conclusions : tuple of Conclusion
+    """
+
+    check: str
+    tested: int
+    what: str
+    left: str = ""
+    findings: tuple[Finding, ...] = ()
+    conclusions: tuple[Conclusion, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """Say what was checked, what came of it, and what was not checked."""
+        if not self.tested:
+            return f"not checked: {self.left}"
+        found = f"{len(self.findings)} found" if self.findings else "all fine"
+        left = f"; not checked: {self.left}" if self.left else ""
+        return f"{self.tested} {self.what}: {found}{left}"
+
+
+@dataclass(frozen=True)
 class Audit:
     """All that was found.
 
@@ -63,18 +97,42 @@ class Audit:
         What was audited.
     cells : int
         How many values.
-    findings : tuple of Finding
-        The gravest first, then in the order of the file.
-    conclusions : tuple of Conclusion
+    outcomes : tuple of Outcome
+        One for each check.
     notes : tuple of str
-        What could not be checked, and why.
+        What of the file was not used.
     """
 
     source: str
     cells: int
-    findings: tuple[Finding, ...]
-    conclusions: tuple[Conclusion, ...]
+    outcomes: tuple[Outcome, ...]
     notes: tuple[str, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The gravest first, then by table and place, in the order of the file."""
+        found = [finding for outcome in self.outcomes for finding in outcome.findings]
+        lines: dict[tuple[str, str], int] = {}
+        for finding in sorted(found, key=lambda f: f.cell.line):
+            lines.setdefault((finding.cell.table, finding.cell.place), finding.cell.line)
+
+        def order(finding: Finding) -> tuple[int, int, int]:
+            cell = finding.cell
+            grade = list(Grade).index(finding.grade)
+            return grade, lines[cell.table, cell.place], cell.line
+
+        return tuple(sorted(found, key=order))
+
+    @property
+    def conclusions(self) -> tuple[Conclusion, ...]:
+        """What the numbers say where nothing is wrong, check by check."""
+        return tuple(said for outcome in self.outcomes for said in outcome.conclusions)
+
+    @property
+    def summary(self) -> str:
+        """All in one line."""
+        counts = ", ".join(f"{self.count(grade)} {grade.value}" for grade in Grade)
+        return f"{self.source}: {counts}, in {self.cells} values"
 
     def count(self, grade: Grade) -> int:
         """Return the number of findings of one grade."""
@@ -87,14 +145,14 @@ class Audit:
 
 
 def audit_table(audit: Audit) -> Table:
-    """Lay out an audit: a row a finding; conclusions are notes."""
+    """Lay out an audit: a row a finding; what was checked and concluded are notes."""
     tables = any(finding.cell.table for finding in audit.findings)
     heads = ["Grade", "Check", *(["Table"] if tables else []), "Scene", "Method", "Score"]
     columns = tuple(Column(title) for title in [*heads, "Printed", "Why"])
     rows = [_finding_row(finding, tables) for finding in audit.findings]
-    counts = ", ".join(f"{audit.count(grade)} {grade.value}" for grade in Grade)
-    title = f"{audit.source}: {counts}, in {audit.cells} values"
-    return Table(title, columns, tuple(rows), (*map(_note, audit.conclusions), *audit.notes))
+    checked = (f"checked, {outcome.check}: {outcome.text}" for outcome in audit.outcomes)
+    notes = (*checked, *map(_note, audit.conclusions), *audit.notes)
+    return Table(audit.summary, columns, tuple(rows), notes)
 
 
 def _finding_row(finding: Finding, tables: bool) -> Row:

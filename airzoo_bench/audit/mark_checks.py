@@ -9,13 +9,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from airzoo_bench.audit.findings import Conclusion, Finding, Grade
-from airzoo_bench.audit.published import Printed, Published, grouped
-from airzoo_bench.audit.rounding import Rounded, decimal_text
+from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.printed.numbers import Rounded, decimal_text
+from airzoo_bench.printed.table import Printed, Published
 
 __all__ = ["check_bold", "check_gains"]
 
 _GAIN = "gain"
+# Instead of a method: the best of those that have no gains themselves.
+_BEST = "the best of the others"
 
 
 @dataclass(frozen=True)
@@ -27,17 +29,26 @@ class _Gain:
     base: Printed | None
 
     @property
-    def off(self) -> Fraction | None:
-        """How far the gain is from the difference of the printed values."""
+    def difference(self) -> Fraction:
+        """The difference of the printed values, by the sign that comes nearer to the gain."""
         if self.base is None:
-            return None
+            return Fraction(0)
         difference = self.cell.number.value - self.base.number.value
         signs = (1, -1) if self.cell.score.higher_is_better is False else (1,)
-        return min(abs(self.gain.value - sign * difference) for sign in signs)
+        return min((sign * difference for sign in signs), key=lambda d: abs(self.gain.value - d))
+
+    @property
+    def off(self) -> Fraction | None:
+        """How far the gain is from the difference, beyond its own rounding."""
+        if self.base is None:
+            return None
+        finer = max(self.cell.number.decimals, self.base.number.decimals)
+        own = self.gain.half if self.gain.decimals < finer else Fraction(0)
+        return max(Fraction(0), abs(self.gain.value - self.difference) - own)
 
     @property
     def slack(self) -> Fraction:
-        """How far off it may be where all three were rounded from exact numbers."""
+        """How far off it may be where all three were rounded, or cut off, from exact numbers."""
         halves = self.cell.number.half + self.gain.half
         return halves + (self.base.number.half if self.base else 0)
 
@@ -46,11 +57,13 @@ class _Gain:
         return self.off is not None and self.off <= self.slack
 
 
-def check_gains(published: Published) -> tuple[list[Finding], list[Conclusion]]:
+def check_gains(published: Published) -> Outcome:
     """Find printed gains that are not the difference of the printed values.
 
     Over which method a method's gains are is concluded: the one that explains most of them, of
-    equals the one whose name it bears, such as ``X`` for ``X (Ours)``.
+    equals the one whose name it bears, such as ``X`` for ``X (Ours)``; or the best of the others in
+    each column, where that explains more. One that explains no more than half, and is no namesake,
+    is none.
     """
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
@@ -59,14 +72,21 @@ def check_gains(published: Published) -> tuple[list[Finding], list[Conclusion]]:
         for key, cells in published.by(lambda c: (c.table, *_column(c))).items()
     }
     printed = [_Gain(cell, cell.gain, None) for cell in published.cells if cell.gain]
+    unexplained = 0
     for (table, method), own in _by_method(printed).items():
         beside = [(gain, columns[table, *_column(gain.cell)]) for gain in own]
         base = _baseline(method, beside)
         gains = [_over(gain, column, base) for gain, column in beside]
         place = ", ".join(filter(None, (table, method)))
         conclusions.append(Conclusion(_GAIN, place, _gains_text(base, gains)))
-        findings.extend(finding for gain in gains if (finding := _judge(gain, base)))
-    return findings, conclusions
+        unexplained += len(gains) if base is None else 0
+        findings.extend(finding for gain in gains if base and (finding := _judge(gain, base)))
+    left = f"gains over no method of the table: {unexplained}" if unexplained else ""
+    what = "printed gains, whether they are the difference of the printed values"
+    if not printed:
+        left = "no gain is printed"
+    tested = len(printed) - unexplained
+    return Outcome(_GAIN, tested, what, left, tuple(findings), tuple(conclusions))
 
 
 def _by_method(gains: Sequence[_Gain]) -> dict[tuple[str, str], list[_Gain]]:
@@ -85,7 +105,15 @@ def _column(cell: Printed) -> tuple[str, ...]:
 
 
 def _over(gain: _Gain, column: Sequence[Printed], base: str | None) -> _Gain:
+    if base == _BEST:
+        return replace(gain, base=_best_of_others(gain, column))
     return replace(gain, base=next((cell for cell in column if cell.method == base), None))
+
+
+def _best_of_others(gain: _Gain, column: Sequence[Printed]) -> Printed | None:
+    others = [cell for cell in column if cell.gain is None and cell.method != gain.cell.method]
+    pick = min if gain.cell.score.higher_is_better is False else max
+    return pick(others, key=_value, default=None)
 
 
 def _baseline(method: str, beside: Sequence[tuple[_Gain, Sequence[Printed]]]) -> str | None:
@@ -96,13 +124,18 @@ def _baseline(method: str, beside: Sequence[tuple[_Gain, Sequence[Printed]]]) ->
     merits = {
         name: (explained[name], name.casefold() == stem, -line) for name, line in rivals.items()
     }
-    best = max(merits, key=lambda name: merits[name], default=None)
-    return best if best is not None and any(merits[best][:2]) else None
+    if not merits:
+        return None
+    best = max(merits, key=lambda name: merits[name])
+    over_best = sum(_over(gain, column, _BEST).is_explained for gain, column in beside)
+    if over_best > merits[best][0] and 2 * over_best > len(beside):
+        return _BEST
+    return best if merits[best][1] or 2 * merits[best][0] > len(beside) else None
 
 
 def _explaining(gain: _Gain, column: Sequence[Printed]) -> set[str]:
     """Return the methods of a column, sorted by value, that a gain is over within rounding."""
-    slack = gain.slack + max(cell.number.half for cell in column)
+    slack = gain.slack + gain.gain.half + max(cell.number.half for cell in column)
     near: list[Printed] = []
     for difference in (gain.gain.value, -gain.gain.value):
         target = gain.cell.number.value - difference
@@ -113,57 +146,90 @@ def _explaining(gain: _Gain, column: Sequence[Printed]) -> set[str]:
 
 def _gains_text(base: str | None, gains: Sequence[_Gain]) -> str:
     if base is None:
-        return f"no method of the table explains any of {len(gains)} gains"
+        return f"no method of the table explains more than half of {len(gains)} gains"
     explained = sum(gain.is_explained for gain in gains)
-    return f"gains are over {base}, which explains {explained} of {len(gains)}"
+    return f"gains are over {base}: so {explained} of {len(gains)} are right to the last digit"
 
 
-def _judge(gain: _Gain, base: str | None) -> Finding | None:
+def _judge(gain: _Gain, base: str) -> Finding | None:
     if gain.off == 0:
         return None
     if gain.base is None:
-        why = f"gain {gain.gain.text} over {base or 'no method of the table'}: there is no number"
+        why = f"{base}, over which the gain {gain.gain.text} is, has no number here"
         return Finding(Grade.INCONSISTENT, _GAIN, gain.cell, why)
-    value, other = gain.cell.number, gain.base.number
-    digits = max(value.decimals, other.decimals, gain.gain.decimals)
-    difference = decimal_text(value.value - other.value, digits)
-    why = f"{value.text} - {other.text} ({base}) = {difference}, printed {gain.gain.text}"
+    why = _difference_text(gain, gain.base)
     if gain.is_explained:
-        why += ": off by the last digit, as of values before rounding"
+        why += ": off by the last digit, as where it was computed before rounding"
         return Finding(Grade.ROUNDING, _GAIN, gain.cell, why)
     return Finding(Grade.INCONSISTENT, _GAIN, gain.cell, why)
 
 
-def check_bold(published: Published) -> list[Finding]:
+def _difference_text(gain: _Gain, base: Printed) -> str:
+    value, other = gain.cell.number, base.number
+    digits = max(value.decimals, other.decimals, gain.gain.decimals)
+    difference = value.value - other.value
+    sign = "+" if difference > 0 else ""
+    return (
+        f"{value.text} - {other.text} ({base.method}) = {sign}{decimal_text(difference, digits)}, "
+        f"but the printed gain is {gain.gain.text}"
+    )
+
+
+def check_bold(published: Published) -> Outcome:
     """Find bold values that are not the best of their column, and best ones that are not bold.
 
-    Only in tables that print something bold, and for scores whose better direction is known. All
-    that share the best printed value are to be bold.
+    Only in tables that print something bold, and for scores whose better direction is known. Of
+    several that share the best printed value, one is to be bold at least: which is best before
+    rounding, the table does not say.
     """
+    what = "columns, whether the best is bold and nothing else"
     if not published.has_bold:
-        return []
+        return Outcome("bold", 0, what, "the file does not say what is bold")
     bold_tables = {cell.table for cell in published.cells if cell.bold}
-    cells = [c for c in published.cells if c.table in bold_tables]
-    columns = grouped(cells, lambda c: (c.table, *_column(c)))
-    return [finding for column in columns.values() for finding in _judge_column(column)]
+    columns = published.by(lambda c: (c.table, *_column(c))).values()
+    judged = [c for c in columns if c[0].table in bold_tables and _is_race(c)]
+    left = [
+        f"{number} columns {why}"
+        for number, why in (
+            (sum(c[0].table not in bold_tables for c in columns), "of tables without bold"),
+            (sum(not _is_race(c) for c in columns), "of one method or an unknown score"),
+        )
+        if number
+    ]
+    findings = [finding for column in judged for finding in _judge_column(column)]
+    return Outcome("bold", len(judged), what, " and ".join(left), tuple(findings))
+
+
+def _is_race(column: Sequence[Printed]) -> bool:
+    return column[0].score.higher_is_better is not None and len(column) > 1
 
 
 def _judge_column(column: Sequence[Printed]) -> list[Finding]:
-    direction = column[0].score.higher_is_better
-    if direction is None or len(column) < 2:
-        return []
-    pick = max if direction else min
+    pick = max if column[0].score.higher_is_better else min
     best = pick(cell.number.value for cell in column)
     leaders = [cell for cell in column if cell.number.value == best]
-    names = " and ".join(cell.method for cell in leaders)
     findings = []
     for cell in column:
         if cell.bold and cell not in leaders:
-            why = f"{cell.number.text} is bold, but the best is {leaders[0].number.text} of {names}"
+            names = " and ".join(leader.method for leader in leaders)
+            better = "higher" if cell.score.higher_is_better else "lower"
+            why = (
+                f"{cell.number.text} is bold, but {names} has {leaders[0].number.text}, and "
+                f"{better} is better"
+            )
             findings.append(Finding(Grade.INCONSISTENT, "bold", cell, why))
         elif not cell.bold and cell in leaders:
-            bold = " and ".join(c.method for c in column if c.bold)
-            marked = f"bold is {bold}" if bold else "nothing is bold"
-            why = f"{cell.number.text} is the best of {len(column)}, but {marked}"
-            findings.append(Finding(Grade.INCONSISTENT, "bold", cell, why))
+            findings.append(_not_bold(cell, leaders, column))
     return findings
+
+
+def _not_bold(cell: Printed, leaders: Sequence[Printed], column: Sequence[Printed]) -> Finding:
+    marked = [leader for leader in leaders if leader.bold]
+    if marked:
+        names = " and ".join(leader.method for leader in marked)
+        why = f"{cell.number.text} is not bold, but the same number of {names} is"
+        return Finding(Grade.ROUNDING, "bold", cell, why)
+    others = " and ".join(c.method for c in column if c.bold)
+    bold = f"{others} is bold" if others else "nothing in the column is bold"
+    why = f"{cell.number.text} is the best of {len(column)} methods, but {bold}"
+    return Finding(Grade.INCONSISTENT, "bold", cell, why)

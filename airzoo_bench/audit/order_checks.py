@@ -5,9 +5,9 @@ from __future__ import annotations
 from fractions import Fraction
 from itertools import permutations
 
-from airzoo_bench.audit.findings import Finding, Grade
-from airzoo_bench.audit.published import Printed, Published
-from airzoo_bench.audit.scores import Family, at_most
+from airzoo_bench.audit.findings import Finding, Grade, Outcome
+from airzoo_bench.printed.scores import Family, at_most
+from airzoo_bench.printed.table import Printed, Published
 
 __all__ = ["check_medians", "check_order", "check_ranges"]
 
@@ -21,31 +21,44 @@ _DISTANCES = (
 _HALF = Fraction(1, 2)
 
 
-def check_ranges(published: Published) -> list[Finding]:
+def check_ranges(published: Published) -> Outcome:
     """Find shares outside 0 to 100 % and distances below zero."""
+    known = [c for c in published.cells if c.score.is_share or c.score.family in _DISTANCES]
     findings = []
-    for cell in published.cells:
+    for cell in known:
         if cell.score.is_share and not 0 <= cell.number.value <= cell.full:
-            why = f"{cell.number.text} is no share: it lies outside 0 to {cell.full}"
+            why = f"{cell.number.text} lies outside 0 to {cell.full}, so it is no share of anything"
             findings.append(Finding(Grade.IMPOSSIBLE, "range", cell, why))
-        elif cell.score.family in _DISTANCES and cell.number.value < 0:
-            why = f"{cell.number.text}: no {cell.score.family.value} is below 0"
+        elif not cell.score.is_share and cell.number.value < 0:
+            why = f"{cell.number.text} is below 0, and no {cell.score.family.value} is"
             findings.append(Finding(Grade.IMPOSSIBLE, "range", cell, why))
-    return findings
+    what = "values, whether shares lie within 0 to 100 % and distances are not negative"
+    unknown = len(published.cells) - len(known)
+    left = f"{unknown} values of scores that are not known" if unknown else ""
+    return Outcome("range", len(known), what, left, tuple(findings))
 
 
-def check_order(published: Published) -> list[Finding]:
+def check_order(published: Published) -> Outcome:
     """Find recalls at a smaller threshold that exceed those at a larger one."""
-    findings = []
-    for row in published.by(_row).values():
-        for first, second in permutations(row, 2):
-            if at_most(first.score, second.score) and _exceeds(first, second):
-                why = (
-                    f"{first.score.name} = {first.number.text} > {second.score.name} = "
-                    f"{second.number.text}, but every hit of the former is one of the latter"
-                )
-                findings.append(Finding(Grade.IMPOSSIBLE, "order", first, why))
-    return findings
+    pairs = [
+        (first, second)
+        for row in published.by(_row).values()
+        for first, second in permutations(row, 2)
+        if at_most(first.score, second.score)
+    ]
+    findings = [_disordered(*pair) for pair in pairs if _exceeds(*pair)]
+    what = "pairs such as R@1 and R@5 of one row, whether the stricter one is not larger"
+    left = "" if pairs else "no row has one kind of recall at two thresholds"
+    return Outcome("order", len(pairs), what, left, tuple(findings))
+
+
+def _disordered(first: Printed, second: Printed) -> Finding:
+    small, large = first.score.name, second.score.name
+    why = (
+        f"{small} = {first.number.text} > {large} = {second.number.text}, but whatever counts for "
+        f"{small} counts for {large} too, so {large} cannot be smaller"
+    )
+    return Finding(Grade.IMPOSSIBLE, "order", first, why)
 
 
 def _row(cell: Printed) -> tuple[str, ...]:
@@ -59,33 +72,49 @@ def _exceeds(first: Printed, second: Printed) -> bool:
     return first.share.low > second.share.high
 
 
-def check_medians(published: Published) -> list[Finding]:
+def check_medians(published: Published) -> Outcome:
     """Find medians on the wrong side of a threshold within which more, or less, than half lie.
 
     Only in scenes: an average of medians is no median.
     """
-    findings = []
-    for row in published.by(_row).values():
-        medians = [c for c in row if c.score.family is Family.MEDIAN and not c.is_summary]
-        for median in medians:
-            for recall in row:
-                why = _contradiction(median, recall)
-                if why:
-                    findings.append(Finding(Grade.IMPOSSIBLE, "median", median, why))
-    return findings
+    pairs = [
+        (median, recall)
+        for row in published.by(_row).values()
+        for median in row
+        if median.score.family is Family.MEDIAN and not median.is_summary
+        for recall in row
+        if _is_within(recall, median.unit)
+    ]
+    findings = [finding for pair in pairs if (finding := _contradiction(*pair))]
+    what = "medians beside shares of errors within a threshold, whether both can be"
+    left = "" if pairs else "no row of a scene has a median and a recall within so many of its unit"
+    return Outcome("median", len(pairs), what, left, tuple(findings))
 
 
-def _contradiction(median: Printed, recall: Printed) -> str | None:
+def _is_within(recall: Printed, unit: str) -> bool:
     thresholds = recall.score.thresholds
-    if recall.score.family is not Family.HITS or len(thresholds) != 1:
-        return None
-    threshold, unit = thresholds[0]
-    if not unit or unit != median.unit:
-        return None
-    errors = median.number.interval
-    recalled = f"{recall.score.name} = {recall.number.text}"
-    if recall.share.low > _HALF and errors.low > threshold:
-        return f"{recalled}: more than half of the errors lie below it, so the median does too"
-    if recall.share.high < _HALF and errors.high < threshold:
-        return f"{recalled}: less than half of the errors lie below it, so the median does not"
+    is_one = recall.score.family is Family.HITS and len(thresholds) == 1
+    return is_one and bool(unit) and thresholds[0][1] == unit
+
+
+def _contradiction(median: Printed, recall: Printed) -> Finding | None:
+    threshold, unit = recall.score.thresholds[0]
+    # One half more than rounding allows: digits may have been cut off.
+    errors = median.number.interval.widened(median.number.half)
+    share = recall.share.widened(recall.number.half / recall.full)
+    limit = f"{float(threshold):g} {unit}"
+    printed = f"printed is {median.number.text} {unit}"
+    if share.low > _HALF and errors.low > threshold:
+        why = (
+            f"{recall.score.name} = {recall.number.text}: more than half of the errors lie below "
+            f"{limit}, so the median does too; {printed}"
+        )
+        return Finding(Grade.IMPOSSIBLE, "median", median, why)
+    if share.high < _HALF and errors.high < threshold:
+        why = (
+            f"{recall.score.name} = {recall.number.text}: fewer than half of the errors lie below "
+            f"{limit}, so the median does not; {printed}. Both can be only where the median leaves "
+            "out queries that failed"
+        )
+        return Finding(Grade.INCONSISTENT, "median", median, why)
     return None

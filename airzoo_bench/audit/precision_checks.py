@@ -12,12 +12,13 @@ from airzoo_bench.audit.average_precision import (
     bounds_of,
     recalls_for,
 )
-from airzoo_bench.audit.counts import chance_of_fit, count_text, possible_counts
-from airzoo_bench.audit.findings import Conclusion, Finding, Grade
-from airzoo_bench.audit.published import Printed, Published, grouped
+from airzoo_bench.audit.count_checks import Share, judge_shares
+from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
-from airzoo_bench.audit.rounding import Interval, decimal_text
-from airzoo_bench.audit.scores import Family
+from airzoo_bench.printed.counts import chance_of_fit, possible_counts
+from airzoo_bench.printed.numbers import Interval, decimal_text
+from airzoo_bench.printed.scores import Family
+from airzoo_bench.printed.table import Printed, Published, grouped
 
 __all__ = ["Definition", "check_average_precision", "define_average_precision"]
 
@@ -29,7 +30,11 @@ _NAMES = {
     "trec": "sum of precisions at hits / R",
     "hits": "sum of precisions at hits / hits",
 }
-_SURE = 1e-3
+# So rarely may so many values be whole numbers by chance.
+_SURE = 1e-5
+_BOUNDED = "average precisions, whether the recalls beside them allow them"
+_COUNTED = "mean precisions, whether each is a whole number of positives"
+_NONE = "no average precision such as AP@5 is printed in a scene"
 _MOST_MISFITS = Fraction(1, 10)
 
 
@@ -42,6 +47,11 @@ class _Bounded:
 
     def outside(self, variant: str) -> bool:
         return variant in self.bounds and not self.cell.share.meets(self.bounds[variant])
+
+    def is_near(self, variant: str) -> bool:
+        """Whether it is outside by no more than digits that were cut off instead of rounded."""
+        half = self.cell.number.half / self.cell.full
+        return self.cell.share.widened(2 * half).meets(self.bounds[variant])
 
 
 @dataclass(frozen=True)
@@ -62,7 +72,7 @@ class Definition:
 
 def define_average_precision(
     published: Published, queries: Mapping[Key, Queries], variant: str | None
-) -> tuple[dict[Key, Definition], list[Conclusion]]:
+) -> dict[Key, Definition]:
     """Tell which average precision the values of each benchmark, track and score are.
 
     Parameters
@@ -74,19 +84,16 @@ def define_average_precision(
         One of `VARIANTS`, which a score's own name overrules; None to conclude it from the values.
     """
     definitions: dict[Key, Definition] = {}
-    conclusions: list[Conclusion] = []
     for name, group in _groups(published).items():
-        whole = [value.cell for value in group if _is_counted(value.cell, queries)]
-        concluded, text = _conclude(group, whole, queries)
         told = group[0].cell.score.variant or variant
-        definitions[name] = Definition(told or concluded, told is not None)
-        conclusions.append(Conclusion("AP", ", ".join(filter(None, name)), text))
-    return definitions, conclusions
+        evidence = _evidence(group, queries)
+        definitions[name] = Definition(told or evidence.concluded, told is not None)
+    return definitions
 
 
 def check_average_precision(
     published: Published, queries: Mapping[Key, Queries], definitions: Mapping[Key, Definition]
-) -> list[Finding]:
+) -> tuple[Outcome, Outcome]:
     """Find average precisions that cannot be what they are, by the recalls or by their counts.
 
     Parameters
@@ -97,14 +104,49 @@ def check_average_precision(
     definitions : mapping
         From `define_average_precision`.
     """
-    findings = []
-    for name, group in _groups(published).items():
+    bounds: list[Finding] = []
+    conclusions: list[Conclusion] = []
+    shares: list[Share] = []
+    groups = _groups(published)
+    for name, group in groups.items():
         definition = definitions[name]
-        findings.extend(_outside(group, definition))
+        bounds.extend(_outside(group, definition))
+        text = _evidence(group, queries).text(definition)
+        conclusions.append(Conclusion("AP", ", ".join(filter(None, name)), text))
         if definition.variant == "precision":
-            whole = [value.cell for value in group if _is_counted(value.cell, queries)]
-            findings.extend(_not_whole(whole, queries, is_told=definition.is_given))
-    return findings
+            shares += [_share(v.cell, queries, definition) for v in group if _known(v, queries)]
+    values = [value for group in groups.values() for value in group]
+    bounded = sum(bool(value.bounds) for value in values)
+    left = [_no_bounds_text(len(values), bounded), _not_whole_text(values, shares)]
+    whole, cut = judge_shares(_WHOLE, shares)
+    return (
+        Outcome(_BOUNDS, bounded, _BOUNDED, left[0], tuple(bounds), tuple(conclusions)),
+        Outcome(_WHOLE, len(shares), _COUNTED, left[1], tuple(whole), tuple(cut)),
+    )
+
+
+def _no_bounds_text(values: int, bounded: int) -> str:
+    if not values:
+        return _NONE
+    left = values - bounded
+    return f"{left} without a recall at the same K beside them" if left else ""
+
+
+def _not_whole_text(values: Sequence[_Bounded], shares: Sequence[Share]) -> str:
+    scenes = sum(not value.cell.is_summary for value in values)
+    if not scenes:
+        return _NONE
+    left = scenes - len(shares)
+    return f"{left} that are not mean precision, or of queries of unknown number" if left else ""
+
+
+def _known(value: _Bounded, queries: Mapping[Key, Queries]) -> bool:
+    return not value.cell.is_summary and key_of(value.cell) in queries
+
+
+def _share(cell: Printed, queries: Mapping[Key, Queries], definition: Definition) -> Share:
+    known = queries[key_of(cell)]
+    return Share(cell, known, cell.score.cutoff, known.is_given and definition.is_given)
 
 
 def _groups(published: Published) -> dict[Key, list[_Bounded]]:
@@ -115,10 +157,6 @@ def _groups(published: Published) -> dict[Key, list[_Bounded]]:
         name: [_bounded(c, rows[(c.table, *key_of(c), c.method)]) for c in group]
         for name, group in groups.items()
     }
-
-
-def _is_counted(cell: Printed, queries: Mapping[Key, Queries]) -> bool:
-    return not cell.is_summary and key_of(cell) in queries
 
 
 def _bounded(cell: Printed, row: list[Printed]) -> _Bounded:
@@ -133,26 +171,50 @@ def _is_whole(cell: Printed, queries: Mapping[Key, Queries]) -> bool:
     return bool(possible_counts(cell.number, total, cell.full))
 
 
-def _conclude(
-    bounded: Sequence[_Bounded], whole: Sequence[Printed], queries: Mapping[Key, Queries]
-) -> tuple[str | None, str]:
-    """Return the definition that the values are, if that can be told, and the evidence."""
-    with_bounds = [b for b in bounded if b.bounds]
-    out = {name: sum(b.outside(name) for b in with_bounds) for name in VARIANTS}
-    wholeness = _wholeness(whole, queries)
-    allowed = _MOST_MISFITS * len(with_bounds)
-    left = [name for name in VARIANTS if with_bounds and out[name] <= allowed]
-    if wholeness.is_sure and out["precision"] <= allowed:
-        chosen: str | None = "precision"
-    else:
-        chosen = left[0] if len(left) == 1 else None
-    evidence = [f"the definition is {_NAMES[chosen]}" if chosen else "the definition is not told"]
-    if wholeness.values:
-        evidence.append(wholeness.text)
-    if with_bounds:
-        inside = ", ".join(f"{name} {len(with_bounds) - out[name]}" for name in VARIANTS)
-        evidence.append(f"of {len(with_bounds)} values within the bounds by recalls: {inside}")
-    return chosen, "; ".join(evidence)
+@dataclass(frozen=True)
+class _Evidence:
+    """What the values say of their definition.
+
+    Attributes
+    ----------
+    inside : dict of str to int
+        How many of `bounded` values lie within the bounds of each definition.
+    wholeness : _Wholeness
+    """
+
+    bounded: int
+    inside: dict[str, int]
+    wholeness: _Wholeness
+
+    @property
+    def concluded(self) -> str | None:
+        least = (1 - _MOST_MISFITS) * self.bounded
+        left = [name for name in VARIANTS if self.bounded and self.inside[name] >= least]
+        if self.wholeness.is_sure and self.inside["precision"] >= least:
+            return "precision"
+        return left[0] if len(left) == 1 else None
+
+    def text(self, definition: Definition) -> str:
+        """Say what the definition is, and why."""
+        name = definition.variant
+        how = "given" if definition.is_given else "concluded"
+        parts = [f"the definition is {_NAMES[name]} ({how})" if name else "it cannot be told which"]
+        if self.wholeness.values:
+            parts.append(self.wholeness.text)
+        if self.bounded:
+            inside = ", ".join(f"{name} {self.inside[name]}" for name in VARIANTS)
+            parts.append(
+                f"of {self.bounded} values, so many lie within what the recalls beside them allow "
+                f"by each definition: {inside}"
+            )
+        return "; ".join(parts)
+
+
+def _evidence(group: Sequence[_Bounded], queries: Mapping[Key, Queries]) -> _Evidence:
+    with_bounds = [value for value in group if value.bounds]
+    inside = {name: sum(not v.outside(name) for v in with_bounds) for name in VARIANTS}
+    whole = [value.cell for value in group if _known(value, queries)]
+    return _Evidence(len(with_bounds), inside, _wholeness(whole, queries))
 
 
 @dataclass(frozen=True)
@@ -168,7 +230,7 @@ class _Wholeness:
     def text(self) -> str:
         return (
             f"{self.fits} of {self.values} values in scenes are whole numbers of positives, as "
-            f"those of mean precision; {self.by_chance:.1f} would be by chance"
+            f"mean precision must be, and by chance {self.by_chance:.1f} would be"
         )
 
 
@@ -198,7 +260,10 @@ def _outside(bounded: Sequence[_Bounded], definition: Definition) -> list[Findin
         if by_all or (definition.variant and value.outside(kind)):
             sure = by_all or definition.is_given
             grade = Grade.IMPOSSIBLE if sure else Grade.INCONSISTENT
-            findings.append(Finding(grade, _BOUNDS, value.cell, _bounds_text(value, kind, by_all)))
+            why = _bounds_text(value, kind, by_all)
+            if value.is_near(kind):
+                grade, why = Grade.ROUNDING, f"{why}: off by the last digit"
+            findings.append(Finding(grade, _BOUNDS, value.cell, why))
     return findings
 
 
@@ -206,29 +271,8 @@ def _bounds_text(value: _Bounded, kind: str, by_all: bool) -> str:
     cell = value.cell
     bounds = value.bounds[kind].times(Fraction(cell.full))
     low, high = (decimal_text(end, cell.number.decimals) for end in (bounds.low, bounds.high))
-    rule = f"{_NAMES[kind]} lies between {low} and {high} by the recalls of the row"
+    why = f"the recalls beside it allow {_NAMES[kind]} of {low} to {high}"
     if kind == "precision":
-        rule += " (one positive a query that has any; all behind its first)"
-    every = "; it is outside the bounds of every other definition too" if by_all else ""
-    return f"{cell.number.text}, but {rule}{every}"
-
-
-def _not_whole(
-    cells: Sequence[Printed], queries: Mapping[Key, Queries], *, is_told: bool
-) -> list[Finding]:
-    findings = []
-    for cell in cells:
-        known = queries[key_of(cell)]
-        if _is_whole(cell, queries):
-            continue
-        near = count_text(cell.number, known.number * cell.score.cutoff, cell.full)
-        unit = " %" if cell.full == 100 else ""
-        origin = "" if known.is_given else ", which the other values imply"
-        why = (
-            f"{cell.number.text}{unit} of {cell.score.cutoff} places x {known.number} queries"
-            f"{origin}, as mean precision: {near}"
-        )
-        sure = is_told and known.is_given
-        grade = Grade.IMPOSSIBLE if sure else Grade.INCONSISTENT
-        findings.append(Finding(grade, _WHOLE, cell, why))
-    return findings
+        why += " (from one positive for each query that has any, to all behind its first)"
+    every = ", and no other definition allows it" if by_all else ""
+    return f"{why}; printed is {cell.number.text}{every}"

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from airzoo_bench.audit.counts import Implied, count_text, implied_total, is_cut
-from airzoo_bench.audit.counts import possible_counts as counts_of
-from airzoo_bench.audit.findings import Conclusion, Finding, Grade
-from airzoo_bench.audit.published import Printed, Published
-from airzoo_bench.audit.scores import Family
+from airzoo_bench.audit.findings import Conclusion
+from airzoo_bench.audit.implied import Implied, implied_total
 from airzoo_bench.errors import ResultError, UsageError, first_of
+from airzoo_bench.printed.counts import possible_counts
+from airzoo_bench.printed.scores import Family
+from airzoo_bench.printed.table import Printed, Published
 from airzoo_bench.validation import nearest
 
-__all__ = ["Key", "Queries", "check_counts", "key_of", "parse_counts", "resolve_queries"]
+__all__ = [
+    "Key",
+    "Queries",
+    "is_average",
+    "key_of",
+    "parse_counts",
+    "resolve_queries",
+]
 
 Key = tuple[str, str, str]
 
@@ -59,7 +66,8 @@ def parse_counts(texts: Iterable[str]) -> dict[str, int]:
             raise UsageError(
                 f"{part[:80]!r} is no scene and number of queries",
                 where="--counts",
-                expected="such as 'City=161,Rural=190'",
+                expected="such as 'City=161,Rural=190', or 'AirZoo-Real/City=161' where several "
+                "benchmarks have a scene of that name",
             )
         if match[1] in counts:
             raise UsageError(f"scene {match[1]!r} twice", where="--counts")
@@ -90,7 +98,7 @@ def resolve_queries(
     """
     groups = published.by(key_of)
     _check_names(groups, counts)
-    averaged = _averaged(published)
+    averaged = is_average(published)
     queries: dict[Key, Queries] = {}
     conclusions: list[Conclusion] = []
     for key, cells in groups.items():
@@ -101,7 +109,8 @@ def resolve_queries(
         elif implied and implied.probability >= _SURE:
             queries[key] = Queries(implied.total, False)
         if implied:
-            conclusions.append(Conclusion(_CHECK, _place(key), _implied_text(implied, given)))
+            text = _implied_text(implied, given, _fits(cells, averaged, given))
+            conclusions.append(Conclusion(_CHECK, _place(key), text))
     return queries, conclusions
 
 
@@ -116,28 +125,33 @@ def _implied(cells: list[Printed], variants: Mapping[Key, str]) -> Implied | Non
     return implied_total([*hits, *precisions]) if hits else None
 
 
-def _averaged(published: Published) -> _Averaged:
-    return _Averaged(
-        {
-            (cell.group, cell.score.name)
-            for cell in published.cells
-            if not cell.is_summary and cell.score.is_share
-        }
-    )
+def _fits(cells: list[Printed], averaged: Callable[[Printed], bool], given: int | None) -> int:
+    """Count the different shares of queries that are counts out of the number given."""
+    hits = {
+        (cell.number.value, cell.number.decimals): cell
+        for cell in cells
+        if cell.score.family is Family.HITS and not averaged(cell)
+    }
+    telling = [cell for cell in hits.values() if 0 < cell.number.value < cell.full]
+    return sum(bool(given and possible_counts(c.number, given, c.full)) for c in telling)
 
 
-@dataclass(frozen=True)
-class _Averaged:
-    """Tells averages over scenes, which are no shares of queries, from the only set there is."""
+def is_average(published: Published) -> Callable[[Printed], bool]:
+    """Return what tells averages over scenes from the only set there is.
 
-    with_scenes: set[tuple[tuple[str, str], str]]
-
-    def __call__(self, cell: Printed) -> bool:
-        return cell.is_summary and (cell.group, cell.score.name) in self.with_scenes
+    The former are no shares of queries.
+    """
+    with_scenes = {
+        (cell.group, cell.score.name)
+        for cell in published.cells
+        if not cell.is_summary and cell.score.is_share
+    }
+    return lambda cell: cell.is_summary and (cell.group, cell.score.name) in with_scenes
 
 
 def _check_names(groups: Iterable[Key], counts: Mapping[str, int]) -> None:
-    known = {name for benchmark, _, scene in groups for name in (scene, f"{benchmark}/{scene}")}
+    known = {scene for _, _, scene in groups}
+    known |= {f"{benchmark}/{scene}" for benchmark, _, scene in groups if benchmark}
     for name in counts:
         if name not in known:
             raise UsageError(
@@ -170,43 +184,22 @@ def _place(key: Key) -> str:
     return ", ".join(part for part in key if part)
 
 
-def _implied_text(implied: Implied, given: int | None) -> str:
+def _implied_text(implied: Implied, given: int | None, fits_given: int) -> str:
     values = f"{implied.fits} of {implied.values} different values"
     if implied.probability < _SURE:
         told = f"n is given as {given}" if given is not None else "n cannot be told"
         others = ", ".join(map(str, implied.as_good)) or "no other"
-        return f"{told}; {implied.total} fits {values}, so do {others}"
+        return f"{told}; n = {implied.total} fits {values}, so do {others}"
     text = f"n = {implied.total} fits {values}"
     if implied.as_good:
         multiples = all(total % implied.total == 0 for total in implied.as_good)
-        others = ", ".join(map(str, implied.as_good))
-        text += ", as do multiples" if multiples else f", as do {others}"
+        others = "its multiples" if multiples else ", ".join(map(str, implied.as_good))
+        text += f", as do {others}"
     if given is None:
         return text
     if given == implied.total:
         return f"{text}; it is the n given"
-    return f"{text}; the n given is {given}"
-
-
-def check_counts(published: Published, queries: Mapping[Key, Queries]) -> list[Finding]:
-    """Find shares of queries that are no whole number of queries."""
-    averaged = _averaged(published)
-    findings = []
-    for cell in published.cells:
-        known = queries.get(key_of(cell))
-        if known is None or cell.score.family is not Family.HITS or averaged(cell):
-            continue
-        if not counts_of(cell.number, known.number, cell.full):
-            findings.append(_no_count(cell, known))
-    return findings
-
-
-def _no_count(cell: Printed, known: Queries) -> Finding:
-    near = count_text(cell.number, known.number, cell.full)
-    unit = " %" if cell.full == 100 else ""
-    origin = "" if known.is_given else ", which the other values imply"
-    why = f"{cell.number.text}{unit} of {known.number} queries{origin}: {near}"
-    if is_cut(cell.number, known.number, cell.full):
-        why += " (cut off, not rounded)"
-    grade = Grade.IMPOSSIBLE if known.is_given else Grade.INCONSISTENT
-    return Finding(grade, _CHECK, cell, why)
+    text += f"; the n given is {given}, which fits {fits_given}"
+    if given > implied.total and fits_given < implied.fits:
+        text += f": were {given - implied.total} queries left out?"
+    return text

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from airzoo_bench.audit.findings import Conclusion, Finding, Grade
-from airzoo_bench.audit.published import Printed, Published
-from airzoo_bench.audit.rounding import Interval, decimal_text
-from airzoo_bench.audit.scores import Family
+from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.printed.numbers import Interval, decimal_text
+from airzoo_bench.printed.scores import Family
+from airzoo_bench.printed.table import Printed, Published
 
 __all__ = ["check_chamfer", "check_f1", "f1_of"]
 
@@ -21,27 +21,37 @@ def f1_of(precision: Fraction, recall: Fraction) -> Fraction:
     return 2 * precision * recall / total if total else _ZERO
 
 
-def _rows(published: Published) -> list[Row]:
+def _rows(published: Published, *needed: Family) -> list[Row]:
     rows = published.by(lambda cell: (cell.table, *cell.group, cell.scene, cell.method))
-    return [{cell.score.family: cell for cell in row} for row in rows.values()]
+    by_family = [{cell.score.family: cell for cell in row} for row in rows.values()]
+    return [row for row in by_family if set(needed) <= row.keys()]
 
 
-def check_f1(published: Published) -> list[Finding]:
+def check_f1(published: Published) -> Outcome:
     """Find F1 that the precision and recall beside it do not give.
 
     An average over scenes has bounds only. F1 is concave in precision and recall together, so the
     mean of F1 is at most the F1 of the means; and F1 is at least P + R - 1 in each scene.
     """
-    findings = []
-    for row in _rows(published):
-        if not {Family.PRECISION, Family.RECALL, Family.F1} <= row.keys():
-            continue
-        cell, precision, recall = row[Family.F1], row[Family.PRECISION], row[Family.RECALL]
-        possible = _possible_f1(precision, recall, averaged=cell.is_summary)
-        if not cell.share.meets(possible):
-            why = _f1_text(cell, precision, recall, possible)
-            findings.append(Finding(Grade.IMPOSSIBLE, "F1", cell, why))
-    return findings
+    rows = _rows(published, Family.PRECISION, Family.RECALL, Family.F1)
+    findings = [finding for row in rows if (finding := _judge_f1(row))]
+    left = "" if rows else "no row has precision, recall and F1"
+    return Outcome(
+        "F1", len(rows), "F1 against precision and recall beside them", left, tuple(findings)
+    )
+
+
+def _judge_f1(row: Row) -> Finding | None:
+    cell, precision, recall = row[Family.F1], row[Family.PRECISION], row[Family.RECALL]
+    possible = _possible_f1(precision, recall, averaged=cell.is_summary)
+    if cell.share.meets(possible):
+        return None
+    why = _f1_text(cell, precision, recall, possible)
+    # Where all three digits were cut off, or two were rounded before.
+    slack = sum((c.number.half / c.full for c in (cell, precision, recall)), _ZERO)
+    if cell.share.widened(slack).meets(possible):
+        return Finding(Grade.ROUNDING, "F1", cell, why + ": off by the last digit")
+    return Finding(Grade.IMPOSSIBLE, "F1", cell, why)
 
 
 def _possible_f1(precision: Printed, recall: Printed, *, averaged: bool) -> Interval:
@@ -57,23 +67,25 @@ def _f1_text(cell: Printed, precision: Printed, recall: Printed, possible: Inter
     if cell.is_summary:
         low, high = (decimal_text(end * cell.full, digits) for end in (possible.low, possible.high))
         return (
-            f"{cell.number.text}, but with mean precision {p} and mean recall {r} the mean F1 lies "
-            f"between P + R - 1 and the F1 of the means, {low} to {high}"
+            f"with mean precision {p} and mean recall {r} a mean F1 lies between P + R - 1 and the "
+            f"F1 of the means, which is {low} to {high}; printed is {cell.number.text}"
         )
     middle = f1_of(precision.number.value / precision.full, recall.number.value / recall.full)
     exact = decimal_text(middle * cell.full, digits)
-    return f"2 x {p} x {r} / ({p} + {r}) = {exact}, printed {cell.number.text}"
+    return f"F1 = 2 x {p} x {r} / ({p} + {r}) = {exact}, printed is {cell.number.text}"
 
 
-def check_chamfer(published: Published) -> tuple[list[Finding], list[Conclusion]]:
+def check_chamfer(published: Published) -> Outcome:
     """Find Chamfer distances that are not the mean, or the sum, of accuracy and completeness.
 
-    The one that fits more rows is taken for what was meant; the mean where both fit alike.
+    The one that fits more rows is taken for what was meant; the mean where both fit alike. One that
+    fits no more than half of the rows is no rule that others could break.
     """
-    needed = {Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS}
-    rows = [row for row in _rows(published) if needed <= row.keys()]
+    rows = _rows(published, Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS)
+    what = "Chamfer distances against accuracy and completeness beside them"
     if not rows:
-        return [], []
+        left = "no row has accuracy, completeness and Chamfer distance"
+        return Outcome("Chamfer", 0, what, left)
     fits = {parts: sum(_is_chamfer(row, parts) for row in rows) for parts in (2, 1)}
     parts = max(fits, key=lambda key: fits[key])
     name = {2: "mean", 1: "sum"}[parts]
@@ -81,8 +93,12 @@ def check_chamfer(published: Published) -> tuple[list[Finding], list[Conclusion]
         f"Chamfer distance is the {name} of accuracy and completeness in {fits[parts]} of "
         f"{len(rows)} rows"
     )
-    wrong = [row for row in rows if not _is_chamfer(row, parts)]
-    return [_chamfer_finding(row, parts) for row in wrong], [Conclusion("Chamfer", "", text)]
+    said = (Conclusion("Chamfer", "", text),)
+    if 2 * fits[parts] <= len(rows):
+        left = f"it is neither mean nor sum of both in more than half of {len(rows)} rows"
+        return Outcome("Chamfer", 0, what, left, (), said)
+    wrong = [_chamfer_finding(row, parts) for row in rows if not _is_chamfer(row, parts)]
+    return Outcome("Chamfer", len(rows), what, "", tuple(wrong), said)
 
 
 def _sum(row: Row) -> Interval:
@@ -101,5 +117,5 @@ def _chamfer_finding(row: Row, parts: int) -> Finding:
     exact = (accuracy.number.value + completeness.number.value) / parts
     total = f"{accuracy.number.text} + {completeness.number.text}"
     formula = f"({total}) / 2" if parts == 2 else total
-    why = f"{formula} = {decimal_text(exact, cell.number.decimals)}, printed {cell.number.text}"
+    why = f"{formula} = {decimal_text(exact, cell.number.decimals)}, printed is {cell.number.text}"
     return Finding(Grade.INCONSISTENT, "Chamfer", cell, why)

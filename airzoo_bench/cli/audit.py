@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, show
+from airzoo_bench.cli.common import Format, FormatOption, put, show
+
+if TYPE_CHECKING:
+    from airzoo_bench.audit.findings import Audit
 
 __all__ = ["audit"]
 
@@ -26,7 +31,11 @@ class Variant(StrEnum):
 
 def audit(
     table: Annotated[
-        Path, typer.Argument(help="A CSV file: method, scene, metric, value (docs/audit.md).")
+        Path,
+        typer.Argument(
+            help="CSV, Markdown or rows of LaTeX. A line a number: method, scene, metric, value; "
+            "or a line a method: method, scene, and a column a score."
+        ),
     ],
     form: FormatOption = Format.TERMINAL,
     counts: Annotated[
@@ -45,15 +54,30 @@ def audit(
 ) -> None:
     """Check a published table against arithmetic. Exit code 1 when it contradicts itself.
 
-    Example: airzoo-bench audit table.csv --counts City=161,Rural=190
+    Example: airzoo-bench audit table.csv
+
+    Example: airzoo-bench audit table.csv --counts City=161,Rural=190 --format markdown
+
+    A table as it is typed off a page: the first line 'method,scene,R@1,R@5', then a line a method
+    and scene, such as 'X,City,8.70,24.84'. Keep trailing zeros. See docs/audit.md.
     """
     from airzoo_bench.audit.audit import audit as audit_published
-    from airzoo_bench.audit.findings import audit_table
-    from airzoo_bench.audit.published import read_published
     from airzoo_bench.audit.queries import parse_counts
+    from airzoo_bench.printed.table import read_published
 
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given, ap.value if ap else None)
-    show(audit_table(done), form)
+    _show(done, form)
     if done.failed:
         raise typer.Exit(_FOUND)
+
+
+def _show(done: Audit, form: Format) -> None:
+    from airzoo_bench.audit.findings import audit_table
+    from airzoo_bench.audit.text import audit_text
+
+    if form is Format.TERMINAL:
+        width = shutil.get_terminal_size((80, 24)).columns
+        put(audit_text(done, width, styled=sys.stdout.isatty()))
+    else:
+        show(audit_table(done), form)

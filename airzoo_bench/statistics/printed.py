@@ -7,18 +7,17 @@ wherever the other is, and greatest where their hits overlap as little as they c
 
 from __future__ import annotations
 
-import math
-import re
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.printed.counts import count_text, possible_counts
+from airzoo_bench.printed.numbers import MOST_DECIMALS, parse_number
 from airzoo_bench.statistics.significance import mcnemar
 
-__all__ = ["Bounds", "hit_rate_interval", "possible_counts", "printed_bounds"]
+__all__ = ["Bounds", "hit_rate_interval", "hits_that_print", "printed_bounds"]
 
 _MOST_PAIRS = 1_000_000
 
@@ -56,7 +55,7 @@ def printed_bounds(first: str, second: str, queries: int) -> Bounds:
     UsageError
         A text is no percentage, no count of hits rounds to it, or there are too many that do.
     """
-    counts = possible_counts(first, queries), possible_counts(second, queries)
+    counts = hits_that_print(first, queries), hits_that_print(second, queries)
     if len(counts[0]) * len(counts[1]) > _MOST_PAIRS:
         raise UsageError(
             f"printed too coarsely: {len(counts[0]):,} and {len(counts[1]):,} hits are possible",
@@ -80,7 +79,7 @@ def printed_bounds(first: str, second: str, queries: int) -> Bounds:
     )
 
 
-def possible_counts(text: str, queries: int) -> range:
+def hits_that_print(text: str, queries: int) -> range:
     """Return the numbers of hits that round to a printed percentage, halves either way.
 
     Raises
@@ -88,21 +87,20 @@ def possible_counts(text: str, queries: int) -> range:
     UsageError
         It is no percentage, or none does.
     """
-    if not re.fullmatch(r"[0-9]{1,3}(\.[0-9]{1,12})?", text) or Fraction(text) > 100:
+    number = parse_number(text) if text[:1].isdigit() else None
+    if number is None or number.value > 100:
         raise UsageError(
-            f"{text!r} is no printed percentage", expected="a number from 0 to 100, such as 96.21"
+            f"{text[:40]!r} is no printed percentage",
+            expected=f"a number from 0 to 100 with at most {MOST_DECIMALS} decimals, such as 96.21",
         )
-    value, half = Fraction(text), Fraction(1, 2 * 10 ** len(text.partition(".")[2]))
-    lowest = max(0, math.ceil((value - half) * queries / 100))
-    highest = min(queries, math.floor((value + half) * queries / 100))
-    if lowest > highest:
-        nearest = [math.floor(value * queries / 100), math.ceil(value * queries / 100)]
-        shown = " or ".join(f"{100 * hits / queries:.4f} ({hits})" for hits in nearest)
+    counts = possible_counts(number, queries)
+    if not counts:
         raise UsageError(
-            f"no number of hits among {queries} queries is {text} %: the nearest are {shown}",
+            f"no number of hits among {queries} queries is {text} %: the nearest are "
+            f"{count_text(number, queries, digits=4)}",
             mend="check --queries; a mean over scenes is no share of queries, so take one scene",
         )
-    return range(lowest, highest + 1)
+    return counts
 
 
 def hit_rate_interval(hits: int, queries: int, confidence: float = 0.95) -> Floats:

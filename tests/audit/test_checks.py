@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from airzoo_bench.audit.findings import Grade
 from airzoo_bench.audit.reconstruction_checks import f1_of
-from airzoo_bench.audit.rounding import decimal_text
 from airzoo_bench.errors import ResultError, UsageError
+from airzoo_bench.printed.numbers import decimal_text
 from tests.audit.support import Rows, audited, only, row, rows_of, told
 
 
@@ -54,11 +54,17 @@ class TestMedian:
         return [{**r, "unit": "m" if "median" in str(r["metric"]) else "%"} for r in rows]
 
     @pytest.mark.parametrize(
-        ("median", "recall"), [("5.02", "50.10"), ("4.90", "49.00"), ("9.00", "99.00")]
+        ("median", "recall", "grade"),
+        [
+            ("5.02", "50.10", "impossible"),
+            ("9.00", "99.00", "impossible"),
+            # Unless queries that failed are left out of the median.
+            ("4.90", "49.00", "inconsistent"),
+        ],
     )
-    def test_the_wrong_side(self, tmp_path: Path, median: str, recall: str) -> None:
+    def test_the_wrong_side(self, tmp_path: Path, median: str, recall: str, grade: str) -> None:
         found = audited(tmp_path, self.made(median, recall))
-        assert told(found, "median") == [("impossible", "median", "A", "median error")]
+        assert told(found, "median") == [(grade, "median", "A", "median error")]
 
     @pytest.mark.parametrize(
         ("median", "recall"), [("5.00", "50.10"), ("5.00", "49.00"), ("4.00", "50.00")]
@@ -75,7 +81,7 @@ class TestCounts:
         found = audited(tmp_path, row(R_1="96.21", R_5="96.22"), East=264)
         assert told(found, "counts") == [("impossible", "counts", "A", "R@5")]
         assert only(found, "counts").why.startswith(
-            "96.22 % of 264 queries: 254/264 = 96.21, 255/264 = 96.59"
+            "96.22 % of 264 queries is 254.02 queries, no whole number: 254/264 = 96.21, 255/264"
         )
 
     def test_in_the_file(self, tmp_path: Path) -> None:
@@ -108,7 +114,8 @@ class TestF1:
     def test_impossible(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made(Precision="80.00", Recall="60.00", F1="70.00"))
         assert told(found) == [("impossible", "F1", "A", "F1")]
-        assert "2 x 80.00 x 60.00 / (80.00 + 60.00) = 68.57, printed 70.00" in found.findings[0].why
+        why = "F1 = 2 x 80.00 x 60.00 / (80.00 + 60.00) = 68.57, printed is 70.00"
+        assert found.findings[0].why == why
 
     @pytest.mark.parametrize(
         ("f1", "outside"), [("68.57", False), ("45.00", False), ("68.60", True), ("39.00", True)]
@@ -146,7 +153,7 @@ class TestChamfer:
             tmp_path, self.made(("1.0", "2.0", "1.5"), ("1.0", "1.0", "1.0"), ("2.0", "4.0", "2.7"))
         )
         assert told(found) == [("inconsistent", "Chamfer", "A", "Chamfer")]
-        assert found.findings[0].why == "(2.0 + 4.0) / 2 = 3.0, printed 2.7"
+        assert found.findings[0].why == "(2.0 + 4.0) / 2 = 3.0, printed is 2.7"
 
 
 class TestAverage:
@@ -165,15 +172,39 @@ class TestAverage:
         assert "1 of 1 are means over all queries" in texts[0]
 
     def test_neither(self, tmp_path: Path) -> None:
-        found = audited(tmp_path, self.made("24.00"))
+        found = audited(tmp_path, self.made("24.00"), S0=10, S1=10, S2=10)
         assert told(found) == [("inconsistent", "average", "A", "R@1")]
-        assert "the mean over 3 scenes is 23.3" in found.findings[0].why
+        why = found.findings[0].why
+        assert (
+            why == "the mean of 3 scenes is 23.3333, which rounds to 23.33; printed here is 24.00"
+        )
+
+    def test_over_queries_of_unknown_numbers(self, tmp_path: Path) -> None:
+        # 24.00 may be over all queries; 41.00 is more than any scene has.
+        assert not audited(tmp_path, self.made("24.00")).findings
+        found = audited(tmp_path, self.made("41.00"))
+        assert told(found) == [("inconsistent", "average", "A", "R@1")]
+        assert "whose values lie between 9.9950 and 40.0050" in found.findings[0].why
+
+    def test_one_that_differs_from_most(self, tmp_path: Path) -> None:
+        rows = [
+            {**r, "method": name}
+            for name, average in (("A", "23.33"), ("B", "23.33"), ("C", "24.00"))
+            for r in self.made(average)
+        ]
+        assert told(audited(tmp_path, rows)) == [("inconsistent", "average", "C", "R@1")]
+
+    def test_a_median_of_all_queries_is_no_mean_of_medians(self, tmp_path: Path) -> None:
+        scenes = {f"S{i}": {"median error": value} for i, value in enumerate(("2.0", "4.0"))}
+        for average, wrong in (("2.2", False), ("3.0", False), ("4.2", True)):
+            made = rows_of({"A": scenes | {"Average": {"median error": average}}})
+            assert bool(told(audited(tmp_path, made))) is wrong
 
     def test_of_rounded_values(self, tmp_path: Path) -> None:
         # 34/161 and 8/190 have the mean 12.664; as printed 21.12 and 4.21 they have 12.665.
         found = audited(tmp_path, self.made("12.67", ("21.12", "4.21")), S0=161, S1=190)
         assert told(found) == [("rounding", "average", "A", "R@1")]
-        assert "the values as printed have the mean 12.6650" in found.findings[0].why
+        assert "values as printed have the mean 12.6650" in found.findings[0].why
         assert not audited(tmp_path, self.made("12.66", ("21.12", "4.21")), S0=161, S1=190).findings
 
     def test_off_by_the_last_digit(self, tmp_path: Path) -> None:
@@ -201,6 +232,19 @@ class TestAgreement:
         assert told(found) == [(grade, "agreement", "A", "R@1")]
         assert f"printed {first} here and {second} in T1, line 3" in found.findings[0].why
 
+    def test_fewer_digits_say_the_same(self, tmp_path: Path) -> None:
+        assert not audited(tmp_path, self.made("96.21", "96.2")).findings
+        assert audited(tmp_path, self.made("96.21", "96.1")).findings
+
+    def test_methods_that_tie_are_not_each_other(self, tmp_path: Path) -> None:
+        scores = {"R@1": "10.0", "R@3": "20.0", "R@5": "30.0"}
+        rows = [
+            row
+            for table in ("T0", "T1")
+            for row in rows_of({"A": {"East": scores}, "B": {"East": scores}}, table=table)
+        ]
+        assert not audited(tmp_path, rows).findings
+
     def test_the_same(self, tmp_path: Path) -> None:
         assert not audited(tmp_path, self.made("50.00", "50.0")).findings
 
@@ -219,7 +263,7 @@ class TestAgreement:
         assert ("inconsistent", "row", "A", "R@1") in told(found)
         whys = [f.why for f in found.findings if f.check == "row"]
         assert len(whys) == 1
-        assert "is that of B in T1, Average" in whys[0]
+        assert "are those of B in T1, Average" in whys[0]
 
 
 class TestGain:
@@ -238,7 +282,7 @@ class TestGain:
 
     def test_the_arithmetic(self, tmp_path: Path) -> None:
         why = only(audited(tmp_path, self.made("+2.73")), "gain").why
-        assert why == "28.64 - 26.91 (X) = 1.73, printed +2.73"
+        assert why == "28.64 - 26.91 (X) = +1.73, but the printed gain is +2.73"
 
     def test_a_loss_is_no_gain(self, tmp_path: Path) -> None:
         assert told(audited(tmp_path, self.made("-1.73")), "gain")
@@ -253,18 +297,44 @@ class TestGain:
         renamed = [{**r, "method": str(r["method"]).replace("X (Ours)", "Y")} for r in made]
         found = audited(tmp_path, renamed)
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over X, which explains 1 of 1"
+        assert text == "gains are over X: so 1 of 1 are right to the last digit"
 
     def test_of_equal_baselines_the_first(self, tmp_path: Path) -> None:
         same = rows_of({"A": {"East": {"R@1": "10.0"}}, "B": {"East": {"R@1": "10.0"}}})
         found = audited(tmp_path, same + rows_of({"Y": {"East": {"R@1": "12.0"}}}, gain="+2.0"))
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text.startswith("gains are over A,")
+        assert text.startswith("gains are over A:")
+
+    def test_gains_over_the_best_of_the_others(self, tmp_path: Path) -> None:
+        values = {"A": ("10.0", "30.0", "20.0"), "B": ("20.0", "10.0", "40.0")}
+        scores = ("R@1", "R@3", "F1")
+        rows = rows_of({m: {"East": dict(zip(scores, v, strict=True))} for m, v in values.items()})
+        for gains, wrong in ((("+5.0", "+1.0", "+2.0"), 0), (("+5.0", "+1.0", "+3.0"), 1)):
+            own = [
+                row
+                for score, gain, value in zip(scores, gains, ("25.0", "31.0", "42.0"), strict=True)
+                for row in rows_of({"Y": {"East": {score: value}}}, gain=gain)
+            ]
+            found = audited(tmp_path, rows + own)
+            assert len(told(found, "gain")) == wrong
+            (text,) = (c.text for c in found.conclusions if c.check == "gain")
+            assert text.startswith("gains are over the best of the others:")
+
+    def test_gains_over_nothing_of_the_table(self, tmp_path: Path) -> None:
+        rows = [{**r, "method": str(r["method"]).replace(" (", "")} for r in self.made("+9.99")]
+        found = audited(tmp_path, rows)
+        assert not told(found, "gain")
+        (outcome,) = (o for o in found.outcomes if o.check == "gain")
+        assert outcome.text == "not checked: gains over no method of the table: 1"
+
+    def test_a_gain_of_fewer_digits(self, tmp_path: Path) -> None:
+        assert not told(audited(tmp_path, self.made("+1.7")), "gain")
+        assert told(audited(tmp_path, self.made("+1.9")), "gain")
 
     def test_the_baseline_is_the_one_that_explains_most(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made("+27.64"))
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over C, which explains 1 of 1"
+        assert text == "gains are over C: so 1 of 1 are right to the last digit"
 
 
 class TestBold:
@@ -285,7 +355,7 @@ class TestBold:
 
     def test_a_tie_half_bold(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made(("20.0", 1), ("20.0", 0)))
-        assert told(found, "bold") == [("inconsistent", "bold", "M1", "R@1")]
+        assert told(found, "bold") == [("rounding", "bold", "M1", "R@1")]
 
     def test_lower_is_better(self, tmp_path: Path) -> None:
         made = self.made(("10.0", 0), ("20.0", 1), metric="median error")

@@ -7,14 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.audit.counts import (
-    count_text,
-    counted_share,
-    implied_total,
-    is_cut,
-    possible_counts,
-)
-from airzoo_bench.audit.rounding import Interval
+from airzoo_bench.audit.implied import implied_total
+from airzoo_bench.printed.counts import count_text, counted_share, is_cut, possible_counts
+from airzoo_bench.printed.numbers import Interval
 from tests.audit.support import number, percent
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.errors import UsageError
-from airzoo_bench.statistics.printed import hit_rate_interval, possible_counts, printed_bounds
+from airzoo_bench.statistics.printed import hit_rate_interval, hits_that_print, printed_bounds
 from airzoo_bench.statistics.significance import mcnemar
 
 
@@ -46,18 +46,18 @@ def test_bounds_hold_every_way_hits_can_fall(queries):
     ],
 )
 def test_counts_that_round_to_a_text(text, queries, counts):
-    assert list(possible_counts(text, queries)) == counts
+    assert list(hits_that_print(text, queries)) == counts
 
 
 def test_the_paper_s_impossible_cell():
-    with pytest.raises(UsageError, match=r"15\.90 %: the nearest are 15\.7658 \(70\) or 15\.9910"):
-        possible_counts("15.90", 444)
+    with pytest.raises(UsageError, match=r"15\.90 %: the nearest are 70/444 = 15\.7658"):
+        hits_that_print("15.90", 444)
 
 
 @pytest.mark.parametrize("text", ["", "x", "-1", "101", "1e1", "nan", "96,21", "1.", "٣"])
 def test_what_is_no_percentage(text):
     with pytest.raises(UsageError, match="no printed percentage"):
-        possible_counts(text, 10)
+        hits_that_print(text, 10)
 
 
 def test_too_coarse():

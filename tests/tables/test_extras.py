@@ -143,9 +143,13 @@ def test_everything_in_json() -> None:
 
 def test_everything_in_html() -> None:
     text = render(with_everything(), "html")
-    assert '<tr class="highlighted"><td>mine</td><td><strong>50.00</strong> <small>' in text
-    assert '<tr class="reported"><td>theirs <small>†</small></td>' in text
-    assert render(grouped(2), "html").count('<th colspan="2" scope="colgroup">') == 2
+    assert '<tr class="highlighted" bgcolor="#fff3bf"><td align="left">mine</td>' in text
+    assert '<td align="right"><strong>50.00</strong> <small>[45.50, 54.50] (+10.00)</small>' in text
+    assert '<tr class="reported"><td align="left"><em>theirs</em> <small>†</small></td>' in text
+    heads = render(grouped(2), "html")
+    assert heads.count('<th colspan="2" scope="colgroup">') == 2
+    assert heads.count('<th scope="col" align="right">') == 4
+    assert '<td colspan="1"></td>' in heads
 
 
 def test_a_real_latex_prints_everything(tmp_path: Path) -> None:
@@ -261,13 +265,13 @@ HEAD = "table,benchmark,track,scene,method,metric,unit,value\n"
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        ("t,C,retrieval,overall,m,R,%,1\n", "line 2: the benchmark 'C' is not explained"),
-        ("t,B,matching,overall,m,R,%,1\n", "line 2: the track 'matching' is not explained"),
-        ("t,B,retrieval,overall,m,Q,%,1\n", "line 2: the metric 'Q' is not explained"),
-        ("t,B,retrieval,overall,m,R,%,x\n", "line 2: 'x' is not a number"),
-        ("t,B,retrieval,overall,m,R,%,nan\n", "line 2: 'nan' is not a number"),
-        ("t,B,retrieval,overall,m,R,%\n", "line 2: has not as many cells as columns"),
-        ("t,B,retrieval,overall,m,R,%,1,2\n", "line 2: has not as many cells as columns"),
+        ("t,C,retrieval,overall,m,R,%,1\n", "line 2, column 'benchmark': the benchmark 'C' is not"),
+        ("t,B,matching,overall,m,R,%,1\n", "line 2, column 'track': the track 'matching' is not"),
+        ("t,B,retrieval,overall,m,Q,%,1\n", "line 2, column 'metric': the metric 'Q' is not"),
+        ("t,B,retrieval,overall,m,R,%,x\n", "line 2, column 'value': 'x' is no printed number"),
+        ("t,B,retrieval,overall,m,R,%,nan\n", "line 2, column 'value': 'nan' is no printed number"),
+        ("t,B,retrieval,overall,m,R,%\n", "line 2: the line has not as many fields"),
+        ("t,B,retrieval,overall,m,R,%,1,2\n", "line 2: the line has not as many fields"),
         (
             "t,B,retrieval,overall,m,R,%,1\nt,B,retrieval,Average,m,R,%,1\n",
             "line 3: m has R twice",
@@ -283,10 +287,10 @@ def test_a_bad_file_of_published_numbers(rows: str, message: str, tmp_path: Path
 
 def test_a_source_without_its_numbers(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SOURCE, encoding="utf-8")
-    with pytest.raises(ResultError, match="no such file of published numbers"):
+    with pytest.raises(ResultError, match="no such table of published numbers"):
         read_source(tmp_path / "s.toml")
     (tmp_path / "s.csv").write_text("table,benchmark\n", encoding="utf-8")
-    with pytest.raises(ResultError, match="lacks the columns method, metric"):
+    with pytest.raises(ResultError, match="no column 'method', 'scene', 'metric'"):
         read_source(tmp_path / "s.toml")
     (tmp_path / "s.toml").write_text(SOURCE.replace("url", "ulr"), encoding="utf-8")
     with pytest.raises(ResultError, match="unknown key 'ulr'"):

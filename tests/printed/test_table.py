@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.audit.published import read_published
 from airzoo_bench.errors import ResultError
+from airzoo_bench.printed.table import read_published
 from tests.audit.support import published, row
 
 HEAD = "method,scene,metric,value\n"
@@ -53,7 +53,6 @@ BAD = {
     "empty": ("", ["no column 'method'", "found: none", "to mend"]),
     "no rows": (HEAD, ["no printed number"]),
     "only dashes": (HEAD + "A,East,R@1,-\n", ["no printed number"]),
-    "semicolons": ("method;scene;metric;value\nA;E;R@1;5\n", ["no column", "separated by commas"]),
     "missing column": ("method,scene,value\nA,E,5\n", ["no column 'metric'", "docs/audit.md"]),
     "mistyped column": (
         "method,scene,metric,value,bould\nA,E,R@1,50,1\n",
@@ -61,12 +60,26 @@ BAD = {
     ),
     "column twice": ("method,scene,metric,value,value\n", ["'value'", "keep one"]),
     "two gains": ("method,scene,metric,value,gain,printed_delta\n", ["'gain'", "keep one"]),
-    "not a number": (HEAD + "A,E,R@1,5x\n", ["line 2", "'5x'", "such as 96.21"]),
-    "comma as point": (HEAD + 'A,E,R@1,"96,2"\n', ["line 2", "'96,2'"]),
+    "not a number": (
+        HEAD + "A,E,R@1,5x\n",
+        ["line 2, column 'value'", "what is 'x'", "such as 96.21"],
+    ),
+    "comma as point or not": (HEAD + 'A,E,R@1,"1,234"\n', ["line 2", "may be 1234 or 1.234"]),
+    "two commas": (HEAD + 'A,E,R@1,"1,2,3"\n', ["line 2", "no printed number"]),
+    "a deviation": (HEAD + "A,E,R@1,96.21 ± 0.3\n", ["what is '± 0.3'", "leave deviations"]),
+    "no sign": (HEAD + "A,E,R@1,96.21 (1.73)\n", ["what is '(1.73)'", "a gain has a sign"]),
+    "a footnote": (HEAD + "A,E,R@1,96.21†\n", ["what is '†'", "footnotes out"]),
+    "two gains that differ": (
+        HEAD[:-1] + ",gain\nA,E,R@1,5 (+1.0),+2.0\n",
+        ["column 'gain'", "gain +2.0 here and +1.0 beside"],
+    ),
     "nan": (HEAD + "A,E,R@1,nan\n", ["line 2", "'nan'"]),
     "huge": (HEAD + f"A,E,R@1,{'9' * 400}\n", ["line 2", "no printed number"]),
-    "unrounded": (HEAD + "A,E,R@1,0.12345678901\n", ["at most 9 decimals"]),
-    "bad gain": (HEAD[:-1] + ",gain\nA,E,R@1,5,+x\n", ["gain '+x'"]),
+    "unrounded": (HEAD + "A,E,R@1,0.12345678901\n", ["more than 9 decimals"]),
+    "bad gain": (
+        HEAD[:-1] + ",gain\nA,E,R@1,5,+x\n",
+        ["column 'gain'", "'+x' is no printed number"],
+    ),
     "too many fields": (HEAD + "A,E,R@1,5,6\n", ["line 2", "double quotes"]),
     "too few fields": (HEAD + "A,E,R@1\n", ["line 2", "as many fields"]),
     "no method": (HEAD + ",E,R@1,5\n", ["line 2", "no method"]),

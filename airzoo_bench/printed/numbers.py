@@ -8,9 +8,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
-__all__ = ["Interval", "Rounded", "decimal_text", "mean_interval", "parse_number"]
+__all__ = [
+    "MOST_DECIMALS",
+    "Interval",
+    "Rounded",
+    "decimal_text",
+    "mean_interval",
+    "parse_number",
+]
 
 MOST_DECIMALS = 9
+"""Beyond these no table's digits reach, and whole numbers of 64 bits would overflow."""
+
 _NUMBER = re.compile(r"[+-]?[0-9]{1,9}(\.[0-9]{1,9})?")
 _MINUS = str.maketrans({"−": "-", "–": "-"})
 
@@ -30,6 +39,10 @@ class Interval:
         """Return the interval times a number, which may be negative."""
         ends = (self.low * factor, self.high * factor)
         return Interval(min(ends), max(ends))
+
+    def widened(self, by: Fraction) -> Interval:
+        """Return the interval with so much more at either end."""
+        return Interval(self.low - by, self.high + by)
 
     def plus(self, other: Interval) -> Interval:
         """Return the interval of sums."""

@@ -1,4 +1,4 @@
-"""Shares of whole numbers: which counts a printed share can be, and out of how many."""
+"""Out of how many several printed shares are counts."""
 
 from __future__ import annotations
 
@@ -10,17 +10,9 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.audit.rounding import Interval, Rounded, decimal_text
+from airzoo_bench.printed.numbers import Rounded
 
-__all__ = [
-    "Implied",
-    "chance_of_fit",
-    "count_text",
-    "counted_share",
-    "implied_total",
-    "is_cut",
-    "possible_counts",
-]
+__all__ = ["Implied", "implied_total"]
 
 # From 10^(decimals + 2) on every percentage is a count; beyond this no table's digits reach.
 _LARGEST = 100_000
@@ -30,55 +22,6 @@ _SHOWN = 3
 _MISPRINT = 1e-3
 
 _Told = tuple[Fraction, int, int, int]
-
-
-def possible_counts(number: Rounded, total: int, full: int = 100) -> range:
-    """Return the counts out of a total that round to a printed share, halves either way.
-
-    Parameters
-    ----------
-    number : Rounded
-    total : int
-        At least 1.
-    full : int
-        What all of the total is printed as: 100 or 1.
-
-    Returns
-    -------
-    range
-        Empty where no count does.
-    """
-    scaled = number.interval.times(Fraction(total, full))
-    return range(max(0, math.ceil(scaled.low)), min(total, math.floor(scaled.high)) + 1)
-
-
-def counted_share(number: Rounded, total: int, full: int = 100) -> Interval:
-    """Return the interval of the true share in printed units, narrowed to counts where any fits."""
-    counts = possible_counts(number, total, full)
-    if not counts:
-        return number.interval
-    return Interval(Fraction(counts[0] * full, total), Fraction(counts[-1] * full, total))
-
-
-def count_text(number: Rounded, total: int, full: int = 100) -> str:
-    """Name the counts next to a printed share, such as ``254/264 = 96.21``."""
-    exact = number.value * total / full
-    near = sorted({min(max(count, 0), total) for count in (math.floor(exact), math.ceil(exact))})
-    return ", ".join(
-        f"{count}/{total} = {decimal_text(Fraction(count * full, total), number.decimals)}"
-        for count in near
-    )
-
-
-def is_cut(number: Rounded, total: int, full: int = 100) -> bool:
-    """Tell whether a printed share is a count whose further digits were cut off."""
-    count = math.ceil(number.value * total / full)
-    return count <= total and Fraction(count * full, total) < number.value + 2 * number.half
-
-
-def chance_of_fit(number: Rounded, total: int, full: int = 100) -> float:
-    """Return the chance that a number of so many digits, taken blindly, is a count of the total."""
-    return float(min(Fraction(1), 2 * number.half * total / full))
 
 
 @dataclass(frozen=True)

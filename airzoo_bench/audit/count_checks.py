@@ -1,0 +1,134 @@
+"""Shares of queries, and mean precisions, that are no whole number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
+from airzoo_bench.printed.counts import count_text, is_cut, possible_counts
+from airzoo_bench.printed.numbers import decimal_text
+from airzoo_bench.printed.scores import Family
+from airzoo_bench.printed.table import Printed, Published, grouped
+
+__all__ = ["Share", "check_counts", "judge_shares"]
+
+_CHECK = "counts"
+_NONE = "no share of queries, such as R@1, is printed"
+
+
+@dataclass(frozen=True)
+class Share:
+    """A printed share of a known number of queries.
+
+    Attributes
+    ----------
+    queries : Queries
+    places : int
+        For each query: 1, or K for mean precision at K.
+    is_sure : bool
+        Whether the number of queries, and what the share is of, were given.
+    """
+
+    cell: Printed
+    queries: Queries
+    places: int
+    is_sure: bool
+
+    @property
+    def total(self) -> int:
+        """Queries, or places of all queries."""
+        return self.queries.number * self.places
+
+    @property
+    def fits(self) -> bool:
+        """Whether a whole number rounds to it."""
+        return bool(possible_counts(self.cell.number, self.total, self.cell.full))
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether it is a whole number whose further digits were cut off."""
+        return is_cut(self.cell.number, self.total, self.cell.full)
+
+
+def check_counts(published: Published, queries: Mapping[Key, Queries]) -> Outcome:
+    """Find shares of queries that are no whole number of queries.
+
+    Parameters
+    ----------
+    published : Published
+    queries : mapping
+        From `resolve_queries`.
+    """
+    averaged = is_average(published)
+    hits = [cell for cell in published.cells if cell.score.family is Family.HITS]
+    of_scenes = [cell for cell in hits if not averaged(cell)]
+    known = [cell for cell in of_scenes if key_of(cell) in queries]
+    shares = [Share(c, queries[key_of(c)], 1, queries[key_of(c)].is_given) for c in known]
+    findings, conclusions = judge_shares(_CHECK, shares)
+    scenes = {key_of(cell) for cell in known}
+    what = f"shares of queries in {len(scenes)} scenes, whether each is a whole number of queries"
+    unknown = [cell for cell in of_scenes if key_of(cell) not in queries]
+    left = _left(len(hits) - len(of_scenes), unknown) if hits else _NONE
+    return Outcome(_CHECK, len(shares), what, left, tuple(findings), tuple(conclusions))
+
+
+def _left(averages: int, unknown: Sequence[Printed]) -> str:
+    parts = []
+    if averages:
+        parts.append(f"{averages} averages over scenes, which are no share of queries")
+    if unknown:
+        scenes = dict.fromkeys(cell.place for cell in unknown)
+        names = ", ".join(list(scenes)[:3]) + (" ..." if len(scenes) > 3 else "")
+        parts.append(
+            f"{len(unknown)} shares in {names}, whose number of queries is not known and the "
+            "values do not tell: give it by --counts"
+        )
+    return "; ".join(parts)
+
+
+def judge_shares(check: str, shares: Sequence[Share]) -> tuple[list[Finding], list[Conclusion]]:
+    """Find shares that are no count, table by table.
+
+    In a table whose every digit was cut off instead of rounded they are of grade rounding.
+    """
+    findings: list[Finding] = []
+    conclusions: list[Conclusion] = []
+    for table, own in _by_table(shares).items():
+        wrong = [share for share in own if not share.fits]
+        cut = bool(wrong) and all(share.is_cut for share in own)
+        if cut:
+            text = f"digits are cut off, not rounded: so all {len(own)} shares are counts"
+            conclusions.append(Conclusion(check, table, text))
+        findings.extend(_no_count(check, share, cut=cut) for share in wrong)
+    return findings, conclusions
+
+
+def _by_table(shares: Sequence[Share]) -> dict[str, list[Share]]:
+    """Group shares by table."""
+    by_cell = {id(share.cell): share for share in shares}
+    tables = grouped((share.cell for share in shares), lambda cell: cell.table)
+    return {table: [by_cell[id(cell)] for cell in cells] for table, cells in tables.items()}
+
+
+def _no_count(check: str, share: Share, *, cut: bool) -> Finding:
+    cell, number, total = share.cell, share.cell.number, share.total
+    unit = " %" if cell.full == 100 else ""
+    exact = decimal_text(number.value * total / cell.full, 2)
+    n = share.queries.number
+    of, things = (
+        (f"{n} queries", "queries")
+        if share.places == 1
+        else (f"{share.places} x {n} = {total} places of mean precision", "positives")
+    )
+    why = (
+        f"{number.text}{unit} of {of} is {exact} {things}, no whole number: "
+        f"{count_text(number, total, cell.full)}"
+    )
+    if not share.queries.is_given:
+        why += f" (n = {n} is what the other values of the scene imply)"
+    if share.is_cut:
+        why += ": cut off, not rounded"
+    grade = Grade.IMPOSSIBLE if share.is_sure else Grade.INCONSISTENT
+    return Finding(Grade.ROUNDING if cut else grade, check, cell, why)

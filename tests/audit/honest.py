@@ -1,0 +1,141 @@
+"""Tables as an honest paper prints them, from made-up queries, in any of the usual manners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import ROUND_DOWN, ROUND_HALF_DOWN, ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
+from fractions import Fraction
+
+import numpy as np
+
+from tests.audit.support import Rows
+
+AT = (1, 3, 5)
+METHODS = ("Base", "Other", "Third", "Base (Ours)")
+ROUNDINGS = (ROUND_HALF_UP, ROUND_HALF_EVEN, ROUND_HALF_DOWN, ROUND_DOWN)
+GAINS = ("none", "exact", "printed", "best")
+LOWER = ("median error", "Accuracy", "Completeness", "Chamfer")
+METRES = LOWER
+Exact = dict[str, dict[str, dict[str, Fraction]]]
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How a paper prints.
+
+    Attributes
+    ----------
+    scenes : tuple of int
+        The number of queries of each.
+    pooled : bool
+        Averages are over all queries, not over scenes.
+    gains : str
+        One of `GAINS`: not printed; of the last method over the first, before or after rounding;
+        over the best of the others.
+    all_bold : bool
+        Of several that print the same best value, all are bold; else only the best before rounding.
+    """
+
+    seed: int
+    scenes: tuple[int, ...]
+    rounding: str = ROUND_HALF_UP
+    decimals: int = 2
+    pooled: bool = False
+    gains: str = "exact"
+    all_bold: bool = True
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {f"S{i}": n for i, n in enumerate(self.scenes)}
+
+
+def drawn(seed: int) -> Manner:
+    """Draw a manner to print in."""
+    random = np.random.default_rng(seed)
+    return Manner(
+        seed,
+        tuple(int(n) for n in np.exp(random.uniform(1.6, 7.3, random.integers(1, 7)))),
+        ROUNDINGS[random.integers(len(ROUNDINGS))],
+        int(random.integers(0, 5)),
+        bool(random.integers(2)),
+        GAINS[random.integers(len(GAINS))],
+        bool(random.integers(2)),
+    )
+
+
+def honest(manner: Manner) -> Rows:
+    """Return the rows of a true table."""
+    random = np.random.default_rng(manner.seed)
+    exact: Exact = {
+        method: {scene: _scores(random, n) for scene, n in manner.counts.items()}
+        for method in METHODS
+    }
+    if len(manner.scenes) > 1:
+        _add_averages(exact, manner)
+    return [row for method in METHODS for row in _rows(exact, method, manner)]
+
+
+def _scores(random: np.random.Generator, queries: int) -> dict[str, Fraction]:
+    hits = random.random((queries, 5)) < random.uniform(0.02, 0.6)
+    errors = np.round(random.exponential(random.uniform(1, 20), queries), 6)
+    counts = {f"R@{k}": int(hits[:, :k].any(1).sum()) for k in AT}
+    counts |= {f"recall@{d}m": int((errors < d).sum()) for d in (5, 10, 20)}
+    scores = {name: Fraction(100 * n, queries) for name, n in counts.items()}
+    scores["AP@5"] = Fraction(100 * int(hits.sum()), 5 * queries)
+    scores["median error"] = Fraction(float(np.median(errors))).limit_denominator(10**7)
+    p, r = (Fraction(int(x), 10**6) for x in random.integers(1, 10**8, 2))
+    a, c = (Fraction(int(x), 10**6) for x in random.integers(1, 10**8, 2))
+    scores |= {"Precision": p, "Recall": r, "F1": 2 * p * r / (p + r)}
+    return scores | {"Accuracy": a, "Completeness": c, "Chamfer": (a + c) / 2}
+
+
+def _add_averages(exact: Exact, manner: Manner) -> None:
+    weights = {s: n if manner.pooled else 1 for s, n in manner.counts.items()}
+    total = sum(weights.values())
+    for scenes in exact.values():
+        names = list(scenes["S0"])
+        scenes["Average"] = {
+            name: sum((scenes[s][name] * w for s, w in weights.items()), Fraction(0)) / total
+            for name in names
+        }
+
+
+def _rows(exact: Exact, method: str, manner: Manner) -> Rows:
+    rows: Rows = []
+    for scene, scores in exact[method].items():
+        for name, value in scores.items():
+            column = {m: exact[m][scene][name] for m in METHODS}
+            row: dict[str, object] = {"method": method, "scene": scene, "metric": name}
+            row["value"] = text(value, manner)
+            row["unit"] = "m" if name in METRES else "%"
+            row["gain"] = _gain(column, name, manner) if method == METHODS[-1] else ""
+            row["bold"] = int(method in _bold(column, name, manner))
+            rows.append(row)
+    return rows
+
+
+def text(value: Fraction, manner: Manner) -> str:
+    """Print an exact number; more digits than any test prints are none that could change it."""
+    exact = Decimal(value.numerator) / Decimal(value.denominator)
+    return f"{exact.quantize(Decimal(1).scaleb(-manner.decimals), manner.rounding):f}"
+
+
+def _bold(column: dict[str, Fraction], name: str, manner: Manner) -> list[str]:
+    pick = min if name in LOWER else max
+    if manner.all_bold:
+        shown = {m: Fraction(text(v, manner)) for m, v in column.items()}
+        return [m for m, v in shown.items() if v == pick(shown.values())]
+    return [next(m for m, v in column.items() if v == pick(column.values()))]
+
+
+def _gain(column: dict[str, Fraction], name: str, manner: Manner) -> str:
+    if manner.gains == "none":
+        return ""
+    own = column[METHODS[-1]]
+    others = {m: v for m, v in column.items() if m != METHODS[-1]}
+    pick = min if name in LOWER else max
+    base = pick(others.values()) if manner.gains == "best" else others[METHODS[0]]
+    if manner.gains == "exact":
+        return text(own - base, manner)
+    shown = Fraction(text(own, manner)) - Fraction(text(base, manner))
+    return f"{float(shown):+.{manner.decimals}f}"

@@ -1,0 +1,129 @@
+"""Every kind of fault that is put into an honest table is found, at a rate that is stated."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.audit.audit import audit
+from airzoo_bench.audit.findings import Grade
+from tests.audit.honest import METHODS, Manner, honest
+from tests.audit.support import Rows, published
+
+SCENES = (97, 161, 190, 444)
+TRIALS = 60
+
+Fault = Callable[[Rows, np.random.Generator], None]
+
+
+def pick(rows: Rows, random: np.random.Generator, **having: object) -> dict[str, object]:
+    found = [r for r in rows if all(r[key] == value for key, value in having.items())]
+    return found[random.integers(len(found))]
+
+
+def change_digit(text: object, random: np.random.Generator) -> str:
+    """Replace one digit by another."""
+    digits = list(str(text))
+    places = [i for i, digit in enumerate(digits) if digit.isdigit()]
+    place = places[random.integers(len(places))]
+    digits[place] = str((int(digits[place]) + random.integers(1, 10)) % 10)
+    return "".join(digits)
+
+
+def digit_of(metric: str, scene: str) -> Fault:
+    def fault(rows: Rows, random: np.random.Generator) -> None:
+        row = pick(rows, random, metric=metric, scene=scene)
+        row["value"] = change_digit(row["value"], random)
+
+    return fault
+
+
+def wrong_gain(rows: Rows, random: np.random.Generator) -> None:
+    row = pick(rows, random, method=METHODS[-1])
+    row["gain"] = change_digit(row["gain"], random)
+
+
+def wrong_bold(rows: Rows, random: np.random.Generator) -> None:
+    chosen = pick(rows, random, bold=0)
+    for row in rows:
+        if (row["scene"], row["metric"]) == (chosen["scene"], chosen["metric"]):
+            row["bold"] = int(row is chosen)
+
+
+def swapped_rows(rows: Rows, random: np.random.Generator) -> None:
+    """Swap the averages of two methods."""
+    first, second = random.choice(len(METHODS) - 1, 2, replace=False)
+    for score in {str(row["metric"]) for row in rows}:
+        one, other = (
+            pick(rows, random, method=METHODS[m], scene="Average", metric=score)
+            for m in (first, second)
+        )
+        one["value"], other["value"] = other["value"], one["value"]
+
+
+def swapped_values(rows: Rows, random: np.random.Generator) -> None:
+    """Swap R@1 and R@5 of one row."""
+    method = METHODS[random.integers(len(METHODS))]
+    one, other = (pick(rows, random, method=method, scene="S1", metric=m) for m in ("R@1", "R@5"))
+    one["value"], other["value"] = other["value"], one["value"]
+
+
+def pooled_average(rows: Rows, random: np.random.Generator) -> None:
+    """Average one method over queries, among others that are averaged over scenes."""
+    method = METHODS[random.integers(len(METHODS))]
+    for score in ("R@1", "R@3", "R@5"):
+        parts = [pick(rows, random, method=method, scene=f"S{i}", metric=score) for i in range(4)]
+        mean = sum(float(str(p["value"])) * n for p, n in zip(parts, SCENES, strict=True))
+        row = pick(rows, random, method=method, scene="Average", metric=score)
+        row["value"] = f"{mean / sum(SCENES):.2f}"
+
+
+# Least shares of tables in which a finding, of whatever grade, was not there without the fault:
+# with the numbers of queries given, and without.
+FAULTS: dict[str, tuple[Fault, float, float]] = {
+    "a digit of R@3 in a scene": (digit_of("R@3", "S1"), 0.95, 0.95),
+    "a digit of AP@5 in a scene": (digit_of("AP@5", "S1"), 0.9, 0.9),
+    "a digit of a recall's average": (digit_of("R@3", "Average"), 0.99, 0.99),
+    "a digit of F1": (digit_of("F1", "S2"), 0.95, 0.95),
+    "a digit of Chamfer distance": (digit_of("Chamfer", "S2"), 0.93, 0.93),
+    "a digit of a median's average": (digit_of("median error", "Average"), 0.95, 0.95),
+    "a digit of a gain": (wrong_gain, 0.99, 0.99),
+    "bold that is not the best": (wrong_bold, 0.99, 0.99),
+    "averages of two methods swapped": (swapped_rows, 0.99, 0.99),
+    "R@1 and R@5 swapped": (swapped_values, 0.95, 0.95),
+    "an average of another kind": (pooled_average, 0.95, 0.95),
+}
+
+
+def found_in(rows: Rows, counts: dict[str, int]) -> set[tuple[object, ...]]:
+    with tempfile.TemporaryDirectory() as folder:
+        table = published(Path(folder), rows)
+    found = audit(table, counts, "precision" if counts else None)
+    return {
+        (f.grade, f.check, f.cell.method, f.cell.scene, f.cell.score.name)
+        for f in found.findings
+        if f.grade is not Grade.ROUNDING or f.check in ("gain", "average", "F1")
+    }
+
+
+def detection_rate(fault: Fault, *, with_counts: bool, trials: int = TRIALS) -> float:
+    """Return in what share of honest tables a fault is found."""
+    seen = 0
+    for seed in range(trials):
+        manner = Manner(seed, SCENES, gains="printed")
+        counts = manner.counts if with_counts else {}
+        true, rows = honest(manner), honest(manner)
+        fault(rows, np.random.default_rng(seed))
+        seen += bool(found_in(rows, counts) - found_in(true, counts))
+    return seen / trials
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_found(name: str) -> None:
+    fault, given, alone = FAULTS[name]
+    assert detection_rate(fault, with_counts=True, trials=8) >= given - 0.13
+    assert detection_rate(fault, with_counts=False, trials=4) >= alone - 0.25

@@ -1,0 +1,171 @@
+"""Tables as people have them: wide ones, other separators, marks in the fields, LaTeX, Markdown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.audit.audit import audit
+from airzoo_bench.errors import ResultError
+from airzoo_bench.printed.marks import Marked, plain_name, read_marked
+from airzoo_bench.printed.table import Printed, read_published
+
+
+def read(folder: Path, text: str) -> tuple[Printed, ...]:
+    path = folder / "table.csv"
+    path.write_bytes(text.encode())
+    return read_published(path).cells
+
+
+def values(cells: tuple[Printed, ...]) -> list[tuple[str, str, str, str]]:
+    return [(c.method, c.scene, c.score.name, c.number.text) for c in cells]
+
+
+FIELDS = {
+    "96.21": ("96.21", None, False, False),
+    "96.21%": ("96.21", None, False, True),
+    r"96.21\%": ("96.21", None, False, True),
+    "96,21 %": ("96.21", None, False, True),
+    "0,962": ("0.962", None, False, False),
+    "1234,5": ("1234.5", None, False, False),
+    "**96.21**": ("96.21", None, True, False),
+    "<b>96.21</b>": ("96.21", None, True, False),
+    r"\textbf{96.21}": ("96.21", None, True, False),
+    r"{\bf 96.21}": ("96.21", None, True, False),
+    r"$\mathbf{96.21}$": ("96.21", None, True, False),
+    r"\underline{96.21}": ("96.21", None, False, False),
+    "96.21 (+1.73)": ("96.21", "+1.73", False, False),
+    "96.21 (↑1.73)": ("96.21", "+1.73", False, False),
+    "3.03 (−0.19)": ("3.03", "-0.19", False, False),
+    r"\textbf{96.21} \textcolor{gray}{(+1.73)}": ("96.21", "+1.73", True, False),
+    r"96.21 {\scriptsize (+1.73)}": ("96.21", "+1.73", False, False),
+    r"$96.21_{+1.73}$": ("96.21", "+1.73", False, False),
+    r"96.21 \textbf{(+1.73)}": ("96.21", "+1.73", False, False),
+    "−2.65": ("-2.65", None, False, False),
+}
+
+
+@pytest.mark.parametrize("text", FIELDS)
+def test_a_field(text: str) -> None:
+    marked = read_marked(text)
+    assert isinstance(marked, Marked), marked
+    gain = marked.gain.text if marked.gain else None
+    assert (marked.number.text, gain, marked.bold, marked.percent) == FIELDS[text]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "x", "1,234", "1,234.5", "1.2.3", "96.21 (1.73)", "96.21 ± 1", "96.21 / 3", "5†", "%"],
+)
+def test_what_is_no_field(text: str) -> None:
+    assert isinstance(read_marked(text), str)
+
+
+def test_names_without_marks() -> None:
+    assert plain_name(r"\textbf{RoMA}~\cite{edstedt2024roma} (Ours)") == "RoMA (Ours)"
+    assert plain_name(r"A\&B\_1") == "A&B_1"
+
+
+WIDE = (
+    "Method,Scene,R@1,R@5 [%],Med. [m],n\nX,City,8.70,**24.84**,3.2,161\nX,Rural,4.21,-,2.5,190\n"
+)
+
+
+def test_a_wide_table(tmp_path: Path) -> None:
+    cells = read(tmp_path, WIDE)
+    assert values(cells) == [
+        ("X", "City", "R@1", "8.70"),
+        ("X", "City", "R@5", "24.84"),
+        ("X", "City", "Med.", "3.2"),
+        ("X", "Rural", "R@1", "4.21"),
+        ("X", "Rural", "Med.", "2.5"),
+    ]
+    assert [cell.line for cell in cells] == [2, 2, 2, 3, 3]
+    assert [cell.bold for cell in cells] == [False, True, False, False, False]
+    assert [cell.unit for cell in cells][:3] == ["", "%", "m"]
+    assert {cell.queries for cell in cells} == {161, 190}
+
+
+def test_wide_is_audited_as_long(tmp_path: Path) -> None:
+    cells = "A,City,96.22 (+2.00)\nB,City,94.22\n"
+    (tmp_path / "t.csv").write_text("method,scene,R@1\n" + cells)
+    found = audit(read_published(tmp_path / "t.csv"), {"City": 264})
+    assert [(f.grade.value, f.check, f.cell.method) for f in found.findings] == [
+        ("impossible", "counts", "A"),
+        ("impossible", "counts", "B"),
+    ]
+
+
+def test_a_wide_table_without_scenes(tmp_path: Path) -> None:
+    assert values(read(tmp_path, "method,R@1\nX,5.0\n")) == [("X", "overall", "R@1", "5.0")]
+
+
+def test_columns_of_gains(tmp_path: Path) -> None:
+    (cell,) = read(tmp_path, "method,R@1,R@1 gain,Marked\nX,5.0,+1.0,yes\n")
+    assert cell.gain is not None
+    assert cell.gain.text == "+1.0"
+
+
+SAME = [("X", "City", "R@1", "8.70"), ("Y, Z", "City", "R@1", "9.94")]
+
+LAYOUTS = {
+    "semicolons and commas": "method;scene;R@1\nX;City;8,70\nY, Z;City;9,94 %\n",
+    "semicolons, long": "method;scene;metric;value\nX;City;R@1;8,70\nY, Z;City;R@1;9,94\n",
+    "tabs": "method\tscene\tR@1\r\nX\tCity\t8.70\r\nY, Z\tCity\t9.94\r\n",
+    "byte order mark": '\ufeffmethod,scene,R@1\nX,City,8.70\n"Y, Z",City,9.94\n',
+    "quoted": '"Method","Scene","R@1"\n"X","City","8,70"\n\n"Y, Z","City","9.94%"\n',
+    "Markdown": "| Method | Scene | R@1 ↑ |\n| --- | :-: | --: |\n| X | City | 8.70 |\n"
+    "| **Y, Z** | City | **9.94** |\n",
+    "Markdown with notes": "| Method | Scene | R@1 \\[%\\] |\n| - | - | - |\n| X | City | 8.70 |\n"
+    "| Y, Z | City | 9.94 |\n\nof one protocol, by somebody\n",
+    "LaTeX": r"""
+\begin{tabular}{llc}
+\toprule
+Method & Scene & R@1 $\uparrow$ \\ % the head
+\midrule
+X~\cite{x} & City & 8.70 \\
+\textbf{Y, Z} & City &
+  \textbf{9.94} \textcolor{gray}{(+1.24)} \\
+\bottomrule
+\end{tabular}
+""",
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_layouts(name: str, tmp_path: Path) -> None:
+    assert values(read(tmp_path, LAYOUTS[name])) == SAME
+
+
+BAD = {
+    "no score": ("method,scene,colour\nX,City,red\n", ["no column is a score", "colour"]),
+    "a score's field": ("method,scene,R@1\nX,City,8.7O\n", ["line 2, column 'R@1'", "'O'"]),
+    "mistyped": ("method,scen,R@1\nX,City,8.70\n", ["unknown column 'scen'", "'scene'"]),
+    "bold column": ("method,R@1,bold\nX,8.70,1\n", ["column 'bold'", "**96.21** (+1.73)"]),
+    "n": ("method,scene,R@1,n\nX,City,8.70,many\n", ["line 2, column 'n'", "'many'"]),
+    "method": ("methode,scene,R@1\nX,City,8.70\n", ["unknown column 'methode'", "'method'"]),
+    "unit": ("method,scene,R@1 [m]\nX,City,8.70\n", ["column 'R@1 [m]'", "% or share"]),
+    "short line": ("method,scene,R@1\nX,City\n", ["line 2", "fields (2) as the first (3)"]),
+    "spans": ("A & \\multicolumn{2}{c}{B} \\\\\n", ["line 1", "spans several"]),
+    "text after rows": ("method & R@1 \\\\\nX & 5.0 \\\\\nfoot", ["line 3", "'foot' is no row"]),
+    "method only": ("method,scene\nX,City\n", ["no column 'metric', 'value'"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_refused(name: str, tmp_path: Path) -> None:
+    text, fragments = BAD[name]
+    with pytest.raises(ResultError) as raised:
+        read(tmp_path, text)
+    for fragment in fragments:
+        assert fragment in str(raised.value)
+
+
+def test_accuracy_in_percent_is_no_distance(tmp_path: Path) -> None:
+    (cell,) = read(tmp_path, "method,Accuracy\nX,87.5%\n")
+    assert cell.score.higher_is_better is True
+    (alone,) = read(tmp_path, "method,Accuracy\nX,87.5\n")
+    assert alone.score.higher_is_better is None
+    cloud = read(tmp_path, "method,Accuracy,Completeness\nX,0.5,0.7\n")
+    assert [cell.score.higher_is_better for cell in cloud] == [False, False]

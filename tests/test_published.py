@@ -1,0 +1,99 @@
+"""Sources of published numbers: another paper's, and pairs of files that do not fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.errors import ResultError
+from airzoo_bench.published import published_sources, read_source
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.tables.entries import Board, with_published
+from airzoo_bench.tables.layouts import methods_layout
+from airzoo_bench.tables.render import render
+
+SOURCE = """
+schema = 1
+name = "s"
+title = "S"
+url = "u"
+data = "s.csv"
+[benchmarks]
+"B" = "b"
+[scores.retrieval]
+"R@1" = "recall@1"
+[citations]
+"""
+WIDE = "table,benchmark,track,method,scene,R@1\n"
+
+
+def source(folder: Path, table: str) -> Path:
+    (folder / "s.csv").write_text(table, encoding="utf-8")
+    (folder / "s.toml").write_text(SOURCE, encoding="utf-8")
+    return folder / "s.toml"
+
+
+def test_another_paper_s_table_as_typed(tmp_path: Path) -> None:
+    path = source(tmp_path, WIDE + "t,B,retrieval,M,East,12.5\nt,B,retrieval,M,Average,**7**\n")
+    (table,) = read_source(path)
+    assert (table.label, table.benchmark, table.track) == ("t", "b", "retrieval")
+    assert table.values == {"M": {"East": {"recall@1": 12.5}, "": {"recall@1": 7.0}}}
+
+
+def test_shares_become_percent(tmp_path: Path) -> None:
+    path = source(tmp_path, WIDE.replace("R@1", "R@1 [share]") + "t,B,retrieval,M,East,0.125\n")
+    assert read_source(path)[0].values["M"]["East"] == {"recall@1": 12.5}
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (WIDE + "t,C,retrieval,M,East,2\n", "line 2, column 'benchmark': the benchmark 'C'"),
+        (WIDE + "t,B,retrieva,M,East,2\n", "line 2, column 'track': .*did you mean 'retrieval'"),
+        (WIDE + "t,B,retrieval,M,East,x\n", "line 2, column 'R@1': 'x' is no printed number"),
+        (WIDE.replace("benchmark,", "") + "t,retrieval,M,East,2\n", "the benchmark '' is not"),
+    ],
+)
+def test_a_pair_that_does_not_fit(tmp_path: Path, table: str, message: str) -> None:
+    with pytest.raises(ResultError, match=message):
+        read_source(source(tmp_path, table))
+
+
+@pytest.mark.parametrize(
+    ("form", "name", "label"),
+    [
+        ("latex", r"A\_\{\&\}\textless{}b\textgreater{}", r"t\_\%"),
+        ("html", "A_{&amp;}&lt;b&gt;", "t_%"),
+    ],
+)
+def test_special_characters(tmp_path: Path, form: str, name: str, label: str) -> None:
+    table = WIDE + "t_%,B,retrieval,A_{&}<b>,Average,12.5\n"
+    score = ScoreColumn(
+        key="recall@1",
+        title="R@1",
+        unit="share",
+        higher_is_better=True,
+        average="mean",
+        headline=True,
+    )
+    board = Board("T", "b", "retrieval", (score,), {}, {}, ())
+    made = methods_layout(
+        with_published(board, read_source(source(tmp_path, table)), by_scene=False)
+    )
+    if form == "latex":
+        assert "<b>" not in render(made, form)
+    assert name in render(made, form)
+    assert label in render(made, form)
+
+
+def test_the_shipped_pair_is_read() -> None:
+    tables = read_source(published_sources()["airzoo-paper"])
+    numbers = [
+        value
+        for table in tables
+        for scenes in table.values.values()
+        for scores in scenes.values()
+        for value in scores.values()
+    ]
+    assert len(numbers) == 473
