@@ -23,6 +23,7 @@ __all__ = [
     "MEASURED",
     "UNKNOWN",
     "Grouping",
+    "check_column",
     "condition_names",
     "condition_title",
     "even_edges",
@@ -41,10 +42,14 @@ MEASURED = frozenset(
         *("error_m", "horizontal_m", "vertical_m", "rotation_deg"),
         *("alignment", "scale", "cameras", "inlier_cameras"),
         *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
-        *("predicted_points", "true_points", "points", "not_finite", "outside"),
+        *("points", "not_finite", "outside", "thinned", "distrusted"),
+        *("truth_points", "truth_outside", "truth_thinned", "cameras_missing"),
+        *("predicted_points", "true_points", "ranked"),
     )
 )
-"""Columns of records that tell what a method did, and so are no conditions."""
+"""Columns of records that tell what a method did, or was held against, and are no conditions."""
+
+_RANKED_TILE = "tile@"
 
 _MOST_CATEGORIES = 12
 _MOST_BINS = 6
@@ -84,7 +89,9 @@ def condition_names(method: Scored) -> list[str]:
     """Return the columns of the records that are conditions, and not all of one value."""
     known = MEASURED | {column.key for column in method.result.columns}
     records = method.records
-    found = [name for name in records.columns if name not in known]
+    found = [
+        name for name in records.columns if name not in known and not name.startswith(_RANKED_TILE)
+    ]
     return [
         name
         for name in found
@@ -150,12 +157,7 @@ def group_records(records: pd.DataFrame, by: str, bins: Sequence[float] | None =
         There is no such column; bins of a text; bins that do not ascend; a text with more than
         1,000 values.
     """
-    if by not in records.columns:
-        names = [str(name) for name in records.columns]
-        raise UsageError(
-            f"--by {by}: the records have no such column{nearest(by, names)}",
-            expected="one of " + ", ".join(names),
-        )
+    check_column(records, by)
     column = records[by]
     if bins is not None:
         return _binned(by, column, _checked_bins(by, column, bins))
@@ -163,6 +165,22 @@ def group_records(records: pd.DataFrame, by: str, bins: Sequence[float] | None =
         values = column.to_numpy(np.float64)
         return _binned(by, column, even_edges(values[np.isfinite(values)]))
     return _by_category(by, column)
+
+
+def check_column(records: pd.DataFrame, by: str) -> None:
+    """Refuse a column that the records do not have.
+
+    Raises
+    ------
+    UsageError
+        There is no such column; it names those that there are.
+    """
+    if by not in records.columns:
+        names = [str(name) for name in records.columns]
+        raise UsageError(
+            f"--by {by}: the records have no such column{nearest(by, names)}",
+            expected="one of " + ", ".join(names),
+        )
 
 
 def _is_number(column: pd.Series[str]) -> bool:

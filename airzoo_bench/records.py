@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airzoo_bench.errors import ResultError, UsageError
+from airzoo_bench.errors import ResultError
 from airzoo_bench.result import Result, read_result
+from airzoo_bench.result_files import method_names, records_path, result_paths
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +23,12 @@ if TYPE_CHECKING:
 __all__ = ["Scored", "read_records", "read_scored"]
 
 _SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
+_BLOCK_BYTES = 8 << 20
+
+# As pandas writes numbers. What only looks like one, such as a sequence "007" or "1e5", is a text.
+_INTEGER = "^-?(0|[1-9][0-9]{0,17})$"
+_NUMBER = r"^-?((0|[1-9][0-9]*)(\.[0-9]+)?(e[+-][0-9]{2,3})?|inf)$"
+_TRUTH = "^(True|False)$"
 
 
 @dataclass(frozen=True)
@@ -42,8 +49,15 @@ class Scored:
     records: pd.DataFrame
 
 
-def read_scored(paths: Sequence[Path]) -> list[Scored]:
+def read_scored(paths: Sequence[Path], columns: Collection[str] | None = None) -> list[Scored]:
     """Read results with their records.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Of results, or of the folders that hold one.
+    columns : collection of str, optional
+        See `read_records`.
 
     Raises
     ------
@@ -52,24 +66,19 @@ def read_scored(paths: Sequence[Path]) -> list[Scored]:
     ResultError
         See `read_result` and `read_records`.
     """
-    for path, times in Counter(path.resolve() for path in paths).items():
-        if times > 1:
-            raise UsageError("named twice", where=path, mend="name each result once")
-    results = [read_result(path) for path in paths]
-    names = Counter(result.predictions.method for result in results)
+    files = result_paths(paths)
+    results = [read_result(path) for path in files]
+    names = method_names(files, results, by_protocol=False)
     return [
-        Scored(
-            method if names[method] == 1 else f"{method} ({path})",
-            result,
-            read_records(path, result),
-        )
-        for path, result in zip(paths, results, strict=True)
-        for method in [result.predictions.method]
+        Scored(name, result, read_records(path, result, columns))
+        for name, path, result in zip(names, files, results, strict=True)
     ]
 
 
-def read_records(path: Path, result: Result | None = None) -> pd.DataFrame:
-    """Read the ``records.csv`` that stands beside a result.
+def read_records(
+    path: Path, result: Result | None = None, columns: Collection[str] | None = None
+) -> pd.DataFrame:
+    """Read the records that stand beside a result, see `airzoo_bench.result_files.records_path`.
 
     Parameters
     ----------
@@ -77,12 +86,17 @@ def read_records(path: Path, result: Result | None = None) -> pd.DataFrame:
         Of the result.
     result : Result, optional
         Its content, where it was read before.
+    columns : collection of str, optional
+        What to read beside ``scene`` and ``query``; all where left out. Names that the file does
+        not have are passed over. The checksum is that of the whole file all the same.
 
     Returns
     -------
     DataFrame
-        The columns of the file, sorted by ``query``, which is the scene where records are of
-        scenes. Scores are numbers, +inf included.
+        In the order of the file's columns, sorted by ``query``, which is the scene where records
+        are of scenes. Scores are float64, the same to the last bit as when they were written,
+        +inf included. Other columns are numbers or booleans where every field is written like
+        one, else texts; an empty field has no value.
 
     Raises
     ------
@@ -90,7 +104,7 @@ def read_records(path: Path, result: Result | None = None) -> pd.DataFrame:
         They are missing, were changed, or are not those of the result.
     """
     result = read_result(path) if result is None else result
-    file = path.with_name("records.csv")
+    file = records_path(path)
     if not result.records_sha256:
         raise ResultError("does not say which records belong to it", where=path, mend=_SCORE_AGAIN)
     if not file.is_file():
@@ -98,7 +112,8 @@ def read_records(path: Path, result: Result | None = None) -> pd.DataFrame:
             "no such file",
             where=file,
             expected="the records that were written beside result.json",
-            mend=f"keep both in one folder, or {_SCORE_AGAIN}",
+            mend="keep both in one folder (records of a.json may be called a.records.csv), or "
+            + _SCORE_AGAIN,
         )
     content = file.read_bytes()
     if hashlib.sha256(content).hexdigest() != result.records_sha256:
@@ -108,47 +123,118 @@ def read_records(path: Path, result: Result | None = None) -> pd.DataFrame:
             expected="the file as `airzoo-bench eval` wrote it together with result.json",
             mend=_SCORE_AGAIN,
         )
-    return _checked(_parsed(content, result), result, file)
+    scores = [column.key for column in result.columns]
+    wanted = _wanted(_heads(content, file), scores, columns, file)
+    records = _parsed(content, wanted, scores, file)
+    return _checked(records, result, file)
 
 
-def _parsed(content: bytes, result: Result) -> pd.DataFrame:
-    import pandas as pd
+def _heads(content: bytes, file: Path) -> list[str]:
+    try:
+        stream = io.TextIOWrapper(io.BytesIO(content), "utf-8", newline="")
+        heads = next(csv.reader(stream), [])
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ResultError(f"not a table: {error}", where=file, mend=_SCORE_AGAIN) from error
+    for head, times in Counter(heads).items():
+        if times > 1:
+            raise ResultError(f"has {times} columns {head}", where=file, mend=_SCORE_AGAIN)
+    return heads
 
-    heads = pd.read_csv(io.BytesIO(content), nrows=0).columns
-    # A scene or query may be called "NA"; elsewhere an empty field has no value. Scores are
-    # read as text: not every pandas reads numbers to the last digit.
-    texts = {"scene", "query", *(column.key for column in result.columns)} & set(heads)
-    records = pd.read_csv(
-        io.BytesIO(content),
-        dtype=dict.fromkeys(texts, str),
-        keep_default_na=False,
-        na_values={head: [""] for head in heads if head not in texts},
-    )
-    if "query" not in records and "scene" in records:
+
+def _wanted(
+    heads: list[str], scores: list[str], columns: Collection[str] | None, file: Path
+) -> list[str]:
+    """Return the columns to read, in their order; those that every result has must be there."""
+    lacking = [name for name in ("scene", *scores) if name not in heads]
+    if lacking:
+        raise ResultError(f"has no column {', '.join(lacking)}", where=file, mend=_SCORE_AGAIN)
+    if columns is None:
+        return heads
+    return [head for head in heads if head in ("scene", "query") or head in columns]
+
+
+def _parsed(content: bytes, wanted: list[str], scores: list[str], file: Path) -> pd.DataFrame:
+    import pyarrow as pa
+
+    try:
+        table = _read(content, {name: name in scores for name in wanted})
+    except pa.ArrowInvalid as error:
+        raise _refusal(content, [name for name in wanted if name in scores], error, file) from error
+    data = {
+        name: table[name] if name in (*scores, "scene", "query") else _with_type(table[name])
+        for name in wanted
+    }
+    records: pd.DataFrame = pa.table(data).to_pandas()
+    if "query" not in records:
         records.insert(1, "query", records["scene"])
     return records
 
 
+def _read(content: bytes, is_score: dict[str, bool]) -> Any:
+    """Read columns as numbers or texts; Arrow rounds as IEEE 754 asks, to the nearest."""
+    import pyarrow as pa
+    from pyarrow import csv as arrow_csv
+
+    types = {name: pa.float64() if score else pa.string() for name, score in is_score.items()}
+    return arrow_csv.read_csv(
+        pa.BufferReader(content),
+        read_options=arrow_csv.ReadOptions(block_size=_BLOCK_BYTES),
+        parse_options=arrow_csv.ParseOptions(newlines_in_values=True),
+        convert_options=arrow_csv.ConvertOptions(
+            column_types=types,
+            include_columns=list(types),
+            null_values=[""],
+            strings_can_be_null=True,
+        ),
+    )
+
+
+def _refusal(content: bytes, scores: list[str], error: Exception, file: Path) -> ResultError:
+    """Name the score that is not a number, if that is what is wrong."""
+    import pyarrow as pa
+
+    for name in scores:
+        try:
+            _read(content, {name: False})
+            _read(content, {name: True})
+        except pa.ArrowInvalid as fault:
+            if "conversion error" in str(fault):
+                return _no_number(name, file)
+            break
+    return ResultError(f"not a table: {error}", where=file, mend=_SCORE_AGAIN)
+
+
+def _no_number(key: str, file: Path) -> ResultError:
+    return ResultError("a score is not a number", where=f"{file}, {key}", mend=_SCORE_AGAIN)
+
+
+def _with_type(texts: Any) -> Any:
+    """Turn texts into what they were before they were written, where that is beyond doubt."""
+    import pyarrow as pa
+    from pyarrow import compute
+
+    def all_are(pattern: str) -> bool:
+        matches = compute.match_substring_regex(texts, pattern)
+        return bool(compute.all(matches, min_count=0).as_py())
+
+    if texts.null_count == 0 and all_are(_INTEGER):
+        return texts.cast(pa.int64())
+    if all_are(_NUMBER):
+        return texts.cast(pa.float64())
+    if texts.null_count == 0 and all_are(_TRUTH):
+        return compute.equal(texts, "True")
+    return texts
+
+
 def _checked(records: pd.DataFrame, result: Result, file: Path) -> pd.DataFrame:
-    needed = ["scene", "query", *(column.key for column in result.columns)]
-    lacking = [name for name in needed if name not in records]
-    if lacking:
-        raise ResultError(f"has no column {', '.join(lacking)}", where=file, mend=_SCORE_AGAIN)
-    scores = {c.key: _numbers(records[c.key].tolist(), c.key, file) for c in result.columns}
-    if set(records["scene"]) != set(result.scenes) or not records["query"].is_unique:
+    for key in (column.key for column in result.columns if column.key in records):
+        values = records[key].to_numpy(np.float64)
+        if np.isnan(values).any() or np.isneginf(values).any():
+            raise _no_number(key, file)
+    if set(records["scene"].unique()) != set(result.scenes) or not records["query"].is_unique:
         raise ResultError(
             "its scenes are not those of the result, or a query stands twice",
             where=file,
             mend=_SCORE_AGAIN,
         )
-    return records.assign(**scores).sort_values("query", ignore_index=True)
-
-
-def _numbers(texts: list[str], key: str, file: Path) -> NDArray[np.float64]:
-    try:
-        values = np.array([float(text) for text in texts], np.float64)
-    except ValueError:
-        values = np.array([np.nan])
-    if np.isnan(values).any() or np.isneginf(values).any():
-        raise ResultError("a score is not a number", where=f"{file}, {key}", mend=_SCORE_AGAIN)
-    return values
+    return records.sort_values("query", ignore_index=True)

@@ -56,6 +56,8 @@ def _printable(name: object) -> object:
 Value = Annotated[float, AfterValidator(_is_number)]
 Name = Annotated[str, BeforeValidator(_printable)]
 
+_EXPECTED = "a result.json that `airzoo-bench eval ... --out DIR` wrote"
+_MEND = "score the predictions again"
 _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
 
 
@@ -211,17 +213,25 @@ def read_result(path: Path) -> Result:
     try:
         result = Result.model_validate_json(text)
     except ValidationError as error:
+        if error.errors()[0]["type"] == "json_invalid":
+            # Pydantic names line and column.
+            raise ResultError(
+                f"not a result: {validation_message(error, Result)}",
+                where=path,
+                expected=_EXPECTED,
+                mend=_MEND,
+            ) from error
         raise ResultError(
             f"not a result of this version:\n    {validation_message(error, Result)}",
             where=path,
-            expected="a result.json that `airzoo-bench eval ... --out DIR` wrote",
-            mend="score the predictions again",
+            expected=_EXPECTED,
+            mend=_MEND,
         ) from error
     if not result.is_intact():
         raise ResultError(
             "its content was changed after it was written: the checksum does not fit",
             where=path,
             expected="a result as `airzoo-bench eval` wrote it",
-            mend="score the predictions again",
+            mend=_MEND,
         )
     return result

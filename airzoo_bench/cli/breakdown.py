@@ -24,31 +24,54 @@ def breakdown(
     ] = None,
     score: Annotated[
         list[str] | None,
-        typer.Option(help="Key or title, repeatable (default: the paper's scores)."),
+        typer.Option(
+            help="Key or title, repeatable (default: the paper's scores; of several results the "
+            "first of them)."
+        ),
     ] = None,
+    intervals: Annotated[
+        bool,
+        typer.Option(
+            "--intervals",
+            help="Write 95 % intervals (BCa) beside the values; always, where the table is "
+            "one score of one result.",
+        ),
+    ] = False,
     form: FormatOption = Format.TERMINAL,
-    resamples: Annotated[int, typer.Option(min=100, max=1_000_000)] = 10_000,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    resamples: Annotated[
+        int, typer.Option(min=100, max=1_000_000, help="Of the intervals.")
+    ] = 10_000,
+    seed: Annotated[int, typer.Option(min=0, help="Of the intervals.")] = 0,
 ) -> None:
     """Print scores by weather, altitude or any other column of the records.
 
-    One result gives a column a score; several give a column a method, by one score. One result
-    and one score give its 95 % intervals too.
+    One result gives a column a score; several give a column a method, under each score.
 
     Example: airzoo-bench breakdown results/mine/result.json --by weather
 
     Example: airzoo-bench breakdown results/*/result.json --by altitude_m --bins 50,100 --score R@1
     """
-    from airzoo_bench.records import read_scored
-    from airzoo_bench.report.conditions import breakdown_table
-    from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
+    from airzoo_bench.breakdown import check_column
+    from airzoo_bench.records import read_records, read_scored
+    from airzoo_bench.result import read_result
+    from airzoo_bench.result_files import result_paths
+    from airzoo_bench.statistics.breakdown_layout import breakdown_table
+    from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
     from airzoo_bench.statistics.samples import Plan
 
     edges = None if bins is None else parse_bins(bins)
-    methods = read_scored(results)
+    wanted = score or []
+    paths = result_paths(results)
+    keys = score_keys(read_result(paths[0]), wanted)
+    methods = read_scored(paths, {by, *keys})
     check_comparable(methods)
-    scores = choose_scores(methods, score or [])
-    plan = Plan(resamples, seed)
+    if by not in methods[0].records:
+        check_column(read_records(paths[0], methods[0].result), by)
+    scores = choose_scores(methods, wanted)
+    if len(methods) > 1 and not wanted:
+        scores = scores[:1]
+    with_intervals = intervals or len(methods) == len(scores) == 1
+    plan = Plan(resamples, seed) if with_intervals else None
     show(breakdown_table(methods, scores, by, bins=edges, plan=plan), form)
 
 

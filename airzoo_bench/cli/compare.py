@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,6 +26,19 @@ class IntervalMethod(StrEnum):
     PERCENTILE = "percentile"
 
 
+@dataclass(frozen=True)
+class _Request:
+    """What is to be compared."""
+
+    paths: list[Path]
+    scores: list[str]
+    every: bool
+    reference: str | None
+    scene: str | None
+    most_different: int | None
+    plan: Plan
+
+
 def compare(
     results: Annotated[
         list[Path] | None,
@@ -35,20 +49,32 @@ def compare(
         list[str] | None,
         typer.Option(help="Key or title, repeatable (default: the paper's scores)."),
     ] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Every score, not the paper's only.")
+    ] = False,
     reference: Annotated[
         str | None,
         typer.Option(help="The method to compare with, or 'best' (default: the first)."),
     ] = None,
-    scene: Annotated[str | None, typer.Option(help="Compare on this scene only.")] = None,
+    scene: Annotated[str | None, typer.Option(help="This scene only, by id or title.")] = None,
     most_different: Annotated[
         int | None,
-        typer.Option(min=1, help="Print so many queries where the methods differ most."),
+        typer.Option(
+            min=1,
+            help="Instead of the tests, list so many queries: those on which the first score "
+            "differs most, with every method's value and, of two, their conditions.",
+        ),
     ] = None,
     interval: Annotated[
         IntervalMethod, typer.Option(help="Which bootstrap interval.")
     ] = IntervalMethod.BCA,
-    resamples: Annotated[int, typer.Option(min=100, max=1_000_000)] = 10_000,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    resamples: Annotated[
+        int,
+        typer.Option(
+            min=100, max=1_000_000, help="Of the bootstrap, and patterns of the permutation test."
+        ),
+    ] = 10_000,
+    seed: Annotated[int, typer.Option(min=0, help="Of resamples and patterns.")] = 0,
     printed: Annotated[
         tuple[str, str] | None,
         typer.Option(help="Two printed hit rates in percent, instead of results."),
@@ -69,7 +95,9 @@ def compare(
         show(_printed(results, printed, queries), form)
         return
     plan = Plan(resamples, seed, interval.value)
-    show(_compared(results or [], score or [], reference, scene, most_different, plan), form)
+    request = _Request(results or [], score or [], every, reference, scene, most_different, plan)
+    _check(request)
+    show(_answer(request), form)
 
 
 def _printed(
@@ -86,43 +114,55 @@ def _printed(
     return bounds_table(*printed, printed_bounds(*printed, queries))
 
 
-def _compared(
-    paths: list[Path],
-    wanted: list[str],
-    reference: str | None,
-    scene: str | None,
-    most_different: int | None,
-    plan: Plan,
-) -> Table:
-    from airzoo_bench.records import read_scored
-    from airzoo_bench.statistics.comparison import compare as compare_methods
-    from airzoo_bench.statistics.comparison import score_intervals
-    from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, find_scene
-    from airzoo_bench.statistics.layout import (
-        comparison_table,
-        differences_table,
-        intervals_table,
-    )
-
-    if not paths:
+def _check(request: _Request) -> None:
+    if not request.paths:
         raise UsageError(
             "nothing to compare",
             expected="result files, or --printed",
             mend="airzoo-bench compare a/result.json b/result.json",
         )
-    if len(paths) == 1 and (reference or scene or most_different):
+    if request.every and request.scores:
+        raise UsageError("--all and --score exclude each other", mend="leave one of them out")
+    if len(request.paths) == 1 and (request.reference or request.most_different):
         raise UsageError(
-            "--reference, --scene and --most-different need two or more results",
+            "--reference and --most-different need two or more results",
             mend="name another result, or leave the option out",
         )
-    methods = read_scored(paths)
+    if len(request.paths) > 2 and request.reference and request.most_different:
+        raise UsageError(
+            "--most-different of more than two results has no reference",
+            expected="two results, or no --reference: the best is then held against the worst",
+        )
+
+
+def _answer(request: _Request) -> Table:
+    from airzoo_bench.records import read_scored
+    from airzoo_bench.result import read_result
+    from airzoo_bench.result_files import result_paths
+    from airzoo_bench.statistics import comparison
+    from airzoo_bench.statistics.comparison_layout import comparison_table
+    from airzoo_bench.statistics.compatibility import (
+        check_comparable,
+        choose_scores,
+        find_scene,
+        score_keys,
+    )
+    from airzoo_bench.statistics.differences import differences_table
+    from airzoo_bench.statistics.layout import intervals_table
+
+    paths = result_paths(request.paths)
+    keys = score_keys(read_result(paths[0]), request.scores, every=request.every)
+    methods = read_scored(paths, None if request.most_different else keys)
     check_comparable(methods)
-    scores = choose_scores(methods, wanted)
+    scores = choose_scores(methods, request.scores, every=request.every)
+    scene, plan = find_scene(methods[0], request.scene), request.plan
     if len(methods) == 1:
-        return intervals_table(methods[0], scores, score_intervals(methods[0], scores, plan), plan)
-    if most_different is not None:
-        place = find_scene(methods[0], scene)
-        return differences_table(methods, scores, most_different, place)
+        found = comparison.score_intervals(methods[0], scores, plan, scene)
+        return intervals_table(methods[0], scores, found, plan, scene)
+    base = comparison.find_reference(methods, request.reference, scores[0])
+    if request.most_different is not None:
+        return differences_table(methods, scores, request.most_different, scene, base=base)
+    reference = methods[base].name
     return comparison_table(
-        compare_methods(methods, scores, reference=reference, scene=scene, plan=plan)
+        comparison.compare(methods, scores, reference=reference, scene=scene, plan=plan)
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from airzoo_bench.comparable import version_notes
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
@@ -18,7 +19,7 @@ from airzoo_bench.statistics.intervals import Bootstrap, Interval, bootstrap
 from airzoo_bench.statistics.samples import Plan, Sample, gap
 from airzoo_bench.statistics.significance import (
     PairedTest,
-    are_hits,
+    is_hit,
     mcnemar,
     paired_permutation,
 )
@@ -63,6 +64,18 @@ class Pair:
     ties: int
     losses: int
 
+    @property
+    def is_better(self) -> bool:
+        """Whether the method's value is the better one, however sure that is."""
+        return self.difference is not None and (
+            self.difference > 0 if self.score.higher_is_better else self.difference < 0
+        )
+
+    @property
+    def p_floor(self) -> float:
+        """The least p that any values could have, on as many units as differ here."""
+        return min(1.0, 2.0 ** (1 - self.wins - self.losses))
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -74,6 +87,7 @@ class Comparison:
     unit : str
         What was resampled: "query" or "scene".
     units : int
+        How many there are.
     scene : str or None
         None for all scenes.
     pairs : list of Pair
@@ -120,7 +134,9 @@ def make_sample(
     return Sample("query", scenes, parts, medians)
 
 
-def score_intervals(method: Scored, scores: Sequence[ScoreColumn], plan: Plan) -> Bootstrap:
+def score_intervals(
+    method: Scored, scores: Sequence[ScoreColumn], plan: Plan, scene: str | None = None
+) -> Bootstrap:
     """Take the interval of every score, of each scene and of the mean over scenes.
 
     Parameters
@@ -128,13 +144,15 @@ def score_intervals(method: Scored, scores: Sequence[ScoreColumn], plan: Plan) -
     method : Scored
     scores : sequence of ScoreColumn
     plan : Plan
+    scene : str, optional
+        Of this scene's queries only.
 
     Returns
     -------
     Bootstrap
         In the order of `scores`; without scenes where scenes are what is resampled.
     """
-    sample = make_sample([method], scores)
+    sample = make_sample([method], scores, scene)
     found = bootstrap(sample, plan)
     return found if sample.unit == "query" else replace(found, groups={})
 
@@ -217,13 +235,10 @@ def compare(
 
 
 def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
-    """Repeat each method's notes, and tell of different versions of the suite."""
+    """Repeat each method's notes, and tell of different versions of what they were made with."""
+    names, results = [m.name for m in methods], [m.result for m in methods]
     notes = [f"{method.name}: {note}" for method in methods for note in method.result.notes]
-    versions = [method.result.versions["airzoo-bench"] for method in methods]
-    if len(set(versions)) > 1:
-        found = ", ".join(f"{m.name} {v}" for m, v in zip(methods, versions, strict=True))
-        notes.append(f"made with different versions of airzoo-bench: {found}")
-    return tuple(notes)
+    return (*notes, *version_notes(names, results))
 
 
 def _pair(
@@ -240,7 +255,7 @@ def _pair(
     value, base_value = _value(method, score, scene), _value(base, score, scene)
     both_infinite = math.isinf(value) and value == base_value
     wins, losses = _wins(score, one, other), _wins(score, other, one)
-    hits = score.unit == "share" and are_hits(one, other)
+    hits = is_hit(method.result.track, score)
     return Pair(
         score=score,
         method=method.name,

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from airzoo_bench import comparable
 from airzoo_bench.errors import ResultError, first_of
 from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.result import Result, ScoreColumn
 from airzoo_bench.validation import nearest
 
-__all__ = ["check_comparable", "choose_scores", "find_scene"]
-
-_SHOWN = 3
+__all__ = ["check_comparable", "choose_scores", "find_scene", "score_keys"]
 
 
 def check_comparable(methods: Sequence[Scored]) -> None:
@@ -23,65 +21,14 @@ def check_comparable(methods: Sequence[Scored]) -> None:
     ResultError
         Protocol, truth or queries of one differ from those of the first; it says in what.
     """
-    first = methods[0]
+    comparable.check_comparable([m.name for m in methods], [m.result for m in methods])
     for other in methods[1:]:
-        _check_protocol(first, other)
-        _check_truth(first, other)
-        _check_queries(first, other)
-
-
-def _check_protocol(first: Scored, other: Scored) -> None:
-    one, two = first.result.protocol, other.result.protocol
-    if one.fingerprint == two.fingerprint:
-        return
-    found = list(_different(one.settings, two.settings))
-    if (one.name, one.version) != (two.name, two.version):
-        found.insert(0, f"{one.name} v{one.version} against {two.name} v{two.version}")
-    raise ResultError(
-        f"{first.name} and {other.name} were made with different protocols "
-        f"({one.fingerprint[:12]} and {two.fingerprint[:12]}): "
-        + "; ".join(found[:_SHOWN])
-        + (f"; and {len(found) - _SHOWN} more settings" if len(found) > _SHOWN else ""),
-        expected="one protocol: a difference would be its doing as well as the methods'",
-        mend="score all predictions again with the same --protocol",
-    )
-
-
-def _different(one: Any, two: Any, key: str = "") -> Iterator[str]:
-    """Yield the settings that differ, with both values."""
-    if isinstance(one, dict) and isinstance(two, dict):
-        for name in dict.fromkeys([*one, *two]):
-            inner = f"{key}.{name}" if key else str(name)
-            yield from _different(one.get(name), two.get(name), inner)
-    elif one != two:
-        yield f"{key} is {_short(one)} against {_short(two)}"
-
-
-def _short(value: Any) -> str:
-    text = "absent" if value is None else str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _check_truth(first: Scored, other: Scored) -> None:
-    one, two = first.result.truth, other.result.truth
-    if one.fingerprint == two.fingerprint:
-        return
-    names = [f"{truth.benchmark} v{truth.version}" for truth in (one, two)]
-    why = f"{names[0]} against {names[1]}" if names[0] != names[1] else f"{names[0]}, prepared anew"
-    for scene in one.scene_titles:
-        counts = [m.result.counts.get(scene, {}).get("queries") for m in (first, other)]
-        if counts[0] != counts[1]:
-            why += f"; scene {scene} has {counts[0]} queries against {counts[1]}"
-            break
-    raise ResultError(
-        f"{first.name} and {other.name} were held against different truths "
-        f"({one.fingerprint[:12]} and {two.fingerprint[:12]}): {why}",
-        expected="one truth: the same queries with the same answers",
-        mend="score all predictions again with the same benchmark folder",
-    )
+        _check_queries(methods[0], other)
 
 
 def _check_queries(first: Scored, other: Scored) -> None:
+    if first.records["query"].equals(other.records["query"]):
+        return
     one, two = set(first.records["query"]), set(other.records["query"])
     if one == two:
         return
@@ -94,13 +41,22 @@ def _check_queries(first: Scored, other: Scored) -> None:
     )
 
 
-def choose_scores(methods: Sequence[Scored], wanted: Sequence[str]) -> list[ScoreColumn]:
+def choose_scores(
+    methods: Sequence[Scored], wanted: Sequence[str], *, every: bool = False
+) -> list[ScoreColumn]:
     """Find scores by key or title; where none is wanted, the headline ones that all have.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+    wanted : sequence of str
+    every : bool
+        Where none is wanted, take every score that all have.
 
     Raises
     ------
     ResultError
-        A method has no such score.
+        A method has no such score, or the results have none in common.
     """
     shared = [
         column
@@ -108,7 +64,14 @@ def choose_scores(methods: Sequence[Scored], wanted: Sequence[str]) -> list[Scor
         if all(column in other.result.columns for other in methods[1:])
     ]
     if not wanted:
-        return [column for column in shared if column.headline]
+        found = [column for column in shared if every or column.headline]
+        if not found:
+            raise ResultError(
+                "the results have no score in common",
+                expected="results of one track, with the same scores",
+                mend="score all predictions again with the same version and protocol",
+            )
+        return found
     by_name = {column.title: column for column in shared} | {c.key: c for c in shared}
     for name in wanted:
         if name not in by_name:
@@ -117,6 +80,15 @@ def choose_scores(methods: Sequence[Scored], wanted: Sequence[str]) -> list[Scor
                 expected="one of " + ", ".join(column.key for column in shared),
             )
     return list({by_name[name].key: by_name[name] for name in wanted}.values())
+
+
+def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) -> set[str]:
+    """Return the keys of the scores that `choose_scores` can choose, before records are read."""
+    return {
+        column.key
+        for column in result.columns
+        if every or {column.key, column.title} & set(wanted) or (not wanted and column.headline)
+    }
 
 
 def find_scene(method: Scored, wanted: str | None) -> str | None:

@@ -9,14 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.averages import weighted_averages
 from airzoo_bench.statistics.draws import blocks, sign_flips, stream_key
 from airzoo_bench.statistics.samples import Plan, Sample, gap
 
-__all__ = ["PairedTest", "are_hits", "mcnemar", "paired_permutation"]
+__all__ = ["PairedTest", "is_hit", "mcnemar", "paired_permutation"]
 
 _SIGNS_SLACK, _SWAPS_SLACK = 1e-12, 1e-10
 _TRIED_WITH_BITS = 62
+
+_HITS = {"retrieval": ("recall@", "distance<"), "matching": ("within_",)}
+"""How the columns of scores begin that say of a query whether it is answered well enough."""
 
 Flips = Callable[[int, int, int], NDArray[np.uint8]]
 """Group, first pattern, count of patterns -> (N, count): 0 where two values change places."""
@@ -186,9 +190,9 @@ def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uin
     )
 
 
-def are_hits(*values: Floats) -> bool:
-    """Whether all values are 0 or 1."""
-    return all(bool(np.isin(part, (0.0, 1.0)).all()) for part in values)
+def is_hit(track: str, score: ScoreColumn) -> bool:
+    """Whether a score is 0 or 1 for each query by its definition, whatever its values are."""
+    return score.unit == "share" and score.key.startswith(_HITS.get(track, ()))
 
 
 def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:

@@ -8,28 +8,49 @@ from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.comparison import Pair
 from airzoo_bench.statistics.printed import Bounds
 from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.entries import as_shown
 from airzoo_bench.tables.model import share_to_percent
 
-__all__ = ["LEVEL", "as_shown", "bounds_verdict", "verdict"]
+__all__ = ["LEAST_P", "LEVEL", "bounds_verdict", "is_decidable", "sentence", "verdict"]
 
 LEVEL = 0.05
 """A p-value up to here is a finding."""
 
+LEAST_P = 1e-4
+"""A p-value below is shown as less than it."""
+
 _OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
 
 
-def as_shown(score: ScoreColumn, value: float) -> float:
-    """Turn a score into what tables show: percent, metres, degrees."""
-    return share_to_percent(value) if score.unit == "share" else value
+def is_decidable(pair: Pair) -> bool:
+    """Whether enough units differ for any p-value to be a finding."""
+    return pair.wins + pair.losses == 0 or pair.p_floor <= LEVEL
 
 
-def verdict(pair: Pair, plan: Plan) -> str:
-    """Say in one sentence what a pair shows, at a level of 5 % after Holm's correction."""
+def verdict(pair: Pair) -> str:
+    """Say what a pair shows in a word, at a level of 5 % after Holm's correction.
+
+    Returns
+    -------
+    str
+        "better" or "worse" than the reference; "equal" where both have the same value; "too few"
+        where too few units differ for a finding whatever their values; else "unclear".
+    """
+    if not pair.difference:
+        return "equal"
+    if not is_decidable(pair):
+        return "too few"
+    if pair.p_holm > LEVEL:
+        return "unclear"
+    return "better" if pair.is_better else "worse"
+
+
+def sentence(pair: Pair, plan: Plan) -> str:
+    """Say what a pair shows, with its numbers, at a level of 5 % after Holm's correction."""
     score = pair.score
     if pair.difference is None:
         return f"{pair.method} and {pair.reference} both have an infinite {score.title}."
-    is_better = (pair.difference > 0) == score.higher_is_better
-    names = (pair.method, pair.reference) if is_better else (pair.reference, pair.method)
+    names = (pair.method, pair.reference) if pair.is_better else (pair.reference, pair.method)
     sign = 1 if pair.difference > 0 else -1
     amount = _amount(score, abs(pair.difference))
     evidence = f"{_span(pair, sign, plan)}{_p_values(pair)}"
@@ -38,11 +59,21 @@ def verdict(pair: Pair, plan: Plan) -> str:
     if pair.difference == 0:
         return f"{pair.method} and {pair.reference} have the same {score.title}{evidence}."
     if pair.p_holm <= LEVEL:
-        return f"{names[0]} is better than {names[1]} on {score.title} by {amount}{evidence}."
+        return (
+            f"{names[0]} is better than {names[1]} on {score.title} by {amount}{evidence}"
+            f"{_doubt(pair)}."
+        )
     return (
         f"{pair.method} and {pair.reference} cannot be told apart on {score.title}: "
         f"{names[0]} is ahead by {amount}{evidence}."
     )
+
+
+def _doubt(pair: Pair) -> str:
+    low, high = pair.interval.low, pair.interval.high
+    if low is None or high is None or not low <= 0 <= high:
+        return ""
+    return "; but the interval holds 0"
 
 
 def _amount(score: ScoreColumn, value: float) -> str:
@@ -72,7 +103,7 @@ def _p_values(pair: Pair) -> str:
 
 
 def _p(value: float) -> str:
-    return "< 0.0001" if value < 5e-5 else f"= {value:.4f}"
+    return f"< {LEAST_P}" if value < LEAST_P else f"= {value:.4f}"
 
 
 def bounds_verdict(first: str, second: str, bounds: Bounds) -> str:

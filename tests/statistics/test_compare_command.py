@@ -42,8 +42,9 @@ def test_results_of_eval(
     compare("--printed", "50", "60", "--queries", "10")  # takes what eval has printed
     out = compare(tmp_path / "half/result.json", tmp_path / "all/result.json")
     assert "Against half, all scenes, 10 queries" in out
-    assert "all and half cannot be told apart on R@1: all is ahead by 50.00 points" in out
-    assert "p = 0.1250" in out
+    # Four of ten queries differ: no test can find anything in so few.
+    assert "only 4 queries differ, so p cannot be below 0.125" in out
+    assert "told apart" not in out
 
 
 def test_a_verdict_for_every_score_of_two(files: list[Path], compare: Callable[..., str]) -> None:
@@ -65,16 +66,19 @@ def test_every_format(form: str, files: list[Path], compare: Callable[..., str])
 def test_numbers_for_machines(files: list[Path], compare: Callable[..., str]) -> None:
     table = json.loads(compare(*files, "--score", "MRR", "-f", "json"))
     titles = [column["title"] for column in table["columns"]]
-    row = dict(zip(titles, table["rows"][1], strict=True))
+    # The best comes first.
+    row = dict(zip(titles, table["rows"][0], strict=True))
     assert row["Score"] == "MRR [%]"
     assert row["Method"] == "method02"
-    assert row["Difference"] == pytest.approx(row["Value"] - row["Reference"])
-    assert row["95 % from"] < row["Difference"] < row["to"]
-    assert row["p"] <= row["p, Holm"]
-    assert row["p, McNemar"] is None
-    assert row["Wins"] + row["Ties"] + row["Losses"] == 70
+    assert row["Difference"] == pytest.approx(row["Value"] - row["Ref."])
+    limits = table["uncertainties"][0][titles.index("Difference")]
+    assert limits["low"] < row["Difference"] < limits["high"]
+    assert row["Paired"] <= row["Holm"]
+    assert row["McNemar"] is None
+    assert row["Win"] + row["Tie"] + row["Loss"] == 70
     lines = list(csv.reader(io.StringIO(compare(*files, "--score", "MRR", "-f", "csv"))))
     assert len(lines) == 3
+    assert {"Difference", "Difference from", "Difference to", "p Holm"} <= set(lines[0])
 
 
 def test_intervals_of_one(files: list[Path], compare: Callable[..., str]) -> None:
@@ -84,7 +88,25 @@ def test_intervals_of_one(files: list[Path], compare: Callable[..., str]) -> Non
         for scene in ("East", "West", "Average")
         for score in ("R@1 [%]", "Median [m]")
     ]
-    assert all(row[3] < row[2] < row[4] and row[5] == "percentile" for row in table["rows"])
+    for row, (*_, beside, _) in zip(table["rows"], table["uncertainties"], strict=True):
+        assert beside["low"] < row[2] < beside["high"]
+        assert row[3] == "percentile"
+
+
+def test_intervals_of_one_scene(files: list[Path], compare: Callable[..., str]) -> None:
+    every = json.loads(compare(files[0], "-f", "json"))
+    east = json.loads(compare(files[0], "--scene", "East", "-f", "json"))
+    assert east["rows"] == every["rows"][:2]
+    assert east["uncertainties"] == every["uncertainties"][:2]
+
+
+def test_every_score(files: list[Path], compare: Callable[..., str]) -> None:
+    for chosen, scores in ((files[:1], 3), (files[:2], 3)):
+        table = json.loads(compare(*chosen, "--all", "-f", "json", "--resamples", 100))
+        assert len({row[0 if len(chosen) == 2 else 1] for row in table["rows"]}) == scores
+    assert "--all and --score exclude each other" in compare(
+        *files, "--all", "--score", "MRR", code=2
+    )
 
 
 def test_the_same_call_prints_the_same(files: list[Path], compare: Callable[..., str]) -> None:
@@ -121,8 +143,31 @@ def test_wrong_calls(arguments: list[str], message: str, compare: Callable[..., 
 def test_options_that_one_result_cannot_take(
     files: list[Path], compare: Callable[..., str]
 ) -> None:
-    for option in (["--reference", "best"], ["--most-different", 3], ["--scene", "east"]):
+    for option in (["--reference", "best"], ["--most-different", 3]):
         assert "two or more results" in compare(files[0], *option, code=2)
+
+
+def test_where_three_methods_differ_there_is_no_reference(
+    files: list[Path], compare: Callable[..., str]
+) -> None:
+    ask = ("--most-different", 3, "--reference", "method01")
+    assert "more than two results has no reference" in compare(*files, *ask, code=2)
+    assert "difference: method00 minus method01" in compare(*files[:2], *ask)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_columns_of_a_terminal(
+    count: int,
+    files: list[Path],
+    compare: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for width, blocks in ((80, 2), (120, 1)):
+        monkeypatch.setenv("COLUMNS", str(width))
+        out = compare(*files[:count])
+        rows = [line for line in out.splitlines() if "method" in line and "[%]" in line]
+        assert len(rows) == blocks * (count - 1)
+        assert max(map(len, rows)) <= width
 
 
 def test_other_versions_are_told(tmp_path: Path, compare: Callable[..., str]) -> None:
@@ -131,7 +176,7 @@ def test_other_versions_are_told(tmp_path: Path, compare: Callable[..., str]) ->
         write_method(tmp_path / name, made_method(scenes, name=name, version=version))
         for name, version in (("a", "1.0"), ("b", "1.1"))
     ]
-    assert "made with different versions of airzoo-bench: a 1.0, b 1.1" in compare(*paths)
+    assert "made with different versions of airzoo-bench: 1.0 (a), 1.1 (b)" in compare(*paths)
 
 
 def test_names_that_steer(tmp_path: Path, compare: Callable[..., str]) -> None:

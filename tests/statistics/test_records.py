@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from airzoo_bench.errors import ResultError, UsageError
 from airzoo_bench.records import Scored, read_records, read_scored
@@ -117,7 +122,21 @@ def test_methods_of_the_same_name_get_their_file_s(tmp_path):
     files = [write_method(tmp_path / name, made_method(SCENES, COLUMNS)) for name in "ab"]
     other = write_method(tmp_path / "c", made_method(SCENES, COLUMNS, "Other"))
     names = [method.name for method in read_scored([*files, other])]
-    assert names == [f"Method ({files[0]})", f"Method ({files[1]})", "Other"]
+    assert names == ["Method (a)", "Method (b)", "Other"]
+
+
+def test_records_beside_a_result_of_another_name(tmp_path):
+    path = write_method(tmp_path / "out", made_method(SCENES, COLUMNS))
+    renamed = tmp_path / "mine.json"
+    renamed.write_bytes(path.read_bytes())
+    with pytest.raises(ResultError, match=r"a\.records\.csv"):
+        read_records(renamed)
+    wanted = read_records(path)
+    for name in ("records.csv", "mine.records.csv"):
+        shutil.copy(path.with_name("records.csv"), tmp_path / name)
+        pd.testing.assert_frame_equal(read_records(renamed), wanted)
+    (tmp_path / "records.csv").write_text("of another result")
+    pd.testing.assert_frame_equal(read_records(renamed), wanted)
 
 
 def test_the_same_file_twice(path):
@@ -129,3 +148,112 @@ def test_a_saved_result_is_intact_and_knows_its_records(path):
     saved = read_result(path)
     assert len(saved.records_sha256) == 64
     assert saved.scenes == made_method(SCENES, COLUMNS).result.scenes
+
+
+@pytest.mark.parametrize("columns", [(), ("error_m",), ("error_m", "weather", "absent")])
+def test_only_the_columns_that_are_wanted(columns, tmp_path):
+    records = made_records(SCENES).assign(weather="fog", pitch=1.0)
+    save(Evaluation(made_method(SCENES, COLUMNS).result, records), tmp_path)
+    path = tmp_path / "result.json"
+    read = read_records(path, columns=columns)
+    assert [*read] == ["scene", "query", *(c for c in columns if c != "absent")]
+    pd.testing.assert_frame_equal(read, read_records(path)[[*read]], check_exact=True)
+
+
+def test_what_is_not_wanted_must_be_there_and_unchanged(path):
+    file = path.with_name("records.csv")
+    file.write_text(file.read_text().replace("inf", "1.0"))
+    with pytest.raises(ResultError, match="checksum"):
+        read_records(path, columns=["recall@1"])
+
+
+@pytest.mark.parametrize(
+    ("texts", "kind"),
+    [
+        (["1", "-20", "0"], "i"),
+        (["0.1", "-1e-05", "inf"], "f"),
+        (["0.1", "", "3"], "f"),
+        (["", "", ""], "f"),
+        (["1", "", "3"], "f"),
+        (["True", "False", "True"], "b"),
+        (["007", "008", "009"], "O"),
+        (["1e5", "2e5", "3e5"], "O"),
+        (["True", "", "False"], "O"),
+        (["NA", "nan", "null"], "O"),
+        (["2024-01-01", "2024-01-02", "2024-01-03"], "O"),
+        (["10:30", "11:30", "12:30"], "O"),
+        (["1_000", " 2", "+3"], "O"),
+        (["99999999999999999999", "1", "2"], "f"),
+    ],
+)
+def test_types_are_those_that_were_written(texts, kind, tmp_path):
+    scenes = {"1e5": {"recall@1": [1.0, 0.0, 1.0]}}
+    made = made_method(scenes)
+    save(Evaluation(made.result, made.records.assign(condition=texts)), tmp_path)
+    read = read_records(tmp_path / "result.json")
+    assert read["scene"].tolist() == ["1e5"] * 3
+    found = read["condition"]
+    assert found.dtype.kind == kind
+    assert found.isna().tolist() == [text == "" for text in texts]
+    if kind == "O":
+        assert found.dropna().tolist() == [text for text in texts if text]
+    else:
+        expected = [text == "True" if kind == "b" else float(text or "nan") for text in texts]
+        np.testing.assert_array_equal(found.to_numpy(float), np.array(expected, float))
+
+
+def written(folder, text):
+    """Write a result and records as they stand, with the hash that fits."""
+    content = text if isinstance(text, bytes) else text.encode()
+    (folder / "records.csv").write_bytes(content)
+    result = made_method({"s": {"recall@1": [1.0, 0.0]}}).result
+    path = folder / "result.json"
+    write_result(path, result.with_records(hashlib.sha256(content).hexdigest()))
+    return path
+
+
+HEAD = "scene,query,recall@1"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "has no column scene, recall@1"),
+        (f"{HEAD}\n", "its scenes are not those"),
+        (f"{HEAD},scene\ns,s/a,1,t\ns,s/b,0,t\n", "has 2 columns scene"),
+        (f"{HEAD},recall@1\ns,s/a,1,0\ns,s/b,0,1\n", "has 2 columns recall@1"),
+        (f"{HEAD}\ns,s/a,1,9\ns,s/b,0\n", "not a table"),
+        (f"{HEAD}\ns,s/a\ns,s/b,0\n", "not a table"),
+        (f"{HEAD}\ns,s/a,1\ns,s/b,\n", "recall@1: a score is not a number"),
+        (f"{HEAD}\ns,s/a,1\ns,s/b,nan\n", "recall@1: a score is not a number"),
+        (f"{HEAD}\ns,s/a,1\ns,s/b,-inf\n", "recall@1: a score is not a number"),
+        (f"{HEAD}\ns,s/a,1\ns,s/b,0x1\n", "recall@1: a score is not a number"),
+        (f"{HEAD}\ns,,1\ns,,0\n", "a query stands twice"),
+        (f"{HEAD}\n,s/a,1\n,s/b,0\n", "its scenes are not those"),
+        (f"{HEAD}\ns,s/a,1\ns,s/b,{'9' * 20_000_000}\n", "not a table"),
+        (f"{HEAD},{'x' * 200_000}\ns,s/a,1,\ns,s/b,0,\n", "not a table: field larger"),
+        (HEAD.encode() + b"\ns,s/\xff,1\ns,s/b,0\n", "not a table"),
+        (b"\xff" + HEAD.encode() + b"\ns,s/a,1\ns,s/b,0\n", "not a table"),
+    ],
+)
+def test_hostile_files(text, message, tmp_path):
+    with pytest.raises(ResultError, match=message):
+        read_records(written(tmp_path, text))
+
+
+def test_odd_files_that_are_tables(tmp_path):
+    long = "x" * 2_000_000
+    text = f'{HEAD},"a\nb"\r\ns,"s/""q""\n1",1.0,{long}\r\ns,s/2,0,\r\n'
+    read = read_records(written(tmp_path, text))
+    assert read["query"].tolist() == ['s/"q"\n1', "s/2"]
+    assert read["a\nb"].tolist()[0] == long
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.floats(0.0, 1e300), min_size=1, max_size=30))
+def test_scores_are_read_to_the_last_bit(values):
+    with tempfile.TemporaryDirectory() as folder:
+        made = made_method({"s": {"recall@1": values}})
+        path = write_method(Path(folder), made)
+        read = read_records(path)["recall@1"].to_numpy()
+    assert read.tobytes() == made.records["recall@1"].to_numpy(float).tobytes()

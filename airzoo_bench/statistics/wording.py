@@ -1,0 +1,113 @@
+"""Words and cells that the tables of statistics share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from airzoo_bench.comparable import first_names
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.entries import UNITS, as_shown
+from airzoo_bench.tables.model import Between, Cell, share_to_percent
+
+__all__ = [
+    "INTERVAL_NAMES",
+    "brackets_note",
+    "by_reason",
+    "counted",
+    "score_cell",
+    "score_title",
+]
+
+INTERVAL_NAMES = {"bca": "BCa", "percentile": "percentile"}
+"""What readers call the kinds of intervals."""
+
+_SHOWN = 6
+
+
+def counted(number: int, unit: str) -> str:
+    """Return ``1 scene``, ``18 queries``."""
+    plural = {"query": "queries", "scene": "scenes"}
+    return f"{number} {unit if number == 1 else plural[unit]}"
+
+
+def score_title(score: ScoreColumn) -> str:
+    """Return title and unit of a score whose numbers stand in rows."""
+    return f"{score.title} [{UNITS[score.unit]}]"
+
+
+def score_cell(score: ScoreColumn, value: float | None, interval: Interval | None = None) -> Cell:
+    """Return a value as tables show it, with its interval where there is one."""
+    if value is None:
+        return Cell(None)
+    if interval is None or interval.low is None or interval.high is None:
+        return Cell(as_shown(score, value))
+    limits = Between(as_shown(score, interval.low), as_shown(score, interval.high))
+    return Cell(as_shown(score, value), uncertainty=limits)
+
+
+def by_reason(
+    entries: Iterable[tuple[str, ScoreColumn, str]], linked: str = "in"
+) -> dict[str, str]:
+    """Name what shares a reason, as shortly as it can be said.
+
+    Parameters
+    ----------
+    entries : iterable of (reason, score, member)
+        Of every score and member of a table, such as its scenes or methods.
+    linked : str
+        What stands between scores and members.
+
+    Returns
+    -------
+    dict of str to str
+        For each reason the scores that have it, such as ``all scores``, or ``R@1, R@3 in City``.
+    """
+    listed = list(entries)
+    every_score = list(dict.fromkeys(score.title for _, score, _ in listed))
+    every_member = tuple(dict.fromkeys(member for *_, member in listed))
+    found: dict[str, dict[str, list[str]]] = {}
+    for reason, score, member in listed:
+        found.setdefault(reason, {}).setdefault(score.title, []).append(member)
+    return {
+        reason: "; ".join(_named(scores, every_score, every_member, linked))
+        for reason, scores in found.items()
+    }
+
+
+def _named(
+    scores: dict[str, list[str]], every_score: list[str], every_member: tuple[str, ...], linked: str
+) -> list[str]:
+    by_members: dict[tuple[str, ...], list[str]] = {}
+    for title, members in scores.items():
+        by_members.setdefault(tuple(members), []).append(title)
+    return [
+        ("all scores" if titles == every_score and len(titles) > 1 else first_names(titles, _SHOWN))
+        + ("" if members == every_member else f" {linked} {first_names(members)}")
+        for members, titles in by_members.items()
+    ]
+
+
+def brackets_note(
+    intervals: Sequence[Interval], plan: Plan, unit: str, what: str = "intervals"
+) -> list[str]:
+    """Say what stands in square brackets, if anything does.
+
+    Parameters
+    ----------
+    intervals : sequence of Interval
+    plan : Plan
+    unit : str
+        What was resampled, within what.
+    what : str
+        What the intervals are of.
+    """
+    made = {interval.method for interval in intervals}
+    used = [name for key, name in INTERVAL_NAMES.items() if key in made]
+    if not used:
+        return []
+    percent = f"{share_to_percent(plan.confidence):g} %"
+    named = " or ".join(used)
+    drawn = f"{plan.resamples} resamples of {unit}, seed {plan.seed}"
+    return [f"in square brackets: {percent} {what}, {named}, {drawn}"]

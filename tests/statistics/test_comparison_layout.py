@@ -1,0 +1,240 @@
+"""Comparisons as tables: verdicts, their order, and notes that do not repeat themselves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.protocol import (
+    MatchingProtocol,
+    ReconstructionProtocol,
+    RetrievalProtocol,
+    load_protocol,
+    shipped_protocols,
+)
+from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.records import Scored
+from airzoo_bench.result import ScoreColumn, score_columns
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.statistics.comparison import Comparison, Pair, compare
+from airzoo_bench.statistics.comparison_layout import comparison_table
+from airzoo_bench.statistics.compatibility import choose_scores
+from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.significance import PairedTest, is_hit
+from airzoo_bench.statistics.verdicts import sentence, verdict
+from airzoo_bench.statistics.wording import by_reason, counted
+from airzoo_bench.tables.model import Between
+from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
+
+FAST = Plan(resamples=1_000)
+PAIR = Pair(
+    score=HIT,
+    method="mine",
+    reference="theirs",
+    value=0.5,
+    reference_value=0.4,
+    difference=0.1,
+    interval=Interval(0.02, 0.2, "bca"),
+    test=PairedTest(0.01, exact=False, patterns=1_000),
+    p_holm=0.02,
+    p_mcnemar=0.03,
+    wins=10,
+    ties=5,
+    losses=2,
+)
+
+
+def against(*methods: Scored, every: bool = False) -> Comparison:
+    return compare(methods, choose_scores(methods, [], every=every), plan=FAST)
+
+
+def scores_of(name: str) -> tuple[str, tuple[ScoreColumn, ...]]:
+    protocol = load_protocol(shipped_protocols()[name])
+    if isinstance(protocol, RetrievalProtocol):
+        return "retrieval", score_columns(retrieval_scores(protocol.scores))
+    if isinstance(protocol, MatchingProtocol):
+        return "matching", score_columns(matching_scores(protocol.scores))
+    assert isinstance(protocol, ReconstructionProtocol)
+    return "reconstruction", score_columns(reconstruction_scores(protocol.scores, with_poses=True))
+
+
+class TestHits:
+    def test_every_shipped_protocol(self) -> None:
+        tracks = set()
+        for name in shipped_protocols():
+            track, scores = scores_of(name)
+            tracks.add(track)
+            hits = {score.title for score in scores if is_hit(track, score)}
+            # A reconstruction's R@10m is a share of points, though it may be 1.
+            known = {"retrieval": ("R@", "D<"), "matching": ("@",), "reconstruction": ()}[track]
+            assert hits == {score.title for score in scores if score.title.startswith(known)}
+        assert tracks == {"retrieval", "matching", "reconstruction"}
+
+    def test_values_say_nothing(self) -> None:
+        scenes = {"s": {"recall@1": [1.0] * 6, "mrr": [1.0, 0, 1, 0, 1, 0]}}
+        pairs = against(*(made_method(scenes, (HIT, SOFT), n) for n in "ab"), every=True).pairs
+        assert [pair.p_mcnemar for pair in pairs] == [1.0, None]
+
+    def test_scenes_are_no_hits(self) -> None:
+        precision = ScoreColumn(
+            key="precision_10m",
+            title="P@10m",
+            unit="share",
+            higher_is_better=True,
+            average="mean",
+            headline=True,
+        )
+        methods = [
+            made_method(
+                {s: {"chamfer_m": [1.0], "precision_10m": [v]} for s in "abc"},
+                (CHAMFER, precision),
+                n,
+            )
+            for n, v in (("one", 1.0), ("two", 0.0))
+        ]
+        assert [pair.p_mcnemar for pair in against(*methods).pairs] == [None, None]
+
+
+class TestVerdict:
+    @pytest.mark.parametrize(
+        ("changes", "word"),
+        [
+            ({}, "better"),
+            ({"difference": -0.1}, "worse"),
+            ({"score": ERROR}, "worse"),
+            ({"score": ERROR, "difference": -0.1}, "better"),
+            ({"p_holm": 0.05}, "better"),
+            ({"p_holm": 0.0501}, "unclear"),
+            ({"difference": 0.0}, "equal"),
+            ({"difference": None}, "equal"),
+            ({"difference": 0.0, "wins": 0, "losses": 0}, "equal"),
+            ({"wins": 5, "losses": 0}, "too few"),
+            ({"wins": 3, "losses": 3}, "better"),
+            ({"difference": np.inf}, "better"),
+        ],
+    )
+    def test_words(self, changes: dict[str, object], word: str) -> None:
+        assert verdict(replace(PAIR, **changes)) == word  # type: ignore[arg-type]
+
+    def test_a_small_p_is_never_nothing(self) -> None:
+        tiny = replace(PAIR, test=replace(PAIR.test, p_value=9.9e-5), p_mcnemar=1e-9)
+        assert "p < 0.0001, after Holm = 0.0200, McNemar < 0.0001" in sentence(tiny, FAST)
+
+    def test_an_interval_that_holds_0_is_told(self) -> None:
+        assert "holds" not in sentence(PAIR, FAST)
+        doubtful = replace(PAIR, interval=Interval(-0.01, 0.2, "bca"))
+        assert sentence(doubtful, FAST).endswith("; but the interval holds 0.")
+
+    @pytest.mark.parametrize(("units", "least"), [(1, 1.0), (2, 0.5), (5, 2 / 32), (6, 2 / 64)])
+    def test_the_least_p_is_reached(self, units: int, least: float) -> None:
+        methods = [
+            made_method({"s": {"mrr": [v] * units + [0.5]}}, (SOFT,), n)
+            for n, v in (("a", 0.0), ("b", 1.0))
+        ]
+        pair = against(*methods, every=True).pairs[0]
+        assert pair.p_floor == pair.test.p_value == least
+        assert (verdict(pair) == "too few") == (least > 0.05)
+
+
+class TestTable:
+    def test_the_best_of_a_score_comes_first(self) -> None:
+        methods = random_methods(4, {"east": 60, "west": 40}, (HIT, ERROR))
+        table = comparison_table(against(methods[1], methods[3], methods[0], methods[2]))
+        for part, sign in ((table.rows[:3], -1), (table.rows[3:], 1)):
+            values = [sign * float(row.cells[3].value or 0) for row in part]
+            assert values == sorted(values)
+        assert table.texts()[0][1] == "method03"
+
+    def test_an_interval_stands_beside_its_difference(self) -> None:
+        comparison = against(*random_methods(2, {"east": 60}, (HIT,)))
+        pair = comparison.pairs[0]
+        assert pair.interval.low is not None
+        assert pair.interval.high is not None
+        cell = comparison_table(comparison).rows[0].cells[5]
+        assert cell.value == pytest.approx(100 * (pair.value - pair.reference_value))
+        limits = Between(100 * pair.interval.low, 100 * pair.interval.high)
+        assert cell.uncertainty == limits
+        assert [c.text(4) for c in comparison_table(comparison).rows[0].cells[6:8]] == [
+            f"{pair.test.p_value:.4f}"
+        ] * 2
+
+    def test_scores_with_one_finding_are_one_line(self) -> None:
+        methods = random_methods(9, {"east": 300, "west": 300}, (HIT, SOFT))
+        notes = comparison_table(against(*methods, every=True)).notes
+        lines = [note for note in notes if "against method00" in note]
+        said = {note.split(": ")[1] for note in lines}
+        assert len(said) == len(lines) <= 2
+        assert "and 2 more better" in lines[0]
+
+    def test_many_scores_of_two_are_summed_up(self) -> None:
+        columns = [
+            HIT.model_copy(update={"key": f"recall@{k}", "title": f"R@{k}"}) for k in range(5)
+        ]
+        random = np.random.default_rng(0)
+        scenes = [
+            {"s": {c.key: (random.random(200) < rate).astype(float).tolist() for c in columns}}
+            for rate in (0.3, 0.7)
+        ]
+        methods = [made_method(s, columns, n) for s, n in zip(scenes, "ab", strict=True)]
+        notes = comparison_table(against(*methods)).notes
+        assert notes[0] == "b against a: better on R@0, R@1, R@2, R@3, R@4"
+        assert not any(" by " in note for note in notes[:-2])
+
+    def test_too_few_scenes_are_told_once(self) -> None:
+        scores = (CHAMFER, CHAMFER.model_copy(update={"key": "accuracy_m", "title": "Accuracy"}))
+        methods = [
+            made_method({s: {"chamfer_m": [v], "accuracy_m": [v]} for s in "xy"}, scores, n)
+            for n, v in (("a", 1.0), ("b", 2.0))
+        ]
+        table = comparison_table(against(*methods))
+        assert table.title == "Against a, 2 scenes"
+        assert [row[2] for row in table.texts()] == ["too few"] * 2
+        assert table.notes[:2] == (
+            "all scores: too few to tell; only 2 scenes differ, so p cannot be below 0.5",
+            "all scores: no interval; only 2 scenes: an interval needs 5",
+        )
+        assert len(table.notes) == 3
+
+    def test_one_scene(self) -> None:
+        methods = [
+            made_method({"x": {"chamfer_m": [v]}}, (CHAMFER,), n)
+            for n, v in zip("ab", (1.0, 2.0), strict=True)
+        ]
+        table = comparison_table(against(*methods))
+        assert table.title == "Against a, 1 scene"
+        assert "only 1 scene differs, so p is 1" in table.notes[0]
+
+
+class TestReasons:
+    def test_they_are_collapsed(self) -> None:
+        entries = [
+            ("few" if score is HIT or scene == "b" else "", score, scene)
+            for scene in "abc"
+            for score in (HIT, SOFT, ERROR)
+        ]
+        assert by_reason(entries)["few"] == "R@1; MRR, Median in b"
+        assert by_reason([("few", s, m) for _, s, m in entries]) == {"few": "all scores"}
+
+    def test_many_are_counted(self) -> None:
+        scores = [HIT.model_copy(update={"title": f"R@{k}"}) for k in range(9)]
+        entries = [
+            ("few" if m < 5 and s is not scores[0] else "", s, str(m))
+            for m in range(9)
+            for s in scores
+        ]
+        assert by_reason(entries, "of")["few"] == (
+            "R@1, R@2, R@3, R@4, R@5, R@6 and 2 more of 0, 1, 2 and 2 more"
+        )
+
+    def test_one_score_is_named(self) -> None:
+        assert by_reason([("few", HIT, "a")]) == {"few": "R@1"}
+
+
+def test_counted() -> None:
+    assert counted(1, "query") == "1 query"
+    assert counted(0, "query") == "0 queries"
+    assert counted(2, "scene") == "2 scenes"

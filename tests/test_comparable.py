@@ -1,0 +1,86 @@
+"""Results that do not measure the same are told apart, shortly."""
+
+from __future__ import annotations
+
+import pytest
+
+from airzoo_bench.comparable import check_comparable, first_names, version_notes
+from airzoo_bench.errors import ResultError
+from airzoo_bench.result import Result
+from tests.statistics.support import made_method
+
+
+def result(hits: list[float] = [1.0], **changes: object) -> Result:  # noqa: B006
+    return made_method({"s": {"recall@1": hits}}, **changes).result
+
+
+def refusal(*results: Result) -> ResultError:
+    names = [f"m{number}" for number in range(len(results))]
+    with pytest.raises(ResultError) as error:
+        check_comparable(names, results)
+    return error.value
+
+
+def test_alike() -> None:
+    check_comparable(["a"], [result()])
+    check_comparable(["a", "b", "c"], [result(), result([0.0]), result()])
+
+
+def test_settings_that_differ_are_named() -> None:
+    one = result(settings={"scores": {"k": [1, 3], "ap": "x"}})
+    two = result(settings={"scores": {"k": [1], "ap": "x"}, "more": True}, protocol="q" * 64)
+    found = refusal(one, two)
+    assert found.what == (
+        "m0 and m1 were made with different protocols (pppppppppppp and qqqqqqqqqqqq): "
+        "scores.k is [1, 3] against [1]; more is absent against True"
+    )
+    assert "--protocol" in (found.mend or "")
+
+
+def test_many_settings_are_counted() -> None:
+    settings = [{str(key): value for key in range(9)} for value in (1, "x" * 100)]
+    found = refusal(result(settings=settings[0]), result(settings=settings[1], protocol="q" * 64))
+    assert "; and 6 more settings" in found.what
+    assert len(found.what) < 500
+
+
+def test_twenty_results() -> None:
+    results = [result() for _ in range(12)] + [result(protocol="q" * 64) for _ in range(8)]
+    found = refusal(*results)
+    assert found.what.startswith("m0 and m12 were made with different protocols")
+    assert found.what.endswith("8 of 20 results differ from the first: m12, m13, m14 and 5 more")
+    assert len(str(found)) < 600
+
+
+def test_other_names_say_enough() -> None:
+    one, two = result(), result(protocol="q" * 64)
+    other = two.protocol.model_copy(update={"name": "else", "settings": {"k": 1}})
+    found = refusal(one, two.model_copy(update={"protocol": other}))
+    assert found.what.endswith(": made v1 against else v1")
+
+
+def test_truth() -> None:
+    found = refusal(result(), result(), result([1.0, 0.0], truth="u" * 64))
+    assert found.what == (
+        "m0 and m2 were held against different truths (tttttttttttt and uuuuuuuuuuuu): "
+        "made v1, prepared anew; scene s: 1 against 2 queries"
+    )
+
+
+def test_first_names() -> None:
+    assert first_names(["a"]) == "a"
+    assert first_names(["a", "b", "c"]) == "a, b, c"
+    assert first_names(["a", "b", "c", "d"]) == "a, b, c and 1 more"
+
+
+def test_versions_that_differ_are_named_once() -> None:
+    made = result()
+    older = made.model_copy(update={"versions": made.versions | {"airzoo-bench": "0.0.9"}})
+    assert version_notes(["a", "b"], [made, made]) == []
+    current = made.versions["airzoo-bench"]
+    assert version_notes(["a", "b", "c"], [made, older, made]) == [
+        f"made with different versions of airzoo-bench: {current} (a, c), 0.0.9 (b)"
+    ]
+    lacking = made.model_copy(update={"versions": {"airzoo-bench": "0.0.9", "numpy": "1"}})
+    [note] = version_notes(["a", "b"], [older, lacking])
+    assert note == "made with different versions of numpy: unknown (a), 1 (b)"
