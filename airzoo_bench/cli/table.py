@@ -15,13 +15,16 @@ __all__ = ["table"]
 
 
 def table(
-    results: Annotated[list[Path], typer.Argument(help="One or more result.json.")],
+    results: Annotated[
+        list[Path], typer.Argument(help="One or more result.json, or folders that hold one.")
+    ],
     form: FormatOption = Format.TERMINAL,
     layout: Annotated[
         Layout | None,
         typer.Option(
             help="result: a row a scene; methods: a row a method; scenes: methods by scenes side "
-            "by side; benchmarks: methods by benchmarks (default: result for one, else methods)."
+            "by side; benchmarks: methods by benchmarks (default: result for one, methods for "
+            "several of one protocol, else benchmarks)."
         ),
     ] = None,
     scene: Annotated[
@@ -67,7 +70,12 @@ def table(
     ] = True,
     per_block: Annotated[
         int | None,
-        typer.Option(min=1, help="How many scenes (2) or benchmarks (4) stand side by side."),
+        typer.Option(
+            min=1,
+            help="How many scenes or benchmarks stand side by side (default: at most 2 or 4; on a "
+            "terminal what fits).",
+            show_default=False,
+        ),
     ] = None,
     siunitx: Annotated[
         bool, typer.Option("--siunitx", help="LaTeX: align numbers at their points.")
@@ -101,6 +109,9 @@ def table(
         average=average,
         per_block=per_block,
     )
-    if (siunitx or standalone) and form is not Format.LATEX:
-        raise UsageError("--siunitx and --standalone are for LaTeX", mend="add --format latex")
+    for_latex = {"--siunitx": siunitx, "--standalone": standalone, "--cite": cite}
+    odd = [name for name, given in for_latex.items() if given]
+    if odd and form is not Format.LATEX:
+        are = "is" if len(odd) == 1 else "are"
+        raise UsageError(f"{' and '.join(odd)} {are} for LaTeX", mend="add --format latex")
     show(request.answer(), form, LatexStyle(siunitx, standalone))

@@ -8,7 +8,9 @@ from itertools import groupby
 
 from airzoo_bench.tables.model import Row, Table
 
-__all__ = ["by_count", "by_width", "leading_columns", "units"]
+__all__ = ["as_asked", "by_block", "by_count", "by_width", "leading_columns", "units"]
+
+_WIDEST = 12  # columns of scores
 
 
 def leading_columns(table: Table) -> int:
@@ -31,13 +33,34 @@ def units(table: Table) -> list[list[int]]:
     ]
 
 
+def by_block(table: Table) -> list[Table]:
+    """Split a table between columns of different blocks; leave any other whole."""
+    runs = groupby(units(table), key=lambda unit: table.columns[unit[0]].block)
+    return _pieces(table, [list(members) for _, members in runs])
+
+
 def by_count(table: Table) -> list[Table]:
-    """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole."""
+    """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole.
+
+    Unless their number is fixed there are fewer, down to one, where they would have more than
+    twelve columns: no page takes them.
+    """
+    return [piece for part in by_block(table) for piece in _counted(part)]
+
+
+def _counted(table: Table) -> list[Table]:
     found = units(table)
     if not any(column.group for column in table.columns):
         return [table]
     step = table.groups_per_block
+    if not table.fixed:
+        step = max(1, min(step, _WIDEST // max(map(len, found))))
     return _pieces(table, [found[at : at + step] for at in range(0, len(found), step)])
+
+
+def as_asked(table: Table) -> list[Table]:
+    """Split a table only where it must be: between blocks, and by a count that is fixed."""
+    return by_count(table) if table.fixed else by_block(table)
 
 
 def by_width(table: Table, measure: Callable[[list[int]], int], room: int, gap: int) -> list[Table]:
@@ -95,4 +118,14 @@ def _columns(table: Table, indices: list[int]) -> Table:
         return replace(row, cells=tuple(row.cells[i] for i in indices))
 
     columns = tuple(table.columns[i] for i in indices)
-    return replace(table, columns=columns, rows=tuple(map(picked, table.rows)))
+    rows = tuple(map(picked, table.rows))
+    return replace(table, columns=columns, rows=_with_numbers(table, rows))
+
+
+def _with_numbers(table: Table, rows: tuple[Row, ...]) -> tuple[Row, ...]:
+    """Leave out the methods that have nothing in a piece; all rows where none has."""
+    if not any(column.group for column in table.columns):
+        return rows
+    leading = leading_columns(table)
+    filled = [row for row in rows if any(c.value is not None for c in row.cells[leading:])]
+    return tuple(filled) or rows

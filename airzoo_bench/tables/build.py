@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from airzoo_bench.result import Result, ScoreColumn
-from airzoo_bench.tables.entries import board_of, identity, score_cell, score_column
+from airzoo_bench.tables.entries import OVERALL, as_shown, board_of, identity, score_column
 from airzoo_bench.tables.layouts import methods_layout
-from airzoo_bench.tables.model import Cell, Column, Row, Table, mark_best
+from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty, mark_best
 
-__all__ = ["methods_table", "scenes_table"]
+__all__ = ["POOLED", "methods_table", "scenes_table"]
+
+POOLED = "Pooled"
+"""The row of means over all queries, whatever their scene."""
 
 # What is counted beside the scores: the heading, and the key of a result's counts.
 _COUNTED = {"reconstruction": ("Points", "points")}
 
 
-def scenes_table(result: Result, *, every_score: bool = False) -> Table:
+def scenes_table(
+    result: Result,
+    *,
+    every_score: bool = False,
+    scores: Sequence[ScoreColumn] | None = None,
+    uncertainties: Mapping[str, Mapping[str, Uncertainty]] | None = None,
+) -> Table:
     """Lay out one result: a row a scene, the average over scenes, the mean over all queries.
 
     Parameters
@@ -23,19 +32,26 @@ def scenes_table(result: Result, *, every_score: bool = False) -> Table:
     result : Result
     every_score : bool
         Show all scores instead of the headline ones.
+    scores : sequence of ScoreColumn, optional
+        Show these.
+    uncertainties : mapping of str to mapping of str to Between or PlusMinus, optional
+        By scene, with `OVERALL` for the average, then by score.
     """
-    scores = [c for c in result.columns if every_score or c.headline]
+    if scores is None:
+        scores = [c for c in result.columns if every_score or c.headline]
+    beside = uncertainties or {}
     heading, key = _COUNTED.get(result.track, ("Queries", "queries"))
-    rows = [
-        Row((Cell(title), Cell(result.counts[scene][key]), *_cells(scores, values)))
-        for scene, values in result.scenes.items()
-        for title in [result.truth.scene_titles[scene]]
-    ]
+    rows = []
+    for scene, values in result.scenes.items():
+        cells = _cells(scores, values, beside.get(scene))
+        title = result.truth.scene_titles[scene]
+        rows.append(Row((Cell(title), Cell(result.counts[scene][key]), *cells)))
     total = sum(counts["queries"] for counts in result.counts.values())
-    rows.append(Row((Cell("Average"), Cell(None), *_cells(scores, result.overall)), summary=True))
+    average = _cells(scores, result.overall, beside.get(OVERALL))
+    rows.append(Row((Cell("Average"), Cell(None), *average), summary=True))
     if total > len(result.scenes):
         pooled = _cells(scores, result.pooled)
-        rows.append(Row((Cell("Pooled"), Cell(total), *pooled), summary=True))
+        rows.append(Row((Cell(POOLED), Cell(total), *pooled), summary=True))
     return Table(
         f"{result.predictions.method} on {result.protocol.name} v{result.protocol.version}",
         (Column("Scene"), Column(heading), *map(score_column, scores)),
@@ -65,5 +81,13 @@ def methods_table(
     return mark_best(methods_layout(board_of(results, every_score=every_score), scene))
 
 
-def _cells(scores: list[ScoreColumn], values: dict[str, float]) -> list[Cell]:
-    return [score_cell(score, values.get(score.key)) for score in scores]
+def _cells(
+    scores: Sequence[ScoreColumn],
+    values: Mapping[str, float],
+    beside: Mapping[str, Uncertainty] | None = None,
+) -> list[Cell]:
+    spans = beside or {}
+    return [
+        Cell(as_shown(score, values[score.key]), uncertainty=spans.get(score.key))
+        for score in scores
+    ]

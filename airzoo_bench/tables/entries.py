@@ -6,20 +6,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from airzoo_bench.errors import ResultError
+from airzoo_bench.comparable import check_comparable, version_notes
 from airzoo_bench.result import Result, ScoreColumn
+from airzoo_bench.result_files import method_names
 from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percent
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from airzoo_bench.published import PublishedTable
 
 __all__ = [
     "OVERALL",
+    "UNITS",
     "Board",
     "Entry",
     "as_shown",
     "board_of",
-    "check_comparable",
     "identity",
     "score_cell",
     "score_column",
@@ -29,7 +32,8 @@ __all__ = [
 OVERALL = ""
 """The key of the average over scenes, which no scene has."""
 
-_UNITS = {"share": "%", "m": "m", "deg": "deg"}
+UNITS = {"share": "%", "m": "m", "deg": "deg"}
+"""What tables show for the unit of a score."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,10 @@ class Board:
         How many each scene has, where that is known.
     entries : tuple of Entry
     notes : tuple of str
+    legend : tuple of str
+        Those of the notes without which reported numbers mislead.
+    identity : str
+        What the numbers depend on; see `identity`.
     """
 
     title: str
@@ -85,14 +93,30 @@ class Board:
     queries: Mapping[str, int]
     entries: tuple[Entry, ...]
     notes: tuple[str, ...] = ()
+    legend: tuple[str, ...] = ()
+    identity: str = ""
+
+    @property
+    def all_notes(self) -> tuple[str, ...]:
+        """The notes, and last what the numbers depend on."""
+        return (*self.notes, *filter(None, [self.identity]))
+
+    def noted(self, *notes: str, legend: bool = False) -> Board:
+        """Return the board with further notes, which may be of the legend."""
+        more = notes if legend else ()
+        return replace(self, notes=(*self.notes, *notes), legend=(*self.legend, *more))
 
 
-def board_of(results: Sequence[Result], *, every_score: bool = False) -> Board:
+def board_of(
+    results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
+) -> Board:
     """Put results of one protocol and one truth on one board.
 
     Parameters
     ----------
     results : sequence of Result
+    paths : sequence of Path, optional
+        Of the results: they tell those of one method's name apart.
     every_score : bool
         Take all scores instead of the headline ones.
 
@@ -101,11 +125,15 @@ def board_of(results: Sequence[Result], *, every_score: bool = False) -> Board:
     ResultError
         The results are not of one protocol and one truth.
     """
-    check_comparable(results)
+    methods = [result.predictions.method for result in results]
+    names = method_names(paths, results) if paths else methods
+    # Who reads a refusal looks for files.
+    called = [f"{m} ({p})" for m, p in zip(methods, paths, strict=True)] if paths else methods
+    check_comparable(called, results)
     first = results[0]
     # One that a method has no score for stays empty.
     scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
-    notes = tuple(f"{r.predictions.method}: {note}" for r in results for note in r.notes)
+    notes = [f"{n}: {note}" for n, r in zip(names, results, strict=True) for note in r.notes]
     return Board(
         f"{first.protocol.name} v{first.protocol.version}",
         first.truth.benchmark,
@@ -113,19 +141,20 @@ def board_of(results: Sequence[Result], *, every_score: bool = False) -> Board:
         tuple(scores.values()),
         first.truth.scene_titles,
         {scene: counts["queries"] for scene, counts in first.counts.items()},
-        tuple(_entry(result) for result in results),
-        (*notes, identity(first)),
+        tuple(_entry(*pair) for pair in zip(names, results, strict=True)),
+        (*notes, *version_notes(names, results)),
+        identity=identity(first),
     )
 
 
-def _entry(result: Result) -> Entry:
+def _entry(name: str, result: Result) -> Entry:
     by_key = {column.key: column for column in result.columns}
     parts = {OVERALL: result.overall} | result.scenes
     values = {
         scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
         for scene, part in parts.items()
     }
-    return Entry(result.predictions.method, values)
+    return Entry(name, values)
 
 
 def as_shown(score: ScoreColumn, value: float) -> float:
@@ -133,35 +162,15 @@ def as_shown(score: ScoreColumn, value: float) -> float:
     return share_to_percent(value) if score.unit == "share" else value
 
 
-def score_column(score: ScoreColumn, group: str = "") -> Column:
+def score_column(score: ScoreColumn, group: str = "", block: str = "") -> Column:
     """Return the head of a score's column."""
-    return Column(score.title, _UNITS[score.unit], score.higher_is_better, group=group)
+    unit = UNITS[score.unit]
+    return Column(score.title, unit, score.higher_is_better, group=group, block=block)
 
 
 def score_cell(score: ScoreColumn, value: float | None) -> Cell:
     """Return the cell of a result's value."""
     return Cell(None if value is None else as_shown(score, value))
-
-
-def check_comparable(results: Sequence[Result]) -> None:
-    """Refuse results that were not made with one protocol and one truth.
-
-    Raises
-    ------
-    ResultError
-        Fingerprints differ.
-    """
-    for what in ("protocol", "truth"):
-        prints = {getattr(result, what).fingerprint for result in results}
-        if len(prints) > 1:
-            found = ", ".join(
-                f"{r.predictions.method}: {getattr(r, what).fingerprint[:12]}" for r in results
-            )
-            raise ResultError(
-                f"the results were made with different fingerprints of the {what} ({found})",
-                expected=f"one {what}: other numbers cannot stand in one table",
-                mend="score all predictions again with the same protocol and benchmark folder",
-            )
 
 
 def identity(result: Result) -> str:
@@ -193,14 +202,11 @@ def with_published(board: Board, tables: Sequence[PublishedTable], *, by_scene: 
     if not chosen:
         what = "by scene " if by_scene else ""
         note = f"nothing is published {what}on {board.benchmark} ({board.track})"
-        return replace(board, notes=(*board.notes, note))
+        return board.noted(note)
     entries = tuple(entry for table in chosen for entry in _reported(board, table))
     notes = [_disagreement(board, table, other) for table in chosen for other in tables]
-    return replace(
-        board,
-        entries=(*entries, *board.entries),
-        notes=(*board.notes, *filter(None, notes)),
-    )
+    board = replace(board, entries=(*entries, *board.entries))
+    return board.noted(*filter(None, notes), legend=True)
 
 
 def _reported(board: Board, table: PublishedTable) -> list[Entry]:

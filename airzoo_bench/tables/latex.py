@@ -2,23 +2,33 @@
 
 Everything that strangers wrote is escaped, and nothing but ``booktabs`` is needed unless the table
 has coloured rows or gains (``xcolor`` with its option ``table``) or the style asks for ``siunitx``.
+
+Blocks of different tracks are tabulars of their own. What the numbers must not be read without
+stands under them; it is broken into lines here, since a tabular does not know its width.
 """
 
 from __future__ import annotations
 
-import math
+import textwrap
 from dataclasses import dataclass
 from itertools import groupby
 
-from airzoo_bench.tables.blocks import by_count, leading_columns
+from airzoo_bench.tables.blocks import by_block, by_count, leading_columns
 from airzoo_bench.tables.latex_document import document
+from airzoo_bench.tables.latex_numbers import NumberFormat, beside, is_number, number_format
 from airzoo_bench.tables.latex_text import escape, math_minus
-from airzoo_bench.tables.model import REPORTED, Cell, Column, Row, Table, plain
+from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 __all__ = ["LatexStyle", "latex"]
 
 _DAGGER = escape("†")
 _HIGHLIGHT = r"\rowcolor{yellow!25}"
+
+# Digits of the table are wider than letters of its notes, and two gaps as wide as five letters.
+_PER_LETTER = 1.25
+_PER_GAP = 2.5
+_CITATION = len("[12]")
+_SHORTEST = 30
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,7 @@ class _Piece:
     """A block: its table, the columns before the first score, and what it is set in.
 
     A score takes `span` columns of the tabular, which has `width` columns; `types` are of the
-    block's own columns.
+    block's own columns, `formats` of those that siunitx aligns.
     """
 
     table: Table
@@ -50,6 +60,7 @@ class _Piece:
     span: int
     width: int
     types: list[str]
+    formats: dict[int, NumberFormat]
 
     @property
     def unused(self) -> int:
@@ -58,7 +69,7 @@ class _Piece:
 
 
 def latex(table: Table, style: LatexStyle | None = None) -> str:
-    """Lay out a table as a ``tabular``.
+    """Lay out a table as a ``tabular``, or several of them where blocks must stand apart.
 
     A last block with fewer groups is stretched to the full width where that is a multiple of its
     own, as the paper has it for an average.
@@ -69,78 +80,90 @@ def latex(table: Table, style: LatexStyle | None = None) -> str:
     style : LatexStyle, optional
     """
     chosen = style or LatexStyle()
-    pieces = _blocks(table, chosen)
-    widest = max(pieces, key=lambda piece: len(piece.types))
-    lines = [
-        "% " + plain(table.title),
-        *("% " + plain(note) for note in table.all_notes),
-        *_needs(table, chosen),
-        rf"\begin{{tabular}}{{{''.join(widest.types)}}}",
-        r"\toprule",
-    ]
-    for number, piece in enumerate(pieces):
-        lines += [r"\midrule"] * bool(number)
-        lines += [*_group_heads(piece), _head(piece), r"\midrule", *_body(piece)]
-    lines += [r"\bottomrule", *_legend(table, widest.width), r"\end{tabular}"]
-    text = "\n".join(lines) + "\n"
-    return document(text) if chosen.standalone else text
+    comments = [plain(table.title), *(note for note in table.notes if note not in table.legend)]
+    head = "".join(f"% {plain(line)}\n" for line in comments) + _needs(table, chosen)
+    tabulars = [_tabular(part, chosen) for part in by_block(table)]
+    return document(head, tabulars) if chosen.standalone else head + "\n".join(tabulars)
 
 
-def _needs(table: Table, style: LatexStyle) -> list[str]:
+def _needs(table: Table, style: LatexStyle) -> str:
     gains = any(cell.gain is not None for row in table.rows for cell in row.cells)
     packages = [r"\usepackage{booktabs}"]
     if gains or any(row.highlighted for row in table.rows):
         packages.append(r"\usepackage[table]{xcolor}")
     if style.siunitx:
         packages.append(r"\usepackage{siunitx}")
-    return ["% needs " + " ".join(packages)] if len(packages) > 1 else []
+    return f"% needs {' '.join(packages)}\n" if len(packages) > 1 else ""
 
 
-def _legend(table: Table, width: int) -> list[str]:
-    if not any(row.reported for row in table.rows):
+def _tabular(table: Table, style: LatexStyle) -> str:
+    pieces = _pieces(table, style)
+    widest = max(pieces, key=lambda piece: len(piece.types))
+    lines = [rf"\begin{{tabular}}{{{''.join(widest.types)}}}", r"\toprule"]
+    for number, piece in enumerate(pieces):
+        lines += [r"\midrule"] * bool(number)
+        lines += [*_group_heads(piece), _head(piece), r"\midrule", *_body(piece)]
+    lines += [r"\bottomrule", *_legend(table, pieces), r"\end{tabular}"]
+    return "\n".join(lines) + "\n"
+
+
+def _legend(table: Table, pieces: list[_Piece]) -> list[str]:
+    legend = [*table.dagger_note, *(note for note in table.notes if note in table.legend)]
+    if not legend:
         return []
-    return [rf"\multicolumn{{{width}}}{{l}}{{\footnotesize {_DAGGER} {escape(REPORTED)}}} \\"]
+    room = max(_SHORTEST, *(_letters(piece.table) for piece in pieces))
+    lines = [
+        line for note in legend for line in textwrap.wrap(plain(note), room, break_on_hyphens=False)
+    ]
+    inner = r" \\ ".join(map(escape, lines))
+    return [
+        r"\addlinespace[2pt]",
+        rf"\multicolumn{{{pieces[0].width}}}{{@{{}}l@{{}}}}"
+        rf"{{\footnotesize\begin{{tabular}}{{@{{}}l@{{}}}}{inner}\end{{tabular}}}} \\",
+    ]
 
 
-def _blocks(table: Table, style: LatexStyle) -> list[_Piece]:
+def _letters(table: Table) -> int:
+    """Estimate how many letters of a footnote are as wide as a table."""
+    heads = [column.title + column.beside_title for column in table.columns]
+    widest = [max(map(len, texts)) for texts in zip(heads, *table.texts(), strict=True)]
+    widest[0] += _CITATION * any(row.cells[0].cite for row in table.rows)
+    return round(_PER_LETTER * sum(widest) + _PER_GAP * (len(widest) - 1))
+
+
+def _pieces(table: Table, style: LatexStyle) -> list[_Piece]:
     tables = by_count(table)
     leading = leading_columns(table)
     room = max(len(piece.columns) for piece in tables) - leading
+    cells = [cell for row in table.rows for cell in row.cells]
+    # With something beside the numbers these are centred, as in the paper.
+    centred = any(cell.gain is not None or cell.uncertainty for cell in cells)
     pieces = []
     for piece in tables:
         own = len(piece.columns) - leading
         span = room // own if own and room % own == 0 else 1
-        pieces.append(_Piece(piece, leading, span, leading + room, _types(tables, piece, style)))
+        types, formats = _types(tables, piece, "c" if centred else "r", style)
+        pieces.append(_Piece(piece, leading, span, leading + room, types, formats))
     return pieces
 
 
-def _types(tables: list[Table], piece: Table, style: LatexStyle) -> list[str]:
-    # With something beside the numbers these are centred, as in the paper.
-    cells = [cell for one in tables for row in one.rows for cell in row.cells]
-    number = "c" if any(c.gain is not None or c.uncertainty for c in cells) else "r"
-    types = ["l"] + [number] * (len(piece.columns) - 1)
-    for index in range(leading_columns(piece), len(types)):
-        if style.siunitx:
-            types[index] = _siunitx(tables, index)
-    return types
-
-
-def _siunitx(tables: list[Table], index: int) -> str:
-    """Return the format that takes every number at one place of all blocks."""
-    cells = [row.cells[index] for one in tables for row in one.rows if index < len(row.cells)]
-    numbers = [
-        cell.value for cell in cells if isinstance(cell.value, float) and math.isfinite(cell.value)
-    ]
-    decimals = max(one.columns[index].decimals for one in tables if index < len(one.columns))
-    digits = max((len(f"{abs(v):.{decimals}f}".split(".")[0]) for v in numbers), default=1)
-    sign = "-" if any(value < 0 for value in numbers) else ""
-    after = max((_after(cell, decimals) for cell in cells), key=len, default="")
-    room = f",table-space-text-post={{{after}}}" if after else ""
-    return f"S[detect-weight,table-format={sign}{digits}.{decimals}{room}]"
-
-
-def _after(cell: Cell, decimals: int) -> str:
-    return "".join(map(_beside, cell.beside(decimals)))
+def _types(
+    tables: list[Table], piece: Table, number: str, style: LatexStyle
+) -> tuple[list[str], dict[int, NumberFormat]]:
+    leading = leading_columns(piece)
+    types, formats = [], {}
+    for index in range(len(piece.columns)):
+        same = [one for one in tables if index < len(one.columns)]
+        if any(one.is_text(index) for one in same):
+            types.append("l")
+        elif style.siunitx and index >= leading:
+            cells = [row.cells[index] for one in same for row in one.rows]
+            decimals = max(one.columns[index].decimals for one in same)
+            formats[index] = number_format(cells, decimals)
+            types.append(formats[index].column)
+        else:
+            types.append(number if index >= leading else "r")
+    return types, formats
 
 
 def _group_heads(piece: _Piece) -> list[str]:
@@ -165,8 +188,8 @@ def _head(piece: _Piece) -> str:
 
 
 def _beside_title(column: Column) -> str:
-    beside = escape(column.beside_title)
-    return f" {beside}" if beside else ""
+    beside_title = escape(column.beside_title)
+    return f" {beside_title}" if beside_title else ""
 
 
 def _body(piece: _Piece) -> list[str]:
@@ -184,43 +207,26 @@ def _body(piece: _Piece) -> list[str]:
 
 
 def _cell(piece: _Piece, index: int, cell: Cell, column: Column, row: Row) -> str:
-    text = math_minus(escape(cell.text(column.decimals)))
-    beside = _after(cell, column.decimals)
-    if _is_aligned(piece, index) and _is_number(cell) and not cell.second:
-        number = cell.text(column.decimals)
-        weight = r"\bfseries " if cell.best else ""
-        text = weight + number + (rf"{{\mdseries{{}}{beside}}}" if beside else "")
+    if index in piece.formats and is_number(cell):
+        text = piece.formats[index].cell(cell, column.decimals)
     else:
-        shown = rf"\underline{{{text}}}" if cell.second else _bold(text) if cell.best else text
-        text = _braced(piece, index, shown + beside)
+        value = math_minus(escape(cell.text(column.decimals)))
+        shown = rf"\underline{{{value}}}" if cell.second else _bold(value) if cell.best else value
+        text = _braced(piece, index, shown + beside(cell, column.decimals))
     if index == 0:
         text += rf"~\cite{{{cell.cite}}}" if cell.cite else ""
         text += _DAGGER if row.reported else ""
     return _spanned(piece, index, text, piece.types[index])
 
 
-def _beside(text: str) -> str:
-    if text.startswith("("):
-        return rf" {{\color{{gray}}({math_minus(escape(text[1:-1]))})}}"
-    return " " + " ".join(math_minus(escape(part)) for part in text.split())
-
-
-def _is_number(cell: Cell) -> bool:
-    return isinstance(cell.value, float) and math.isfinite(cell.value)
-
-
-def _is_aligned(piece: _Piece, index: int) -> bool:
-    return piece.types[index].startswith("S")
-
-
 def _braced(piece: _Piece, index: int, text: str) -> str:
-    return f"{{{text}}}" if _is_aligned(piece, index) else text
+    return f"{{{text}}}" if index in piece.formats else text
 
 
 def _spanned(piece: _Piece, index: int, text: str, kind: str) -> str:
     if piece.span == 1 or index < piece.leading:
         return text
-    return rf"\multicolumn{{{piece.span}}}{{{kind if kind[0] == 'S' else 'c'}}}{{{text}}}"
+    return rf"\multicolumn{{{piece.span}}}{{{kind if kind[0] in 'Sl' else 'c'}}}{{{text}}}"
 
 
 def _bold(text: str) -> str:

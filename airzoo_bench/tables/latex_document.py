@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 __all__ = ["document"]
 
 _HEAD = r"""\documentclass{article}
@@ -19,9 +21,10 @@ _HEAD = r"""\documentclass{article}
 """
 _BEGIN = r"""\newsavebox{\tablebox}
 \begin{document}
-\begin{lrbox}{\tablebox}
 """
-_END = r"""\end{lrbox}
+_OPEN = r"""\begin{lrbox}{\tablebox}
+"""
+_CLOSE = r"""\end{lrbox}
 \ifdim\wd\tablebox>\linewidth
   \sbox{\tablebox}{\resizebox{\linewidth}{!}{\usebox{\tablebox}}}
 \fi
@@ -29,14 +32,23 @@ _END = r"""\end{lrbox}
   \sbox{\tablebox}{\resizebox*{!}{\textheight}{\usebox{\tablebox}}}
 \fi
 \usebox{\tablebox}
-\end{document}
+"""
+_END = r"""\end{document}
 """
 
 
-def document(tabular: str) -> str:
-    """Return a whole document: a page with the table, shrunk to the page where it is larger."""
-    letters = sorted({c for c in tabular if ord(c) > 127})
-    return _HEAD + "".join(map(_stand_in, letters)) + _BEGIN + tabular + _END
+def document(head: str, tabulars: Sequence[str]) -> str:
+    """Return a whole document: a page a tabular, which is shrunk to the page where it is larger.
+
+    Parameters
+    ----------
+    head : str
+        Lines of comments.
+    tabulars : sequence of str
+    """
+    letters = sorted({c for c in head + "".join(tabulars) if ord(c) > 127})
+    pages = "\\clearpage\n".join(f"{_OPEN}{tabular}{_CLOSE}" for tabular in tabulars)
+    return head + _HEAD + "".join(map(_stand_in, letters)) + _BEGIN + pages + _END
 
 
 def _stand_in(letter: str) -> str:

@@ -32,11 +32,11 @@ def methods_layout(board: Board, scene: str | None = None) -> Table:
     columns = (Column("Method"), *map(score_column, board.scores))
     cells = [[entry.cell(key, score) for score in board.scores] for entry in board.entries]
     title = f"{board.title}, {scene or 'average over scenes'}"
-    return Table(title, columns, _rows(board.entries, cells), board.notes)
+    return Table(title, columns, _rows(board.entries, cells), board.all_notes, legend=board.legend)
 
 
 def scenes_layout(
-    board: Board, *, average: bool = True, queries: bool = False, per_block: int = 2
+    board: Board, *, average: bool = True, queries: bool = False, per_block: int | None = None
 ) -> Table:
     """Lay out scenes side by side, the scores under each, and the average over scenes last.
 
@@ -46,8 +46,9 @@ def scenes_layout(
     average : bool
     queries : bool
         Write the number of queries behind a scene's title.
-    per_block : int
-        How many scenes stand side by side where a format breaks the table.
+    per_block : int, optional
+        How many scenes stand side by side where a format breaks the table; two by default, or one
+        where two are too wide.
     """
     heads = {key: _head(board, key, queries) for key in board.scenes}
     heads |= {OVERALL: "Average"} if average else {}
@@ -60,36 +61,60 @@ def scenes_layout(
         f"{board.title}, by scene",
         (Column("Method"), *columns),
         _rows(board.entries, cells),
-        (_units_note(board.scores), *board.notes),
-        per_block,
+        (_units_note(board.scores), *board.all_notes),
+        per_block or 2,
+        fixed=per_block is not None,
+        legend=board.legend,
     )
 
 
-def benchmarks_layout(boards: Sequence[Board], *, per_block: int = 4) -> Table:
+def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) -> Table:
     """Lay out a row a method and benchmarks side by side, the average of each over its scenes.
+
+    Benchmarks of one track follow each other, in the order of the first ones.
 
     Parameters
     ----------
     boards : sequence of Board
         Each of another protocol.
-    per_block : int
-        How many benchmarks stand side by side where a format breaks the table.
+    per_block : int, optional
+        How many benchmarks stand side by side where a format breaks the table; up to four by
+        default, as their width allows.
     """
+    tracks = [board.track for board in boards]
+    boards = sorted(boards, key=lambda board: tracks.index(board.track))
     names = [board.benchmark for board in boards]
     heads = [b.benchmark if names.count(b.benchmark) == 1 else b.title for b in boards]
     numbered = [_numbered(board.entries) for board in boards]
     keys = list(dict.fromkeys(key for found in numbered for key in found))
     columns = [
-        score_column(score, head)
+        score_column(score, head, board.track)
         for board, head in zip(boards, heads, strict=True)
         for score in board.scores
     ]
     rows = tuple(_across(key, boards, numbered) for key in keys)
     scores = [score for board in boards for score in board.scores]
-    notes = dict.fromkeys(note for board in boards for note in board.notes)
+    notes = dict.fromkeys(note for board in boards for note in _notes_of(board, len(boards)))
+    made_by = [f"{board.title}: {board.identity}" for board in boards if board.identity]
     title = "Averages over scenes: " + ", ".join(board.title for board in boards)
     columns = [Column("Method"), *columns]
-    return Table(title, tuple(columns), rows, (_units_note(scores), *notes), per_block)
+    legend = dict.fromkeys(note for board in boards for note in board.legend)
+    return Table(
+        title,
+        tuple(columns),
+        rows,
+        (_units_note(scores), *notes, *made_by),
+        per_block or 4,
+        fixed=per_block is not None,
+        legend=tuple(legend),
+    )
+
+
+def _notes_of(board: Board, boards: int) -> list[str]:
+    """Return a board's notes; of several boards they say of which they are."""
+    if boards == 1:
+        return list(board.notes)
+    return [note if note in board.legend else f"{board.title}: {note}" for note in board.notes]
 
 
 def find_scene(board: Board, scene: str) -> str:

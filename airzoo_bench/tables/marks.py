@@ -96,19 +96,26 @@ def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
         rows[number] = replace(
             rows[number], cells=tuple(replace(cell, gain=gain) for cell, gain in cells)
         )
-    notes = dict.fromkeys(_gain_note(table.rows[row]) for row in baselines.values())
-    return replace(table, rows=tuple(rows), notes=(*table.notes, *notes))
+    over = [table.rows[baseline] for baseline in baselines.values()]
+    notes = {_gain_note(row): row.reported for row in over}
+    return replace(
+        table,
+        rows=tuple(rows),
+        notes=(*table.notes, *notes),
+        legend=(*table.legend, *(note for note, reported in notes.items() if reported)),
+    )
 
 
 def _gain(cell: Cell, baseline: Cell, decimals: int) -> float | None:
-    if not (_is_finite(cell) and _is_finite(baseline)):
+    if not (_is_printed(cell) and _is_printed(baseline)):
         return None
     difference = float(cell.text(decimals)) - float(baseline.text(decimals))
     return round(difference, decimals) + 0.0
 
 
-def _is_finite(cell: Cell) -> bool:
-    return isinstance(cell.value, float) and math.isfinite(cell.value)
+def _is_printed(cell: Cell) -> bool:
+    """Whether a cell shows its number in digits."""
+    return isinstance(cell.value, float) and math.isfinite(cell.value) and not cell.is_too_small
 
 
 def _gain_note(baseline: Row) -> str:

@@ -67,6 +67,9 @@ class Column:
         How many digits follow the point.
     group : str
         What stands above neighbouring columns of one group, such as a scene; empty for none.
+    block : str
+        Columns of different blocks, such as tracks, never stand side by side where a format
+        breaks a table.
     """
 
     title: str
@@ -74,6 +77,7 @@ class Column:
     higher_is_better: bool | None = None
     decimals: int = 2
     group: str = ""
+    block: str = ""
 
     @property
     def beside_title(self) -> str:
@@ -115,13 +119,18 @@ class Cell:
     cite: str = ""
     least: float = 0.0
 
+    @property
+    def is_too_small(self) -> bool:
+        """Whether it is a number that is shown as less than another."""
+        return isinstance(self.value, float) and 0 <= self.value < self.least
+
     def text(self, decimals: int) -> str:
         """Return the value as it is shown; a missing one is a dash, an infinite one says so."""
         if self.value is None:
             return "–"
         if isinstance(self.value, str | int):
             return plain(str(self.value))
-        if 0 <= self.value < self.least:
+        if self.is_too_small:
             return f"<{show_number(self.least, decimals)}"
         return show_number(self.value, decimals)
 
@@ -161,6 +170,11 @@ class Table:
     ----------
     groups_per_block : int
         How many groups of columns stand side by side where a format breaks a wide table.
+    fixed : bool
+        Whether so many do whatever their width, and no more on a terminal and in HTML either.
+    legend : tuple of str
+        Those of the notes without which the numbers mislead: LaTeX prints them under the table,
+        and the others as comments.
     leading : int, optional
         How many columns say what a row is, which every block repeats; where it is not given, all
         before the first score.
@@ -172,6 +186,8 @@ class Table:
     notes: tuple[str, ...] = ()
     groups_per_block: int = 2
     leading: int | None = None
+    fixed: bool = False
+    legend: tuple[str, ...] = ()
 
     def texts(self) -> list[list[str]]:
         """Return every cell as it is shown, with what stands beside its value."""
@@ -185,11 +201,20 @@ class Table:
         ]
 
     @property
+    def dagger_note(self) -> tuple[str, ...]:
+        """What the dagger of reported rows means, where there are any."""
+        parts = [part for row in self.rows for part in row.reported.split("; ") if part]
+        sources = "; ".join(dict.fromkeys(parts))
+        return (f"{_DAGGER} {REPORTED}: {sources}",) if sources else ()
+
+    @property
     def all_notes(self) -> tuple[str, ...]:
         """The notes, after what the dagger of reported rows means."""
-        sources = list(dict.fromkeys(row.reported for row in self.rows if row.reported))
-        said = (f"{_DAGGER} {REPORTED}: {'; '.join(sources)}",) if sources else ()
-        return (*said, *self.notes)
+        return (*self.dagger_note, *self.notes)
+
+    def is_text(self, column: int) -> bool:
+        """Whether a column holds words, which stand at its left, and not numbers."""
+        return column == 0 or any(isinstance(row.cells[column].value, str) for row in self.rows)
 
 
 def plain(text: str) -> str:

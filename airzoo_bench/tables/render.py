@@ -27,6 +27,8 @@ from airzoo_bench.tables.terminal import TERMINAL_WIDTH, terminal
 
 __all__ = ["FORMATS", "render"]
 
+_GROUND = "#fff3bf"
+
 
 def render(
     table: Table,
@@ -89,8 +91,7 @@ def _csv_cells(cell: Cell, column: Column, beside: list[str]) -> list[str]:
     numbers = _beside_numbers(cell)
     further = [numbers.get(kind.strip()) for kind in beside]
     texts = ["" if n is None else show_number(n, column.decimals) for n in further]
-    exact = isinstance(cell.value, float) and 0 <= cell.value < cell.least
-    return [repr(cell.value) if exact else cell.text(column.decimals), *texts]
+    return [repr(cell.value) if cell.is_too_small else cell.text(column.decimals), *texts]
 
 
 def _beside_numbers(cell: Cell) -> dict[str, float]:
@@ -117,7 +118,7 @@ def _markdown_block(table: Table) -> str:
     def line(cells: list[str]) -> str:
         return "| " + " | ".join(cells) + " |\n"
 
-    rule = ["---"] + ["---:"] * (len(table.columns) - 1)
+    rule = ["---" if table.is_text(i) else "---:" for i in range(len(table.columns))]
     heads = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
     rows = (
         line([_markdown_cell(cell, text) for cell, text in zip(row.cells, texts, strict=True)])
@@ -161,9 +162,13 @@ def _tag(name: str, text: str) -> str:
 
 def _html_block(table: Table, *, captioned: bool) -> str:
     caption = f"{_tag('caption', plain(table.title))}\n" if captioned else ""
-    heads = "".join(_tag("th", plain(column.heading)) for column in table.columns)
+    heads = "".join(
+        f'<th scope="col"{_side(table, i)}>{html.escape(plain(column.heading))}</th>'
+        for i, column in enumerate(table.columns)
+    )
     rows = "".join(
-        _html_row(row, texts) for row, texts in zip(table.rows, _values_apart(table), strict=True)
+        _html_row(table, row, texts)
+        for row, texts in zip(table.rows, _values_apart(table), strict=True)
     )
     return (
         f"<table>\n{caption}<thead>{_html_groups(table)}<tr>{heads}</tr></thead>\n"
@@ -179,25 +184,36 @@ def _html_groups(table: Table) -> str:
         for group, members in groupby(table.columns, key=lambda column: column.group)
     ]
     cells = (
-        f'<th colspan="{number}"' + f' scope="colgroup">{html.escape(plain(group))}</th>'
+        f'<th colspan="{number}" scope="colgroup">{html.escape(plain(group))}</th>'
+        if group
+        else f'<td colspan="{number}"></td>'
         for group, number in counted
     )
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def _html_row(row: Row, texts: list[tuple[str, str]]) -> str:
-    cells = (_html_cell(cell, text) for cell, text in zip(row.cells, texts, strict=True))
+def _side(table: Table, column: int) -> str:
+    # An attribute, since pages and sites that take in a table may allow no styles.
+    return ' align="left"' if table.is_text(column) else ' align="right"'
+
+
+def _html_row(table: Table, row: Row, texts: list[tuple[str, str]]) -> str:
+    cells = (
+        f"<td{_side(table, i)}>{_html_cell(cell, text, row)}</td>"
+        for i, (cell, text) in enumerate(zip(row.cells, texts, strict=True))
+    )
     kinds = ["highlighted"] * row.highlighted + ["reported"] * bool(row.reported)
     attribute = f' class="{" ".join(kinds)}"' if kinds else ""
-    return f"<tr{attribute}>{''.join(cells)}</tr>\n"
+    ground = f' bgcolor="{_GROUND}"' if row.highlighted else ""
+    return f"<tr{attribute}{ground}>{''.join(cells)}</tr>\n"
 
 
-def _html_cell(cell: Cell, text: tuple[str, str]) -> str:
+def _html_cell(cell: Cell, text: tuple[str, str], row: Row) -> str:
     value = html.escape(text[0])
-    mark = "strong" if cell.best else "u" if cell.second else ""
-    shown = f"<{mark}>{value}</{mark}>" if mark else value
-    beside = f" {_tag('small', text[1].strip())}" if text[1] else ""
-    return f"<td>{shown}{beside}</td>"
+    marks = ["em"] * bool(row.reported) + ["strong"] * cell.best + ["u"] * cell.second
+    for mark in reversed(marks):
+        value = f"<{mark}>{value}</{mark}>"
+    return value + (f" {_tag('small', text[1].strip())}" if text[1] else "")
 
 
 def _json(table: Table) -> str:

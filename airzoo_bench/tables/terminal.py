@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
-from airzoo_bench.tables.blocks import by_width, leading_columns, units
+from airzoo_bench.tables.blocks import as_asked, by_width, leading_columns, units
 from airzoo_bench.tables.model import Cell, Table, plain
 
 if TYPE_CHECKING:
@@ -42,10 +42,14 @@ def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False)
     """
     from rich.console import Console
 
-    layout = _Layout(table)
     room = width - 2 * _EDGE
     shown = "".join(f"{line}\n" for line in _title(table))
-    for piece in by_width(table, layout.width_of, room, _PADDING):
+    pieces = [
+        piece
+        for asked in as_asked(table)
+        for piece in by_width(asked, _Layout(asked).width_of, room, _PADDING)
+    ]
+    for piece in pieces:
         out = io.StringIO()
         part = _Layout(piece)
         console = Console(
@@ -96,7 +100,7 @@ class _Layout:
 
         shown = RichTable(box=box.SIMPLE_HEAD)
         for indices in self.columns:
-            left = self._is_grouped(indices) or self._is_text(indices[0])
+            left = self._is_grouped(indices) or self.table.is_text(indices[0])
             shown.add_column(
                 self._head(indices),
                 justify="left" if left else "right",
@@ -149,11 +153,6 @@ class _Layout:
 
     def _is_grouped(self, indices: list[int]) -> bool:
         return bool(self.table.columns[indices[0]].group)
-
-    def _is_text(self, column: int) -> bool:
-        return column == 0 or any(
-            isinstance(row.cells[column].value, str) for row in self.table.rows
-        )
 
 
 def _to_width(text: str, width: int) -> str:

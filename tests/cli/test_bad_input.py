@@ -631,7 +631,7 @@ RESULTS: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     ),
     "two protocols": (
         lambda p: resealed(p, other_protocol),
-        ["different fingerprints of the protocol (one: ", "two: 000000000000", "one table"],
+        ["made with different protocols", "and 000000000000)", "one protocol: a difference"],
     ),
 }
 

@@ -20,6 +20,7 @@ from tests.tables.typeset import typeset
 from tests.test_result import result
 
 Show = Callable[..., list[dict[str, str]]]
+LATEX = ("--format", "latex")
 CITY, RURAL = {"recall@1": 0.5}, {"recall@1": 0.25}
 
 
@@ -202,8 +203,9 @@ def test_a_document_with_everything(
         (["--layout", "result"], ["layout result shows one result", "2 results"]),
         (["--layout", "scenes", "--scene", "City"], ["--scene does not go with layout scenes"]),
         (["--queries"], ["--queries does not go with layout methods"]),
-        (["--mark-published"], ["it needs --published"]),
-        (["--siunitx"], ["for LaTeX", "--format latex"]),
+        (["--mark-published"], ["--mark-published needs --published"]),
+        (["--siunitx"], ["--siunitx is for LaTeX", "--format latex"]),
+        (["--standalone", "--cite", "a=b"], ["--standalone and --cite are for LaTeX"]),
         (["--baseline", "Megaloc"], ["no row is called 'Megaloc' (did you mean 'MegaLoc'?)"]),
         (["--baseline", "Mine=Megaloc"], ["no row is called 'Mine=Megaloc'"]),
         (
@@ -211,10 +213,10 @@ def test_a_document_with_everything(
             ["--baseline MegaLoc=MegaLoc: MegaLoc has two baselines"],
         ),
         (["--highlight", "x"], ["--highlight: no row is called 'x'", "Mine, MegaLoc"]),
-        (["--cite", "x"], ["--cite 'x' is no citation", "METHOD=KEY", "airzoo-paper"]),
-        (["--cite", "Mine=a}b"], ["'a}b' is no citation key"]),
-        (["--cite", "Nobody=a"], ["--cite: no row is called 'Nobody'"]),
-        (["--cite", "none.toml"], ["none.toml: no such file of citations"]),
+        (["--cite", "x", *LATEX], ["--cite 'x' is no citation", "METHOD=KEY", "airzoo-paper"]),
+        (["--cite", "Mine=a}b", *LATEX], ["'a}b' is no citation key"]),
+        (["--cite", "Nobody=a", *LATEX], ["--cite: no row is called 'Nobody'"]),
+        (["--cite", "none.toml", *LATEX], ["none.toml: no such file of citations"]),
         (["--score", "R@2"], ["no score 'R@2' (did you mean 'R@1'", "one of R@1, Distance"]),
         (["--scene", "Sea"], ["no scene 'Sea'", "one of City, Rural"]),
         (["--intervals"], ["records"]),
@@ -234,10 +236,53 @@ def test_what_is_refused(
         assert fragment in message
 
 
-def test_two_rows_of_one_name(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("table", files[0], files[0]) == 0
-    assert run_main("table", files[0], files[0], "--highlight", "Mine") == 2
-    assert "2 rows are called 'Mine'" in capsys.readouterr().err
+def test_methods_of_one_name_carry_their_files(
+    files: list[Path], tmp_path: Path, show: Show, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "again.json"
+    other.write_bytes(files[0].read_bytes())
+    rows = show(*files, other)
+    names = ["Mine (Mine.json)", "MegaLoc", "Mine (again.json)"]
+    assert [row["Method"] for row in rows] == names
+    assert run_main("table", *files, other, "--highlight", "Mine") == 2
+    assert "no row is called 'Mine'" in capsys.readouterr().err
+    # On another benchmark the same name is the same method.
+    write_result(tmp_path / "b.json", result("MegaLoc"))
+    rows = show(*files, other, tmp_path / "b.json")
+    assert [row["Method"] for row in rows] == names
+    assert [row["b R@1"] for row in rows] == ["–", "30.00", "–"]
+
+
+def test_a_file_is_named_once(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("table", files[0], files[0].parent / "x" / ".." / files[0].name) == 2
+    run_main("table", files[0], files[1], files[0])
+    assert f"{files[0]}: named twice" in capsys.readouterr().err
+
+
+def test_a_folder_stands_for_the_result_in_it(
+    files: list[Path], tmp_path: Path, show: Show, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "runs" / "one"
+    folder.mkdir(parents=True)
+    assert run_main("table", folder) == 2
+    message = capsys.readouterr().err
+    assert f"{folder}: a folder, not a result file, and without a result.json" in message
+    assert "to mend" not in message
+    (folder / "result.json").write_bytes(files[0].read_bytes())
+    assert show(folder) == show(files[0])
+    assert run_main("table", folder.parent) == 2
+    assert f"name {folder.parent}/*/result.json (there are 1)" in capsys.readouterr().err
+    assert run_main("table", folder, folder / "result.json") == 2
+    assert "named twice" in capsys.readouterr().err
+
+
+def test_broken_json(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    files[0].write_text('{\n "schema": 1,\n "track": oops\n}', encoding="utf-8")
+    assert run_main("table", *files) == 2
+    message = capsys.readouterr().err
+    assert f"{files[0]}: not a result: not valid JSON: expected" in message
+    assert "line 3 column 1" in message
+    assert "version" not in message
 
 
 def test_a_file_of_citations(
@@ -249,7 +294,7 @@ def test_a_file_of_citations(
         assert run_main("table", *files, "--cite", path, "--format", "latex") == 0
         assert r"Mine~\cite{me2026} & " in capsys.readouterr().out
     path.write_text('"Mine" = 3\n', encoding="utf-8")
-    assert run_main("table", *files, "--cite", path) == 2
+    assert run_main("table", *files, "--cite", path, *LATEX) == 2
     assert "something else than citation keys" in capsys.readouterr().err
 
 
@@ -266,4 +311,12 @@ def test_intervals(
     place = [column.get("group") for column in shown["columns"]].index("Scene east")
     low, high = (shown["uncertainties"][0][place][key] for key in ("low", "high"))
     assert 0 < low < shown["rows"][0][place] < high == 100
-    assert "95 % intervals" in shown["notes"][1]
+    assert shown["notes"][0].startswith("in square brackets: 95 % intervals, 10000 resamples")
+    # Of one result, a row a scene.
+    assert run_main("table", tmp_path / "out", "--intervals", "--format", "json") == 0
+    own = json.loads(capsys.readouterr().out)
+    assert own["columns"][0]["title"] == "Scene"
+    rows = {row[0]: spans for row, spans in zip(own["rows"], own["uncertainties"], strict=True)}
+    assert rows["Scene east"][2] == shown["uncertainties"][0][place]
+    assert rows["Pooled"] == [None] * len(own["columns"])
+    assert any(note.startswith("no interval for Pooled") for note in own["notes"])

@@ -1,0 +1,204 @@
+"""The table that answers a request: boards of results, laid out and marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airzoo_bench.cli.table_request import Layout, TableRequest
+from airzoo_bench.errors import UsageError
+from airzoo_bench.validation import nearest
+
+if TYPE_CHECKING:
+    from airzoo_bench.result import Result, ScoreColumn
+    from airzoo_bench.tables.entries import Board
+    from airzoo_bench.tables.model import Table
+
+__all__ = ["Making"]
+
+
+@dataclass(frozen=True)
+class Making:
+    """A request, and what was read for it.
+
+    Attributes
+    ----------
+    request : TableRequest
+    layout : Layout
+        The one that was asked for, or the usual one.
+    paths : tuple of Path
+        Of the files.
+    results : tuple of Result
+    """
+
+    request: TableRequest
+    layout: Layout
+    paths: tuple[Path, ...]
+    results: tuple[Result, ...]
+
+    def table(self) -> Table:
+        """Lay the results out and mark them."""
+        made = self._alone() if self.layout is Layout.RESULT else self._marked(self._laid_out())
+        if not any(cell.uncertainty for row in made.rows for cell in row.cells):
+            return made
+        from airzoo_bench.statistics.board_intervals import intervals_note
+        from airzoo_bench.statistics.samples import Plan
+
+        return replace(made, notes=(intervals_note(Plan()), *made.notes))
+
+    def _alone(self) -> Table:
+        from airzoo_bench.tables.build import POOLED, scenes_table
+
+        (board,) = self._boards()
+        (entry,) = board.entries
+        made = scenes_table(self.results[0], scores=board.scores, uncertainties=entry.uncertainties)
+        # Of the result's own notes the board says whose they are.
+        notes = board.notes[len(self.results[0].notes) :]
+        if self.request.intervals and made.rows[-1].cells[0].value == POOLED:
+            notes += (f"no interval for {POOLED}: they are of scenes and of the average over them",)
+        return replace(made, notes=(*notes, *made.notes))
+
+    def _laid_out(self) -> Table:
+        from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
+
+        asked, boards = self.request, self._boards()
+        if self.layout is Layout.BENCHMARKS:
+            kept = [board for board in boards if board.scores]
+            made = benchmarks_layout(kept, per_block=asked.per_block)
+            return replace(made, notes=(*self._left_out(boards), *made.notes))
+        if self.layout is Layout.METHODS:
+            return methods_layout(boards[0], asked.scene)
+        return scenes_layout(
+            boards[0], average=asked.average, queries=asked.queries, per_block=asked.per_block
+        )
+
+    def _boards(self) -> list[Board]:
+        """Return a board a protocol, with the scores to show, which one of several may lack."""
+        from airzoo_bench.tables.entries import board_of
+
+        wanted = self.request.scores
+        parts = _by_protocol(self.results)
+        boards = [
+            board_of(
+                [self.results[place] for place in places],
+                paths=[self.paths[place] for place in places],
+                every_score=self.request.every_score or bool(wanted),
+            )
+            for places in parts
+        ]
+        _check_scores([score for board in boards for score in board.scores], wanted)
+        chosen = [replace(board, scores=_chosen(board.scores, wanted)) for board in boards]
+        return [
+            self._filled(board, places) if board.scores else board
+            for board, places in zip(chosen, parts, strict=True)
+        ]
+
+    def _left_out(self, boards: Sequence[Board]) -> list[str]:
+        titles = [board.title for board in boards if not board.scores]
+        wanted = " or ".join(self.request.scores)
+        return [f"left out, having no {wanted}: {', '.join(titles)}"] if titles else []
+
+    def _filled(self, board: Board, places: Sequence[int]) -> Board:
+        if self.request.intervals:
+            board = self._with_intervals(board, places)
+        if self.request.published:
+            board = self._with_published(board, self.results[places[0]])
+        return board
+
+    def _with_intervals(self, board: Board, places: Sequence[int]) -> Board:
+        from airzoo_bench.records import Scored, read_records
+        from airzoo_bench.statistics.board_intervals import with_intervals
+        from airzoo_bench.statistics.samples import Plan
+
+        methods = [
+            Scored(entry.method, self.results[place], read_records(self.paths[place]))
+            for entry, place in zip(board.entries, places, strict=True)
+        ]
+        return with_intervals(board, methods, Plan(), self._shown(board))
+
+    def _shown(self, board: Board) -> list[str]:
+        """Return the scenes whose numbers stand in the table, and what stands for the average."""
+        from airzoo_bench.tables.entries import OVERALL
+        from airzoo_bench.tables.layouts import find_scene
+
+        if self.layout in (Layout.RESULT, Layout.SCENES):
+            return [*board.scenes, *[OVERALL] * self.request.average]
+        scene = self.request.scene
+        return [OVERALL if scene is None else find_scene(board, scene)]
+
+    def _with_published(self, board: Board, result: Result) -> Board:
+        from airzoo_bench.published import published_tables, shipped_fingerprints
+        from airzoo_bench.tables.entries import with_published
+
+        by_scene = self.layout is Layout.SCENES or self.request.scene is not None
+        tables = published_tables(board.benchmark, board.track)
+        shipped = shipped_fingerprints(board.benchmark, board.track)
+        if tables and result.protocol.fingerprint not in shipped:
+            note = (
+                f"{board.title} is not the shipped protocol: reported numbers may measure "
+                "something else"
+            )
+            board = board.noted(note, legend=True)
+        return with_published(board, tables, by_scene=by_scene)
+
+    def _marked(self, made: Table) -> Table:
+        from airzoo_bench.tables.marks import add_gains, highlight, parse_baselines
+        from airzoo_bench.tables.model import mark_best
+
+        asked = self.request
+        made = mark_best(made, second=asked.second, reported=asked.mark_published)
+        rule = self._rule_of_marks(made)
+        made = replace(made, notes=(*rule, *made.notes), legend=(*rule, *made.legend))
+        made = highlight(made, asked.highlighted)
+        made = add_gains(made, parse_baselines(made, asked.baselines))
+        return self._cited(made) if asked.citations else made
+
+    def _cited(self, made: Table) -> Table:
+        from airzoo_bench.published import published_sources, read_source_file
+        from airzoo_bench.tables.citations import add_citations
+
+        sources = {
+            name: read_source_file(path).citations for name, path in published_sources().items()
+        }
+        return add_citations(made, self.request.citations, sources)
+
+    def _rule_of_marks(self, made: Table) -> list[str]:
+        if not any(row.reported for row in made.rows):
+            return []
+        who = "all rows" if self.request.mark_published else "the rows that were scored here"
+        return [f"the best of each score is that of {who}"]
+
+
+def _by_protocol(results: Sequence[Result]) -> list[list[int]]:
+    """Return the places of results, those of protocols of one name together."""
+    found: dict[str, list[int]] = {}
+    for place, result in enumerate(results):
+        found.setdefault(result.protocol.name, []).append(place)
+    return list(found.values())
+
+
+def _named(scores: Sequence[ScoreColumn]) -> dict[str, ScoreColumn]:
+    return {score.key: score for score in scores} | {score.title: score for score in scores}
+
+
+def _check_scores(scores: Sequence[ScoreColumn], wanted: Sequence[str]) -> None:
+    """Refuse the name of a score that nothing has."""
+    by_name = _named(scores)
+    for name in wanted:
+        if name not in by_name:
+            titles = dict.fromkeys(score.title for score in scores)
+            raise UsageError(
+                f"there is no score {name[:80]!r}{nearest(name[:80], list(by_name))}",
+                where="--score",
+                expected="one of " + ", ".join(titles),
+            )
+
+
+def _chosen(scores: Sequence[ScoreColumn], wanted: Sequence[str]) -> tuple[ScoreColumn, ...]:
+    """Return the scores that are named by key or title, in that order; all where none is."""
+    if not wanted:
+        return tuple(scores)
+    by_name = _named(scores)
+    return tuple(dict.fromkeys(by_name[name] for name in wanted if name in by_name))
