@@ -65,17 +65,23 @@ def queries(count: int) -> pd.DataFrame:
     )
 
 
+def retrieved(scenes: pd.Series[str], random: np.random.Generator) -> list[str]:
+    """Return a random tile of 3,000 for each query."""
+    numbers = random.integers(0, 3_000, len(scenes))
+    return [f"{scene}/512_{tile:05d}" for scene, tile in zip(scenes, numbers, strict=True)]
+
+
 def method(number: int, asked: pd.DataFrame) -> Scored:
     """Return a method with random scores of every kind."""
     random = np.random.default_rng(number)
     protocol, scores = columns()
     ranks = random.integers(0, 12, len(asked))
-    tiles = [f"{scene}/512_{rank:05d}" for scene, rank in zip(asked["scene"], ranks, strict=True)]
+    tiles = {f"tile@{rank}": retrieved(asked["scene"], random) for rank in range(1, 6)}
     values = {score.key: random.random(len(asked)) for score in scores}
     values |= {f"recall@{k}": ((ranks > 0) & (ranks <= k)) * 1.0 for k in (1, 3, 5)}
     values |= {"ap@5": random.integers(0, 6, len(asked)) / 5}
     values |= {"distance_m": random.exponential(60, len(asked))}
-    records = asked.assign(first_hit_rank=ranks, first_tile=tiles, **values)
+    records = asked.assign(first_hit_rank=ranks, ranked=20, **tiles, **values)
     result = made_result(records, scores, f"method{number:02d}", settings=protocol.settings())
     return Scored("", result, records)
 

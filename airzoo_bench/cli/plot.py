@@ -12,6 +12,7 @@ import typer
 from airzoo_bench.cli.breakdown import parse_bins
 from airzoo_bench.cli.common import say
 from airzoo_bench.errors import UsageError
+from airzoo_bench.validation import nearest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,8 +34,16 @@ class Kind(StrEnum):
     CONDITION = "condition"
 
 
+_FITS = {
+    "--score": (Kind.ERRORS, Kind.INTERVALS, Kind.SCENES, Kind.CONDITION),
+    "--by": (Kind.CONDITION,),
+    "--bins": (Kind.CONDITION,),
+    "--up-to": (Kind.RECALL,),
+}
+
+
 def plot(
-    kind: Annotated[Kind, typer.Argument(help="What to draw.")],
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of {', '.join(Kind)}.")],
     results: Annotated[list[Path], typer.Argument(help="One or more result.json.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="A .png, .svg or .pdf.")],
     score: Annotated[
@@ -49,34 +58,86 @@ def plot(
     up_to: Annotated[
         int | None, typer.Option(min=1, help="For recall: the largest K (default: all kept).")
     ] = None,
+    width: Annotated[
+        str | None, typer.Option(help="Such as 3.3in or 8.4cm (default: what the content needs).")
+    ] = None,
+    title: Annotated[str, typer.Option(help="Written above (default: none).")] = "",
 ) -> None:
     """Draw recall over K, error curves, precision and recall over d, intervals, scenes, conditions.
 
-    Example: airzoo-bench plot recall results/*/result.json -o recall.pdf
+    Example: airzoo-bench plot recall results/*/result.json -o recall.pdf --width 3.3in
+
+    Example: airzoo-bench plot errors results/*/result.json --score rotation_deg -o errors.pdf
+
+    Example: airzoo-bench plot thresholds results/*/result.json -o thresholds.pdf
+
+    Example: airzoo-bench plot intervals results/*/result.json --score R@5 -o intervals.png
+
+    Example: airzoo-bench plot scenes results/*/result.json -o scenes.svg --title "By scene"
 
     Example: airzoo-bench plot condition results/*/result.json --by altitude_m -o altitude.svg
     """
     from airzoo_bench.records import read_scored
     from airzoo_bench.report import draw
-    from airzoo_bench.report.figures import save_figure
+    from airzoo_bench.report.figures import check_ending, save_figure
+    from airzoo_bench.report.sheet import Sheet, check_room, parse_width
     from airzoo_bench.statistics.compatibility import check_comparable
 
-    if (by is None) != (kind is not Kind.CONDITION):
-        raise UsageError(
-            "--by and the kind 'condition' belong together",
-            expected="such as `airzoo-bench plot condition ... --by weather`",
-        )
+    chosen_kind = _checked_kind(kind)
+    _check_options(chosen_kind, {"--score": score, "--by": by, "--bins": bins, "--up-to": up_to})
+    check_ending(out)
     edges = None if bins is None else parse_bins(bins)
-    methods = read_scored(results)
+    sheet = Sheet(None if width is None else parse_width(width), title)
+    methods = read_scored([_checked_result(path) for path in results])
     check_comparable(methods)
     drawing: dict[Kind, Callable[[Sequence[Scored], ScoreColumn], Figure]] = {
-        Kind.RECALL: lambda these, _: draw.recall(these, up_to),
-        Kind.ERRORS: draw.errors,
-        Kind.THRESHOLDS: lambda these, _: draw.thresholds(these),
-        Kind.INTERVALS: draw.intervals,
-        Kind.SCENES: draw.scenes,
-        Kind.CONDITION: lambda these, chosen: draw.condition(these, chosen, by or "", edges),
+        Kind.RECALL: lambda these, _: draw.recall(these, up_to, sheet),
+        Kind.ERRORS: lambda these, score: draw.errors(these, score, sheet),
+        Kind.THRESHOLDS: lambda these, _: draw.thresholds(these, sheet),
+        Kind.INTERVALS: lambda these, score: draw.intervals(these, score, sheet),
+        Kind.SCENES: lambda these, score: draw.scenes(these, score, sheet),
+        Kind.CONDITION: lambda these, score: draw.condition(these, score, by or "", edges, sheet),
     }
-    chosen = draw.choose_score(methods, score, of_errors=kind is Kind.ERRORS)
-    save_figure(drawing[kind](methods, chosen), out)
+    chosen = draw.choose_score(methods, score, of_errors=chosen_kind is Kind.ERRORS)
+    figure = drawing[chosen_kind](methods, chosen)
+    check_room(figure)
+    save_figure(figure, out)
     say(f"drew {out}")
+
+
+def _checked_kind(kind: str) -> Kind:
+    if kind not in list(Kind):
+        known = [one.value for one in Kind]
+        is_file = Path(kind).exists()
+        raise UsageError(
+            f"{kind!r} is no kind of picture{nearest(kind.lower(), known)}",
+            expected="one of " + ", ".join(known),
+            mend="name the kind before the results" if is_file else None,
+        )
+    return Kind(kind)
+
+
+def _check_options(kind: Kind, given: dict[str, object]) -> None:
+    if kind is Kind.CONDITION and given["--by"] is None:
+        raise UsageError(
+            "plot condition needs --by, the column of the records to group by",
+            expected="such as `airzoo-bench plot condition ... --by weather`",
+        )
+    for option, value in given.items():
+        if value is not None and kind not in _FITS[option]:
+            raise UsageError(
+                f"{option} does not go with the kind {kind.value!r}",
+                expected="the kind " + " or ".join(fitting.value for fitting in _FITS[option]),
+            )
+
+
+def _checked_result(path: Path) -> Path:
+    if path.is_dir():
+        inside = path / "result.json"
+        raise UsageError(
+            "a folder, not a result",
+            where=path,
+            expected="a result.json",
+            mend=f"name {inside}" if inside.is_file() else "name the result.json that `eval` wrote",
+        )
+    return path

@@ -1,17 +1,19 @@
-"""Pictures of methods side by side, as curves: recall over K, errors, thresholds, conditions."""
+"""Pictures of methods side by side, as curves: recall over K, errors, thresholds."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.breakdown import condition_title
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
-from airzoo_bench.report.figures import label_text, new_figure, series_style
+from airzoo_bench.report.figures import series_style
+from airzoo_bench.report.labels import axis_label, error_label, over_scenes, shown_value, who
+from airzoo_bench.report.marks import draw_lines, draw_markers
+from airzoo_bench.report.sheet import Sheet, finish, new_canvas, wrapped
 from airzoo_bench.result import ScoreColumn
 
 if TYPE_CHECKING:
@@ -20,32 +22,27 @@ if TYPE_CHECKING:
 
 __all__ = [
     "axis_label",
-    "draw_by_condition",
     "draw_error_curves",
     "draw_recall_curves",
     "draw_threshold_curves",
     "error_shares",
+    "longest_list",
     "recall_curve",
     "shown_value",
     "threshold_scores",
 ]
 
 _STEPS = 256
-_UNITS = {"share": "%", "m": "m", "deg": "°"}
 _THRESHOLD = re.compile(r"(precision|recall|f1)_([0-9.e+-]+)m")
-_MOST_IN_LEGEND = 24
-_DECADES = 1e3
-
-
-def axis_label(score: ScoreColumn) -> str:
-    """Name a score with its unit."""
-    return f"{score.title} [{_UNITS[score.unit]}]"
-
-
-def shown_value(score: ScoreColumn, values: Floats) -> Floats:
-    """Turn shares into percent; other values stay."""
-    scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
-    return scaled
+_DECADE = 10.0
+_FEW_DECADES = 1e3
+_LEAST_RATIO = 4.0
+_KS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
+_PERCENT = (-2.0, 102.0)
+_NEAR = 2.2
+_BUNCH_PT = 30.0
+_MARKS = 9
+_COUNTED = 6
 
 
 def recall_curve(method: Scored, up_to: int) -> Floats:
@@ -65,8 +62,20 @@ def recall_curve(method: Scored, up_to: int) -> Floats:
     return mean
 
 
-def draw_recall_curves(methods: Sequence[Scored], up_to: int) -> Figure:
-    """Draw recall at K over K.
+def longest_list(method: Scored, up_to: int) -> int:
+    """Return how many tiles a method's longest list has, 1 to `up_to`.
+
+    Beyond it nothing was measured. Records without the column ``ranked`` do not tell: `up_to`.
+    """
+    if "ranked" not in method.records:
+        return up_to
+    return int(np.clip(method.records["ranked"].max(), 1, up_to))
+
+
+def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | None = None) -> Figure:
+    """Draw recall at K over K, each method's as far as its longest list goes.
+
+    Markers stand at the K that the axis names; between them only the line is measured.
 
     Parameters
     ----------
@@ -74,17 +83,33 @@ def draw_recall_curves(methods: Sequence[Scored], up_to: int) -> Figure:
         Of the retrieval track: their records have the rank of the first hit, 0 without one.
     up_to : int
         The largest K: no more than the ranks that were kept.
+    sheet : Sheet, optional
     """
-    figure, axes = new_figure(*_size(methods))
-    ks = np.arange(1, up_to + 1)
-    for number, method in enumerate(methods):
-        axes.plot(ks, 100 * recall_curve(method, up_to), **_line(number, method.name, up_to))
-    axes.set(xscale="log", xlim=(0.95, max(2, up_to) * 1.05), ylim=(0, 100))
-    axes.set(xlabel="K, tiles looked at", ylabel="R@K, mean over scenes [%]")
-    ticks = [k for k in (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000) if k <= max(2, up_to)]
+    sheet = sheet or Sheet()
+    lengths = [longest_list(method, up_to) for method in methods]
+    last = max(lengths)
+    figure = new_canvas(sheet.wide(6.4), _height(sheet))
+    axes = figure.add_subplot()
+    curves = [100 * recall_curve(m, n) for m, n in zip(methods, lengths, strict=True)]
+    draw_lines(axes, [np.arange(1.0, n + 1) for n in lengths], curves)
+    ticks = [k for k in _KS if k <= max(2, last)]
+    marked = sorted({*ticks, *lengths} & set(range(1, last + 1)))
+    values = np.full((len(methods), len(marked)), np.nan)
+    for number, (curve, length) in enumerate(zip(curves, lengths, strict=True)):
+        for place, k in enumerate(marked):
+            if k <= length and (k in ticks or k == length):
+                values[number, place] = curve[k - 1]
+    axes.set(xscale="log", xlim=(0.9, max(2, last) * 1.13), ylim=_PERCENT)
+    draw_markers(axes, np.array(marked, np.float64), values, near=_NEAR, room_pt=_room(sheet))
+    label = f"R@K{over_scenes(methods)} [%]"
+    axes.set(xlabel="K, number of tiles looked at", ylabel=label)
     axes.set_xticks(ticks, [f"{k}" for k in ticks])
     axes.set_xticks([], minor=True)
-    _finish(axes, len(methods))
+    axes.grid(alpha=0.3)
+    short = [(n, m.name) for m, n in zip(methods, lengths, strict=True) if n < last]
+    ends = [f"{who([m for k, m in short if k == n])} at {n}" for n in sorted({n for n, _ in short})]
+    ended = f"lists end earlier: {'; '.join(ends)}" if ends else ""
+    finish(figure, sheet.noting(ended), [method.name for method in methods])
     return figure
 
 
@@ -98,7 +123,9 @@ def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
     return mean
 
 
-def draw_error_curves(methods: Sequence[Scored], score: ScoreColumn) -> Figure:
+def draw_error_curves(
+    methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None
+) -> Figure:
     """Draw the share of queries whose error is below a value; failures never are.
 
     Parameters
@@ -106,19 +133,63 @@ def draw_error_curves(methods: Sequence[Scored], score: ScoreColumn) -> Figure:
     methods : sequence of Scored
     score : ScoreColumn
         Of metres or degrees.
+    sheet : Sheet, optional
     """
-    figure, axes = new_figure(*_size(methods))
+    sheet = sheet or Sheet()
+    figure = new_canvas(sheet.wide(6.4), _height(sheet))
+    axes = figure.add_subplot()
     limits = _error_limits(methods, score.key)
-    for number, method in enumerate(methods):
-        shares = 100 * error_shares(method, score.key, limits)
-        axes.plot(limits, shares, **_line(number, method.name, len(limits)))
-    axes.set(xscale="log", xlim=(limits[0], limits[-1]), ylim=(0, 100))
-    axes.set(xlabel=condition_title(score.key), ylabel="queries below, mean over scenes [%]")
-    axes.xaxis.set_major_formatter("{x:g}")
-    if limits[-1] < _DECADES * limits[0]:
-        axes.xaxis.set_minor_formatter(_minor_label)
-    _finish(axes, len(methods))
+    curves = [100 * error_shares(method, score.key, limits) for method in methods]
+    draw_lines(axes, [limits] * len(methods), curves, steps=True)
+    for number, curve in enumerate(curves):
+        first = number % 5 * _STEPS // (5 * _MARKS)
+        style = series_style(number) | {"linestyle": "none", "markersize": 4.0}
+        every = slice(first, None, _STEPS // _MARKS)
+        axes.plot(limits[every], curve[every], clip_on=False, zorder=3, **style)
+    axes.set(xlim=(limits[0], limits[-1]), ylim=_PERCENT)
+    _scale(axes, limits)
+    unit = "scenes" if methods[0].result.track == "reconstruction" else "queries"
+    mean = over_scenes(methods) if unit == "queries" else ""
+    label = wrapped(f"{unit} below{mean} [%]", _height(sheet) - 0.5, sheet.font(6.4))
+    axes.set(xlabel=error_label(score), ylabel=label)
+    axes.grid(alpha=0.3)
+    beyond = _beyond(methods, score.key, limits[-1], unit)
+    finish(figure, sheet.noting(beyond), [method.name for method in methods])
     return figure
+
+
+def _beyond(methods: Sequence[Scored], key: str, right: float, unit: str) -> str:
+    """Count the errors that lie beyond the axis: a curve never rises by them."""
+    total = f"of {len(methods[0].records)} {unit}"
+    errors = np.array([method.records[key].to_numpy(np.float64) for method in methods])
+    infinite = np.isinf(errors).sum(axis=1)
+    larger = (errors >= right).sum(axis=1) - infinite
+    lacking = np.flatnonzero(infinite + larger)
+    if not len(lacking):
+        return ""
+    if len(lacking) > _COUNTED:
+        least, most = (infinite + larger)[lacking].min(), (infinite + larger)[lacking].max()
+        said = f"between {least} and {most} of each of {len(lacking)} methods"
+        return f"off the axis, {total}: {said}, {infinite.sum()} infinite in all"
+    counts = [
+        f"{methods[n].name} {_counted(int(infinite[n]), int(larger[n]))}" for n in lacking.tolist()
+    ]
+    return f"off the axis, {total}: {'; '.join(counts)}"
+
+
+def _counted(infinite: int, larger: int) -> str:
+    parts = [f"{infinite} infinite"] * (infinite > 0) + [f"{larger} larger"] * (larger > 0)
+    return " and ".join(parts)
+
+
+def _scale(axes: Axes, limits: Floats) -> None:
+    """Let errors go by powers of ten, unless they span too little for that to have ticks."""
+    if limits[-1] < _LEAST_RATIO * limits[0]:
+        return
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    if limits[-1] < _FEW_DECADES * limits[0]:
+        axes.xaxis.set_minor_formatter(_minor_label)
 
 
 def _minor_label(value: float, _: float | None = None) -> str:
@@ -144,115 +215,59 @@ def threshold_scores(columns: Sequence[ScoreColumn]) -> dict[str, dict[float, st
     return {what: dict(sorted(keys.items())) for what, keys in found.items()}
 
 
-def draw_threshold_curves(methods: Sequence[Scored]) -> Figure:
+def draw_threshold_curves(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
     """Draw precision, recall and F1 at the protocol's distances, the mean over scenes.
 
     Parameters
     ----------
     methods : sequence of Scored
         Of the reconstruction track.
+    sheet : Sheet, optional
+        Panels stand below each other where it is narrow.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 3.4 + 0.2 * len(methods)), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 3, sharey=True)
+    sheet = sheet or Sheet()
+    wide = sheet.wide(9.0)
+    stacked = wide < 5.5
+    figure = new_canvas(wide, 5.4 if stacked else 3.0)
+    panels = figure.subplots(*((3, 1) if stacked else (1, 3)), sharey=True, sharex=True)
+    headline = methods[0].result.protocol.settings.get("scores", {}).get("headline_below_m")
     keys = threshold_scores(methods[0].result.columns)
     for axes, (what, at) in zip(panels, keys.items(), strict=True):
-        for number, method in enumerate(methods):
-            values = [100 * method.result.overall[key] for key in at.values()]
-            axes.plot(list(at), values, **_line(number, method.name, len(at)))
-        axes.set(xscale="log", xlabel="distance d [m]", title={"f1": "F1"}.get(what, what))
-        axes.set_xticks(list(at), [f"{d:g}" for d in at])
-        axes.set_xticks([], minor=True)
-        axes.grid(alpha=0.3)
-    panels[0].set(ylim=(0, 102), ylabel="points nearer than d [%]")
-    lines = panels[0].get_lines()
-    figure.legend(
-        lines,
-        [label_text(method.name) for method in methods],
-        loc="outside lower center",
-        ncols=min(3, len(methods)),
-        frameon=False,
-    )
+        _draw_panel(axes, methods, at, headline, 22.0 if wide < 8 else 30.0)
+        title = {"f1": "F1"}.get(what, what)
+        axes.set(title=title, ylim=_PERCENT)
+    for axes in panels[-1:] if stacked else panels:
+        axes.set_xlabel("distance d [m]")
+    label = "points nearer than d [%]"
+    if stacked:
+        figure.supylabel(label, fontsize=sheet.font(wide))
+    else:
+        panels[0].set_ylabel(label)
+    said = ["mean over scenes"] * bool(over_scenes(methods))
+    said += [f"dashed: d = {headline:g} m, of the headline scores"] if headline else []
+    finish(figure, sheet.noting("; ".join(said)), [method.name for method in methods])
     return figure
 
 
-def draw_by_condition(
-    names: Sequence[str],
-    values: Floats,
-    labels: Sequence[str],
-    counts: Sequence[int],
-    score: ScoreColumn,
-    title: str,
-) -> Figure:
-    """Draw a score of methods in groups of queries.
-
-    Parameters
-    ----------
-    names : sequence of M str
-    values : (M, G) array
-        As in records: shares 0 to 1. NaN and infinite values are left out.
-    labels : sequence of G str
-    counts : sequence of G int
-        Queries in each group, shown below its label.
-    score : ScoreColumn
-    title : str
-        Of the condition, with its unit.
-    """
-    figure, axes = new_figure(max(6.0, 2.5 + 0.9 * len(labels)), 3.6 + 0.12 * len(names))
-    places = np.arange(len(labels))
-    shifts = np.linspace(-0.3, 0.3, len(names)) if len(names) > 1 else np.zeros(1)
-    for number, name in enumerate(names):
-        shown = shown_value(score, values[number])
-        shown[~np.isfinite(shown)] = np.nan
-        style = series_style(number) | {"linestyle": "none"}
-        axes.plot(
-            places + shifts[number], shown, label=label_text(name), clip_on=False, zorder=3, **style
-        )
-    for edge in places[1:] - 0.5:
-        axes.axvline(edge, color="0.85", linewidth=0.8, zorder=0)
-    ticks = [
-        f"{label_text(label)}\nn = {count}" for label, count in zip(labels, counts, strict=True)
-    ]
-    axes.set_xticks(places, ticks, fontsize=8)
-    axes.set(xlim=(-0.5, len(labels) - 0.5), xlabel=label_text(title), ylabel=axis_label(score))
-    axes.set_ylim(0, 100 if score.unit == "share" else None)
-    axes.grid(axis="y", alpha=0.3)
-    _legend(axes, len(names))
-    return figure
-
-
-def _size(methods: Sequence[Scored]) -> tuple[float, float]:
-    return 6.4, 4.0 + 0.16 * min(len(methods), _MOST_IN_LEGEND)
-
-
-def _line(number: int, name: str, points: int) -> dict[str, Any]:
-    """Return how a curve is drawn: markers, a dozen at most, tell lines apart without colour."""
-    return series_style(number) | {
-        "label": label_text(name),
-        "markevery": (number % 5, max(1, points // 10)) if points > 12 else 1,
-        "markersize": 4,
-        "linewidth": 1.4,
-    }
-
-
-def _finish(axes: Axes, methods: int) -> None:
+def _draw_panel(
+    axes: Axes, methods: Sequence[Scored], at: dict[float, str], headline: float | None, room: float
+) -> None:
+    distances = np.array(list(at))
+    values = [[100 * method.result.overall[key] for key in at.values()] for method in methods]
+    is_log = distances[-1] >= _DECADE * distances[0]
+    axes.set_xscale("log" if is_log else "linear")
+    draw_lines(axes, [distances] * len(methods), [np.array(row) for row in values])
+    draw_markers(axes, distances, np.array(values), near=2 * _NEAR, room_pt=room, size=4.0)
+    if headline:
+        axes.axvline(headline, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)), zorder=0)
+    axes.set_xticks(distances.tolist(), [f"{d:g}" for d in at])
+    axes.set_xticks([], minor=True)
     axes.grid(alpha=0.3)
-    _legend(axes, methods)
 
 
-def _legend(axes: Axes, methods: int) -> None:
-    # Handles are named: a name that begins with an underscore would otherwise be left out.
-    lines = [line for line in axes.get_lines() if line.get_marker() not in ("None", None, "")]
-    figure = axes.get_figure(root=True)
-    if figure is not None:
-        figure.legend(
-            lines[:_MOST_IN_LEGEND],
-            [str(line.get_label()) for line in lines[:_MOST_IN_LEGEND]],
-            loc="outside lower center",
-            ncols=2 if methods > 1 else 1,
-            fontsize=8,
-            frameon=False,
-        )
+def _height(sheet: Sheet) -> float:
+    return 3.6 if sheet.wide(6.4) >= 5.0 else 2.3
+
+
+def _room(sheet: Sheet) -> float:
+    return _BUNCH_PT * sheet.wide(6.4) / 6.4

@@ -9,20 +9,25 @@ import numpy as np
 
 from airzoo_bench.breakdown import condition_title, group_averages, group_records
 from airzoo_bench.errors import UsageError
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
+from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.curves import (
-    draw_by_condition,
     draw_error_curves,
     draw_recall_curves,
     draw_threshold_curves,
     threshold_scores,
 )
+from airzoo_bench.report.labels import small_print, who
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
+from airzoo_bench.report.sheet import Sheet
 from airzoo_bench.result import ScoreColumn
+from airzoo_bench.statistics.breakdown_layout import group_intervals
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.compatibility import choose_scores
-from airzoo_bench.statistics.intervals import bootstrap
+from airzoo_bench.statistics.intervals import FEWEST, Interval, bootstrap
 from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.wording import INTERVAL_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,7 +86,9 @@ def kept_ranks(method: Scored) -> int:
     return kept
 
 
-def recall(methods: Sequence[Scored], up_to: int | None = None) -> Figure:
+def recall(
+    methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
+) -> Figure:
     """Draw recall at K over K.
 
     Raises
@@ -92,15 +99,15 @@ def recall(methods: Sequence[Scored], up_to: int | None = None) -> Figure:
     kept = kept_ranks(methods[0])
     if up_to is not None and up_to > kept:
         raise UsageError(f"--up-to {up_to}: the protocol keeps {kept} ranks of each query")
-    return draw_recall_curves(methods, up_to or kept)
+    return draw_recall_curves(methods, up_to or kept, _noted(methods, sheet))
 
 
-def errors(methods: Sequence[Scored], score: ScoreColumn) -> Figure:
+def errors(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
     """Draw the share of queries whose error is below a value."""
-    return draw_error_curves(methods, score)
+    return draw_error_curves(methods, score, _noted(methods, sheet))
 
 
-def thresholds(methods: Sequence[Scored]) -> Figure:
+def thresholds(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
     """Draw precision, recall and F1 over distance.
 
     Raises
@@ -113,35 +120,64 @@ def thresholds(methods: Sequence[Scored]) -> Figure:
             f"results of the {methods[0].result.track} track have no precision over distance",
             expected="results of the reconstruction track",
         )
-    return draw_threshold_curves(methods)
+    return draw_threshold_curves(methods, _noted(methods, sheet))
 
 
-def intervals(methods: Sequence[Scored], score: ScoreColumn) -> Figure:
+def intervals(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
     """Draw the average over scenes with its 95 % interval, by the plan of `compare`."""
-    found = bootstrap(make_sample(methods, [score]), Plan(), groups=False).overall
-    limits = [(np.nan, np.nan) if i.low is None else (i.low, i.high) for i in found]
+    plan = Plan()
+    sample = make_sample(methods, [score])
+    found = bootstrap(sample, plan, groups=False).overall
     values = np.array([method.result.overall[score.key] for method in methods])
     names = [method.name for method in methods]
-    return draw_intervals(
-        names,
-        values,
-        np.array(limits, np.float64),
-        score,
-        "average over scenes with its 95 % interval",
-    )
+    within = " of queries within scenes" if sample.unit == "query" else " of scenes"
+    how = f"{INTERVAL_NAMES[plan.interval]}, {plan.resamples} resamples{within}, seed {plan.seed}"
+    some = any(not interval.reason for interval in found)
+    what = "; ".join([*_average(methods), *[f"bars: 95 % interval, {how}"] * some])
+    noted = _noted(methods, sheet).noting(what, *_reasons(names, found))
+    return draw_intervals(names, values, _limits(found), score, "", noted)
 
 
-def scenes(methods: Sequence[Scored], score: ScoreColumn) -> Figure:
+def _average(methods: Sequence[Scored]) -> list[str]:
+    return ["average over scenes"] if len(methods[0].result.scenes) > 1 else []
+
+
+def _limits(found: Sequence[Interval]) -> Floats:
+    """Return limits (N, 2), NaN where there is no interval."""
+    none = (np.nan, np.nan)
+    limits = [none if i.low is None or i.high is None else (i.low, i.high) for i in found]
+    return np.array(limits, np.float64).reshape(-1, 2)
+
+
+def _reasons(names: Sequence[str], found: Sequence[Interval]) -> list[str]:
+    """Say why methods have no interval, once where all have none for the same reason."""
+    said: dict[str, list[str]] = {}
+    for name, interval in zip(names, found, strict=True):
+        if interval.reason:
+            said.setdefault(interval.reason, []).append(name)
+    return [
+        f"no interval{'' if len(lacking) == len(names) else f' of {who(lacking)}'}: {reason}"
+        for reason, lacking in said.items()
+    ]
+
+
+def scenes(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
     """Draw a score by method and scene."""
     titles = methods[0].result.truth.scene_titles
     values = [[m.result.scenes[scene][score.key] for scene in titles] for m in methods]
-    return draw_heat_map([m.name for m in methods], list(titles.values()), np.array(values), score)
+    names = [method.name for method in methods]
+    noted = _noted(methods, sheet)
+    return draw_heat_map(names, list(titles.values()), np.array(values), score, noted)
 
 
 def condition(
-    methods: Sequence[Scored], score: ScoreColumn, by: str, bins: Sequence[float] | None = None
+    methods: Sequence[Scored],
+    score: ScoreColumn,
+    by: str,
+    bins: Sequence[float] | None = None,
+    sheet: Sheet | None = None,
 ) -> Figure:
-    """Draw a score by a condition.
+    """Draw a score by a condition, with 95 % intervals where a group has enough queries.
 
     Raises
     ------
@@ -152,7 +188,43 @@ def condition(
     values = np.array([method.records[score.key].to_numpy(np.float64) for method in methods])
     medians = np.full(len(methods), score.average == "median")
     averages = group_averages(values, medians, grouping.codes, len(grouping.labels))
-    names = [method.name for method in methods]
-    counts = grouping.counts.tolist()
-    title = condition_title(by)
-    return draw_by_condition(names, averages, grouping.labels, counts, score, title)
+    plan = Plan()
+    unit = "scene" if methods[0].result.track == "reconstruction" else "query"
+    found = group_intervals(values, medians, grouping, plan, unit)
+    limits = np.stack([_limits(group) for group in found], axis=1)
+    infinite = int(np.isposinf(averages).sum())
+    titles = methods[0].result.truth.scene_titles if by == "scene" else {}
+    return draw_by_condition(
+        [method.name for method in methods],
+        averages,
+        [titles.get(label, label) for label in grouping.labels],
+        grouping.counts.tolist(),
+        score,
+        condition_title(by),
+        limits,
+        _noted(methods, sheet).noting(
+            f"over all {'scenes' if unit == 'scene' else 'queries'} of a group, whatever their "
+            f"scene; {_whiskers(found, plan, unit)}",
+            f"open: infinite, {infinite} of {averages.size} values" if infinite else "",
+        ),
+    )
+
+
+def _whiskers(found: Sequence[Sequence[Interval]], plan: Plan, unit: str) -> str:
+    """Say what whiskers are, and why some groups have none."""
+    reasons = [interval.reason for group in found for interval in group]
+    plural = "queries" if unit == "query" else "scenes"
+    why = f"fewer than {FEWEST} {plural}, or all are alike"
+    if all(reasons):
+        return f"no intervals: each group has {why}"
+    lacking = f", none where a group has {why}" if any(reasons) else ""
+    return (
+        f"whiskers: 95 % intervals, {INTERVAL_NAMES[plan.interval]}, {plan.resamples} resamples "
+        f"within each group, seed {plan.seed}{lacking}"
+    )
+
+
+def _noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
+    """Return the sheet with what the picture is of as the first line of its small print."""
+    given = sheet or Sheet()
+    return Sheet(given.width_in, given.title, (small_print(methods), *given.notes))

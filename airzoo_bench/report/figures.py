@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from airzoo_bench.errors import UsageError
 from airzoo_bench.files import atomic_write
@@ -18,6 +22,9 @@ if TYPE_CHECKING:
 __all__ = [
     "COLOURS",
     "FORMATS",
+    "NO_ROOM",
+    "any_letters",
+    "check_ending",
     "figure_bytes",
     "label_text",
     "new_figure",
@@ -31,7 +38,11 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 FORMATS = ("png", "svg", "pdf")
 """What `save_figure` writes, by the ending of the file."""
 
+NO_ROOM = "constrained_layout not applied"
+"""How Matplotlib's warning begins where labels leave no room for axes."""
+
 _DPI = 150
+_PLACE_DIGITS = 5
 _LINES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LONGEST = 48
@@ -53,6 +64,15 @@ def new_figure(width_in: float = 6.0, height_in: float = 4.0) -> tuple[Figure, A
     return figure, figure.add_subplot()
 
 
+@contextmanager
+def any_letters() -> Iterator[None]:
+    """Let names have letters that the font lacks: they are shown as boxes, no reason to stop."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        warnings.filterwarnings("ignore", "Matplotlib currently does not support", UserWarning)
+        yield
+
+
 def figure_bytes(figure: Figure, form: str) -> bytes:
     """Render a figure.
 
@@ -69,16 +89,15 @@ def figure_bytes(figure: Figure, form: str) -> bytes:
     style = matplotlib.rc_context(
         {"svg.hashsalt": "airzoo-bench", "svg.fonttype": "none", "pdf.fonttype": 42}
     )
-    with style, warnings.catch_warnings():
-        # A name in letters that the font lacks is shown as boxes, which is no reason to stop.
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        warnings.filterwarnings("ignore", "Matplotlib currently does not support", UserWarning)
+    with style, any_letters():
+        warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
+        _settle(figure)
         figure.savefig(stream, format=form, dpi=_DPI, metadata=_METADATA[form])
     return stream.getvalue()
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as its path ends, ``.png``, ``.svg`` or ``.pdf``, whole or not at all.
+def check_ending(path: Path) -> str:
+    """Return the format that a file's ending names: one of `FORMATS`.
 
     Raises
     ------
@@ -92,7 +111,31 @@ def save_figure(figure: Figure, path: Path) -> None:
             where=path,
             expected="a file that ends in " + ", ".join(f".{name}" for name in FORMATS),
         )
-    content = figure_bytes(figure, form)
+    return form
+
+
+def _settle(figure: Figure) -> None:
+    """Fix the places of axes at round numbers.
+
+    The solver behind the layout finds them anew in every process, not always to the last bit, and
+    SVG names its parts by all bits.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        x, y, width, height = np.round(axes.get_position(original=True).bounds, _PLACE_DIGITS)
+        axes.set_position((float(x), float(y), float(width), float(height)))
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as its path ends, ``.png``, ``.svg`` or ``.pdf``, whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        It ends otherwise.
+    """
+    content = figure_bytes(figure, check_ending(path))
     with atomic_write(path) as stream:
         stream.write(content)
 
@@ -105,7 +148,7 @@ def label_text(name: str) -> str:
 
 
 def series_style(number: int) -> dict[str, Any]:
-    """Return colour, line and marker of a series: no two of the first 28 agree in all."""
+    """Return colour, line and marker of a series: no two of the first 196 agree in all."""
     return {
         "color": COLOURS[number % len(COLOURS)],
         "linestyle": _LINES[number // len(COLOURS) % len(_LINES)],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,18 @@ from numpy.typing import NDArray
 from airzoo_bench.errors import UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.report.labels import error_label
 from airzoo_bench.report.maps import jpeg
 from airzoo_bench.report.packing import data_uri
 from airzoo_bench.report.places import Place
+from airzoo_bench.report.retrieved import retrieved
 from airzoo_bench.report.sections import Section
 from airzoo_bench.result import ScoreColumn
 
-__all__ = ["hardest", "hardest_rows"]
+__all__ = ["hardest", "hardest_rows", "order_said"]
 
 _SIDE_PX = 240
+_TILE_PX = 120
 _QUALITY = 70
 _TOTAL_BYTES = 3 << 20
 
@@ -29,14 +33,29 @@ Pixels = NDArray[np.uint8]
 def hardest_rows(section: Section, count: int) -> NDArray[np.intp]:
     """Rank queries by how badly the methods do on them, and return the rows of the first.
 
-    By the mean over methods of the first headline score; where that is equal, of their rank by
-    the first error in metres or degrees; then by id.
+    By the mean over methods of the first headline score; where that is equal, by the first error
+    in metres or degrees; then by id. Errors may be infinite and have no mean: what counts is how
+    many queries a method does better on, and the mean of that over methods.
     """
-    scores = section.query_scores
-    errors = [score for score in scores if score.unit != "share"]
-    keys = [_badness(section, scores[0])]
-    keys += [_badness(section, errors[0])] if errors else []
+    keys = [_badness(section, score) for score in _ordering(section)]
     return np.lexsort([-key for key in reversed(keys)])[:count]
+
+
+def order_said(section: Section) -> str:
+    """Say in words how `hardest_rows` ranks."""
+    mean = "the mean over methods of " if len(section.methods) > 1 else ""
+    said = []
+    for score in _ordering(section):
+        title = score.title if score.unit == "share" else error_label(score)
+        ranks = mean and score.unit != "share"
+        said.append(f"by {mean}{'its place among the queries by ' if ranks else ''}{title}")
+    return f"Worst first, {', then '.join(said)}."
+
+
+def _ordering(section: Section) -> list[ScoreColumn]:
+    first, *others = section.query_scores
+    errors = [score for score in others if score.unit != "share"]
+    return [first] if first.unit != "share" else [first, *errors[:1]]
 
 
 def _badness(section: Section, score: ScoreColumn) -> Floats:
@@ -49,7 +68,9 @@ def _badness(section: Section, score: ScoreColumn) -> Floats:
     return mean
 
 
-def hardest(section: Section, places: Sequence[Place], count: int) -> list[dict[str, Any]]:
+def hardest(
+    section: Section, places: Sequence[Place], count: int, notes: list[str]
+) -> list[dict[str, Any]]:
     """Return the rows of the hardest queries, with pictures where the folder has them.
 
     Parameters
@@ -58,40 +79,70 @@ def hardest(section: Section, places: Sequence[Place], count: int) -> list[dict[
     places : sequence of Place
     count : int
         How many queries; their pictures take no more than 3 MB together.
+    notes : list of str
+        Takes what was left out.
     """
     by_scene = {place.scene: place for place in places}
     records = section.methods[0].records
-    left = _TOTAL_BYTES
-    found = []
+    left, bare = _TOTAL_BYTES, 0
+    found: list[dict[str, Any]] = []
     for row in hardest_rows(section, count).tolist() if section.by_query else []:
-        query = str(records["query"].iloc[row])
         place = by_scene.get(str(records["scene"].iloc[row]))
-        pictures = [] if place is None or left <= 0 else list(_pictures(section, place, row, query))
-        left -= sum(len(picture["src"]) for picture in pictures)
-        found.append({"row": row, "pictures": pictures})
+        card: dict[str, Any] = {"row": row, "pictures": [], "tiles": []}
+        if place is not None:
+            query = str(records["query"].iloc[row])
+            card["pictures"] = list(_pictures(place, query))
+            card["tiles"] = list(_tiles(section, place, row))
+            size = sum(len(picture["src"]) for picture in card["pictures"] + card["tiles"])
+            if size > left:
+                card["pictures"], card["tiles"], bare = [], [], bare + 1
+            else:
+                left -= size
+        found.append(card)
+    if bare:
+        name = section.first.protocol.name
+        notes.append(
+            f"no pictures of {bare} of the {len(found)} hardest queries of {name}: "
+            f"pictures take at most {_TOTAL_BYTES >> 20} MB"
+        )
     return found
 
 
-def _pictures(section: Section, place: Place, row: int, query: str) -> Iterator[dict[str, str]]:
-    yield from _picture("photo", lambda: read_rgb(place.photos[query], long_side_px=_SIDE_PX))
+def _pictures(place: Place, query: str) -> Iterator[dict[str, Any]]:
+    yield from _picture(lambda: read_rgb(place.photos[query], long_side_px=_SIDE_PX), title="photo")
     window = _true_window(place, query)
     if window is not None:
         yield from _picture(
-            "the place on the map", lambda: read_rgb(place.dom.path, window, long_side_px=_SIDE_PX)
+            lambda: read_rgb(place.dom.path, window, long_side_px=_SIDE_PX),
+            title="the place on the map",
         )
-    tile = _first_tile(section, place, row)
-    if tile is not None:
-        title = f"first tile of {section.methods[0].name}"
-        yield from _picture(title, lambda: read_rgb(place.gallery, tile, long_side_px=_SIDE_PX))
 
 
-def _picture(title: str, read: Callable[[], Pixels]) -> Iterator[dict[str, str]]:
+def _tiles(section: Section, place: Place, row: int) -> Iterator[dict[str, Any]]:
+    """Yield the first tiles of the first method."""
+    found = retrieved(section, place, np.array([row]))
+    if found is None or place.tiles is None:
+        return
+    for rank, (tile, hit) in enumerate(zip(found.tiles[0, 0], found.hits[0, 0], strict=True), 1):
+        if tile < 0:
+            continue
+        x, y, width, height = place.tiles[["x", "y", "width", "height"]].iloc[tile].tolist()
+        window = (int(x), int(y), int(width), int(height))
+        yield from _picture(
+            partial(read_rgb, place.gallery, window, long_side_px=_TILE_PX),
+            title=str(place.tiles["id"].iloc[tile]),
+            rank=rank,
+            hit=bool(hit),
+        )
+
+
+def _picture(read: Callable[[], Pixels], **said: object) -> Iterator[dict[str, Any]]:
     """Yield a picture, or nothing where it cannot be read: a report is made without it."""
     try:
         content = jpeg(read(), _QUALITY)
     except UserError:
         return
-    yield {"title": title, "src": data_uri(content, "image/jpeg")}
+    yield {**said, "src": data_uri(content, "image/jpeg")}
 
 
 def _true_window(place: Place, query: str) -> tuple[int, int, int, int] | None:
@@ -107,15 +158,3 @@ def _true_window(place: Place, query: str) -> tuple[int, int, int, int] | None:
     if not (high > low).all():
         return None
     return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
-
-
-def _first_tile(section: Section, place: Place, row: int) -> tuple[int, int, int, int] | None:
-    """Return the window of the tile that the first method ranked first."""
-    records = section.methods[0].records
-    if place.tiles is None or "first_tile" not in records:
-        return None
-    found = place.tiles[place.tiles["id"] == records["first_tile"].iloc[row]]
-    if found.empty:
-        return None
-    x, y, width, height = found[["x", "y", "width", "height"]].iloc[0].tolist()
-    return int(x), int(y), int(width), int(height)

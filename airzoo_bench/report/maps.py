@@ -14,6 +14,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import gsd_m, read_rgb
 from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place
+from airzoo_bench.report.retrieved import retrieved
 from airzoo_bench.report.sections import Section
 
 __all__ = ["jpeg", "maps"]
@@ -104,18 +105,19 @@ def _steps(pixels: Floats) -> NDArray[np.int64]:
 def _tiles(
     section: Section, place: Place, rows: NDArray[np.intp], scale: float, blobs: Blobs
 ) -> dict[str, Any]:
-    """Pack the tiles that some method has ranked first, and which method on which query."""
-    lists = [method.records.get("first_tile") for method in section.methods]
-    if place.tiles is None or any(column is None for column in lists):
+    """Pack the tiles that methods have retrieved: at which rank, and whether they are hits."""
+    found = retrieved(section, place, rows)
+    if found is None or place.tiles is None:
         return {}
-    import pandas as pd
-
-    index = pd.Index(place.tiles["id"])
-    first = np.array([index.get_indexer(c.iloc[rows]) for c in lists if c is not None])
-    shown = np.unique(first[first >= 0])
-    codes = np.where(first >= 0, np.searchsorted(shown, first), len(shown))
+    # Rank by rank, method by method: neighbours are then alike, and pack well.
+    tiles = np.moveaxis(found.tiles, 2, 0)
+    shown = np.unique(tiles[tiles >= 0])
+    codes = np.where(tiles >= 0, np.searchsorted(shown, tiles), len(shown))
+    bits = (found.hits << np.arange(found.hits.shape[2])).sum(axis=2)
     return {
         "tiles": blobs.json(place.tiles["id"].to_numpy()[shown].tolist()),
         "tileOutlines": blobs.array(_steps(place.tile_outlines[shown] * scale)),
-        "first": blobs.array(codes),
+        "ranks": len(tiles),
+        "ranked": blobs.array(codes),
+        "hits": blobs.array(bits),
     }

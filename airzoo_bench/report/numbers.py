@@ -16,6 +16,7 @@ from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.intervals import Interval, bootstrap
 from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.wording import INTERVAL_NAMES
 
 __all__ = ["Intervals", "averages", "breakdowns", "intervals", "queries"]
 
@@ -77,7 +78,7 @@ def intervals(section: Section) -> Intervals:
     reasons = sorted({interval.reason for interval in every if interval.reason})
     names = ", ".join(score.title for score in scores)
     note = (
-        f"95 % intervals ({plan.interval}) of {names}: {resamples:,} resamples of "
+        f"95 % intervals ({INTERVAL_NAMES[plan.interval]}) of {names}: {resamples:,} resamples of "
         f"{'queries within scenes' if sample.unit == 'query' else 'scenes'}, seed {plan.seed}"
     )
     if len(scores) < len(section.headline):

@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.curves import axis_label, shown_value
-from airzoo_bench.report.figures import COLOURS, label_text, new_figure
+from airzoo_bench.report.figures import COLOURS, NO_ROOM, any_letters, label_text
+from airzoo_bench.report.labels import axis_label, shown_value
+from airzoo_bench.report.marks import add_band
+from airzoo_bench.report.sheet import Sheet, finish, new_canvas, slant, wrapped
 from airzoo_bench.result import ScoreColumn
+from airzoo_bench.tables.model import Column, show_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
 __all__ = ["draw_heat_map", "draw_intervals"]
 
 _COLOURS = "viridis"  # even steps of lightness, for print and colour-blind readers
-_DARK = 0.55
-_TWO_DIGITS = 10
+_POINTS = 72.0
+_LETTER = 0.62
+_LINE = 1.15
+_LEAST_FONT, _MOST_FONT = 4.5, 8.0
+_DARK = 0.18  # black and white have the same contrast on it (WCAG 2.2, relative luminance)
+_LEAST_SPAN = 10.0
+_LEAST_RATIO = 0.25
+_DECADES = 100.0
 
 
 def draw_intervals(
-    names: Sequence[str], values: Floats, limits: Floats, score: ScoreColumn, what: str
+    names: Sequence[str],
+    values: Floats,
+    limits: Floats,
+    score: ScoreColumn,
+    what: str,
+    sheet: Sheet | None = None,
 ) -> Figure:
     """Draw a value and its interval for each method, the best on top.
 
@@ -32,43 +48,86 @@ def draw_intervals(
     ----------
     names : sequence of M str
     values : (M,) array
-        As in results: shares 0 to 1. An infinite value is an arrow at the right.
+        As in results: shares 0 to 1. Infinite values are open markers on a band at the right.
     limits : (M, 2) array
-        Of the intervals; NaN where there is none.
+        Of the intervals; NaN where there is none. An arrow points to an infinite limit.
     score : ScoreColumn
     what : str
-        What the values are over, for the title.
+        What the values are over, for the small print.
+    sheet : Sheet, optional
     """
-    figure, axes = new_figure(6.4, 1.3 + 0.34 * len(names))
+    sheet = (sheet or Sheet()).noting(what)
+    width = sheet.wide(6.4)
+    figure = new_canvas(width, 0.85 + 0.3 * len(names))
+    axes, band = add_band(figure, "right" if np.isposinf(values).any() else None)
     sign = -1 if score.higher_is_better else 1
     order = np.argsort(sign * values, kind="stable")[::-1]
+    shown = shown_value(score, np.column_stack([values, limits]))
+    _make_room(axes, shown, score)
     for place, method in enumerate(order):
-        _draw_interval(
-            axes, place, *shown_value(score, np.array([values[method], *limits[method]]))
-        )
-    axes.set_yticks(range(len(order)), [label_text(names[method]) for method in order])
+        _draw_interval(axes, band, place, *shown[method])
+    longest = 48 if width >= 5 else 26
+    axes.set_yticks(range(len(order)), [_short(names[method], longest) for method in order])
     axes.set_ylim(-0.6, len(order) - 0.4)
+    if not np.isfinite(shown).any():
+        axes.set_xticks([])
     arrow = "→" if score.higher_is_better else "←"
     axes.set_xlabel(f"{axis_label(score)}, {arrow} better")
-    figure.suptitle(what, fontsize=10)
     axes.grid(axis="x", alpha=0.3)
+    finish(figure, sheet)
     return figure
 
 
-def _draw_interval(axes: Axes, place: int, value: float, low: float, high: float) -> None:
-    if np.isinf(value):
-        axes.annotate(
-            "infinite", (0.99, place), xycoords=("axes fraction", "data"), ha="right", va="center"
-        )
+def _short(name: str, most: int) -> str:
+    return label_text(name if len(name) <= most else name[: most - 1] + "…")
+
+
+def _make_room(axes: Axes, shown: Floats, score: ScoreColumn) -> None:
+    """Let the axis reach over all that is finite; by powers of ten where errors span decades."""
+    finite = shown[np.isfinite(shown)]
+    if not len(finite):
         return
-    if np.isfinite([low, high]).all():
-        axes.plot([low, high], [place, place], color=COLOURS[0], linewidth=2.2)
+    low, high = float(finite.min()), float(finite.max())
+    right = 0.12 if np.isposinf(shown).any() else 0.05
+    if score.unit != "share" and low > 0 and high > _DECADES * low:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.set_xlim(low / (high / low) ** 0.05, high * (high / low) ** right)
+    else:
+        span = (high - low) or 0.1 * abs(high) or 1.0
+        axes.set_xlim(low - 0.05 * span, high + right * span)
+
+
+def _draw_interval(
+    axes: Axes, band: Axes | None, place: int, value: float, low: float, high: float
+) -> None:
+    style: dict[str, Any] = {"color": COLOURS[0], "linewidth": 2.2}
+    if np.isfinite(low) and np.isposinf(high):
+        arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **style}
+        axes.annotate(
+            "",
+            xy=(1.0, place),
+            xycoords=("axes fraction", "data"),
+            xytext=(low, place),
+            textcoords="data",
+            arrowprops=arrow,
+        )
+        axes.plot([low], [place], "|", color=COLOURS[0], markersize=9)
+    elif np.isfinite([low, high]).all():
+        axes.plot([low, high], [place, place], **style)
         axes.plot([low, high], [place, place], "|", color=COLOURS[0], markersize=9)
-    axes.plot([value], [place], "o", color=COLOURS[1], markersize=6)
+    if np.isfinite(value):
+        axes.plot([value], [place], "o", color=COLOURS[1], markersize=6, zorder=4)
+    elif band is not None:
+        band.plot([0], [place], "o", color=COLOURS[1], markerfacecolor="white", markersize=6)
 
 
 def draw_heat_map(
-    names: Sequence[str], scenes: Sequence[str], values: Floats, score: ScoreColumn
+    names: Sequence[str],
+    scenes: Sequence[str],
+    values: Floats,
+    score: ScoreColumn,
+    sheet: Sheet | None = None,
 ) -> Figure:
     """Draw a score of each method in each scene: bright is better.
 
@@ -78,23 +137,103 @@ def draw_heat_map(
     scenes : sequence of S str
         Their titles.
     values : (M, S) array
-        As in results: shares 0 to 1; infinite ones have the worst colour.
+        As in results: shares 0 to 1; infinite ones are hatched.
     score : ScoreColumn
+    sheet : Sheet, optional
+
+    Notes
+    -----
+    The colours span at least ten points, or a quarter of the largest error: values that are
+    nearly alike look alike.
     """
+    sheet = sheet or Sheet()
     shown = shown_value(score, values)
-    finite = shown[np.isfinite(shown)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    level = np.clip((shown - low) / ((high - low) or 1.0), 0, 1)
-    goodness = level if score.higher_is_better else 1 - level
-    figure, axes = new_figure(max(6.4, 2.6 + 0.75 * len(scenes)), 1.4 + 0.36 * len(names))
-    axes.imshow(goodness, cmap=_COLOURS, vmin=0, vmax=1, aspect="auto")
-    decimals = 1 if high >= _TWO_DIGITS else 2
-    for row, column in np.ndindex(*shown.shape):
-        colour = "black" if goodness[row, column] > _DARK else "white"
-        text = f"{shown[row, column]:.{decimals}f}"
-        axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=8)
-    axes.set_yticks(range(len(names)), [label_text(name) for name in names])
+    width = sheet.wide(max(6.4, 2.9 + 0.58 * len(scenes)))
+    height = max(1.6, 0.9 + 0.33 * len(names))
+    figure = new_canvas(width, height)
+    axes = figure.add_subplot()
+    finite = np.isfinite(shown)
+    image = axes.imshow(
+        np.ma.masked_array(shown, ~finite),
+        cmap=_COLOURS if score.higher_is_better else f"{_COLOURS}_r",
+        norm=_norm(score, shown[finite]),
+        aspect="auto",
+        interpolation="nearest",
+    )
+    for row, column in np.argwhere(~finite):
+        _hatch(axes, int(row), int(column))
+    longest = 48 if width >= 5 else 22
+    axes.set_yticks(range(len(names)), [_short(name, longest) for name in names])
     axes.set_xticks(range(len(scenes)), [label_text(scene) for scene in scenes])
-    axes.tick_params(axis="x", labelrotation=45 if len(scenes) > 6 else 0)
-    figure.suptitle(f"{axis_label(score)} by scene, brighter is better", fontsize=10)
+    size = sheet.font(width)
+    if finite.any():
+        arrow = "↑" if score.higher_is_better else "↓"
+        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=max(8, 3 * len(names)))
+        bar.set_label(wrapped(f"{axis_label(score)} {arrow}", height - 0.7, size))
+        bar.ax.yaxis.set_major_formatter("{x:g}")
+    with any_letters():
+        warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
+        figure.draw_without_rendering()
+    cell_pt = axes.get_window_extent().width / figure.dpi * _POINTS / len(scenes)
+    if max(map(len, scenes)) * _LETTER * size > cell_pt:
+        slant(axes, max(map(len, scenes)), cell_pt, size - 1)
+    left_out = _write_numbers(axes, shown, image.to_rgba(shown), cell_pt)
+    hatched = "; hatched: infinite" if (~finite).any() else ""
+    finish(figure, sheet.noting(f"brighter is better{hatched}", left_out))
+    if cell_pt < _LINE * (size - 1):
+        axes.tick_params(axis="x", labelsize=max(_LEAST_FONT, cell_pt / _LINE))
     return figure
+
+
+def _norm(score: ScoreColumn, finite: Floats) -> Normalize:
+    """Return the scale of colours: of sensible span, logarithmic where errors span decades."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    if not len(finite):
+        return Normalize(0.0, 1.0)
+    low, high = float(finite.min()), float(finite.max())
+    if score.unit != "share" and low > 0 and high > _DECADES * low:
+        return LogNorm(low, high)
+    least = _LEAST_SPAN if score.unit == "share" else _LEAST_RATIO * high or 1.0
+    lack = max(0.0, least - (high - low)) / 2
+    low, high = low - lack, high + lack
+    if score.unit == "share":
+        shift = min(0.0, 100.0 - high) - min(0.0, low)
+        low, high = low + shift, high + shift
+    return Normalize(low, high)
+
+
+def _hatch(axes: Axes, row: int, column: int) -> None:
+    from matplotlib.patches import Rectangle
+
+    axes.add_patch(
+        Rectangle(
+            (column - 0.5, row - 0.5), 1, 1, hatch="////", facecolor="white", edgecolor="0.6", lw=0
+        )
+    )
+
+
+def _write_numbers(axes: Axes, shown: Floats, rgba: Floats, cell_pt: float) -> str:
+    """Write values as tables do; say so where cells are too small for them."""
+    decimals = Column("").decimals
+    texts = np.vectorize(lambda value: show_number(value, decimals), otypes=[object])(shown)
+    size = min(_MOST_FONT, cell_pt / (_LETTER * (max(map(len, texts.ravel())) + 1)))
+    if size < _LEAST_FONT:
+        return "too narrow for numbers: see the table"
+    linear = np.where(rgba <= 0.04045, rgba / 12.92, ((rgba + 0.055) / 1.055) ** 2.4)
+    luminance = linear[..., :3] @ (0.2126, 0.7152, 0.0722)
+    for row, column in np.ndindex(*shown.shape):
+        finite = np.isfinite(shown[row, column])
+        dark = finite and luminance[row, column] < _DARK
+        ground = {} if finite else {"bbox": {"facecolor": "white", "edgecolor": "none", "pad": 1}}
+        axes.text(
+            column,
+            row,
+            texts[row, column],
+            ha="center",
+            va="center",
+            color="white" if dark else "black",
+            fontsize=size,
+            **ground,
+        )
+    return ""

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import airzoo_bench
-from airzoo_bench.breakdown import condition_title
 from airzoo_bench.errors import UserError
 from airzoo_bench.files import canonical_json
 from airzoo_bench.geometry.arrays import Floats
@@ -22,7 +21,8 @@ from airzoo_bench.progress import Progress, silent
 from airzoo_bench.report import draw
 from airzoo_bench.report.curves import axis_label, threshold_scores
 from airzoo_bench.report.figures import figure_bytes
-from airzoo_bench.report.hardest import hardest
+from airzoo_bench.report.hardest import hardest, order_said
+from airzoo_bench.report.labels import error_label
 from airzoo_bench.report.maps import maps
 from airzoo_bench.report.numbers import Intervals, averages, breakdowns, intervals, queries
 from airzoo_bench.report.overview import draw_intervals
@@ -40,7 +40,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Report", "make_report"]
 
-_SCRIPTS = ("core.js", "views.js", "chart.js", "queries.js", "map.js", "main.js")
+_SCRIPTS = (
+    *("core.js", "links.js", "views.js", "chart.js", "hardest.js", "queries.js", "tiles.js"),
+    *("map.js", "main.js"),
+)
 _TITLE = "Results"
 _MOST_ERRORS = 2
 
@@ -153,13 +156,13 @@ def _section(
                 "unit": score.unit,
                 "higher": score.higher_is_better,
                 "headline": score.headline,
-                "ofOne": _title_of_one(score),
+                "ofOne": error_label(score),
                 "ofQueries": score.key in shown,
             }
             for score in section.scores
         ],
         "methods": [_method(method.name, method.result) for method in section.methods],
-        "notes": [f"{m.name}: {note}" for m in section.methods for note in m.result.notes],
+        "notes": _notes(section),
         "settings": list(_flat(first.protocol.settings)),
         "averages": averages(section),
         "intervals": {"overall": found.overall, "scenes": found.scenes, "note": found.note},
@@ -170,14 +173,19 @@ def _section(
             for title, figure in _figures(section, found)
         ],
         "maps": maps(section, places, blobs, notes),
-        "hardest": hardest(section, places, pictures),
+        "hardest": hardest(section, places, pictures, notes),
+        "hardestOrder": order_said(section) if section.by_query else "",
+        "tilesLeftOut": section.left_out if places else "",
     }
 
 
-def _title_of_one(score: ScoreColumn) -> str:
-    """Name what one query has: an error, not the median of errors."""
-    is_error = score.unit != "share" and score.average == "median"
-    return condition_title(score.key) if is_error else axis_label(score)
+def _notes(section: Section) -> list[dict[str, Any]]:
+    """Return what results note, once where several say the same, and which methods do."""
+    said: dict[str, list[str]] = {}
+    for method in section.methods:
+        for note in method.result.notes:
+            said.setdefault(note, []).append(method.name)
+    return [{"text": text, "methods": names} for text, names in said.items()]
 
 
 def _method(name: str, result: Result) -> dict[str, Any]:
@@ -214,7 +222,7 @@ def _figures(section: Section, found: Intervals) -> Iterator[tuple[str, Figure]]
     if section.track == "retrieval":
         yield "Recall over the number of tiles looked at", draw.recall(methods)
     for score in _errors(section):
-        title = f"Share of queries below a value of {_title_of_one(score)}"
+        title = f"Share of queries below a value of {error_label(score)}"
         yield title, draw.errors(methods, score)
     if threshold_scores(section.first.columns)["f1"]:
         yield "Precision, recall and F1 over the distance d", draw.thresholds(methods)

@@ -20,6 +20,7 @@ from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.report.sections import Section
+from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, BOX_COLUMNS, RetrievalTruth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 
@@ -50,6 +51,8 @@ class Place:
     tiles : DataFrame
         With the windows in pixels of the gallery's map.
     tile_outlines : (T, 4, 2) array
+    positives : Positives
+        Which tiles answer which query; of the retrieval track.
     crops : dict of str to (x, y, width, height)
         Where a query is on the map, in pixels of it; of the matching track.
     """
@@ -63,6 +66,7 @@ class Place:
     centres: Floats
     tiles: pd.DataFrame | None = None
     tile_outlines: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))
+    positives: Positives | None = None
     crops: dict[str, tuple[int, ...]] = field(default_factory=dict)
 
 
@@ -128,6 +132,7 @@ def _retrieval_place(truth: RetrievalTruth, benchmark: Benchmark) -> Place:
         _on_map(dom, truth.footprint_centres),
         truth.tiles,
         _on_map(dom, boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]),
+        truth.positives,
     )
 
 

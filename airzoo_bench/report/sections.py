@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import csv
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.breakdown import MEASURED, condition_names
-from airzoo_bench.errors import UsageError
 from airzoo_bench.records import Scored, read_records
 from airzoo_bench.result import Result, ScoreColumn, read_result
+from airzoo_bench.result_files import method_names, records_path, result_paths
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
 from airzoo_bench.workers import spread
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Section", "read_sections"]
+__all__ = ["Section", "read_sections", "tile_columns"]
 
-_KEPT = frozenset(("scene", "query", "first_hit_rank", "first_tile", "failed"))
+_Key = tuple[str, str, str]  # track, fingerprints of protocol and truth
+
+_KEPT = frozenset(("scene", "query", "first_hit_rank", "ranked", "failed"))
+_MEASURED = MEASURED | {"ranked"}
 _LARGE_BYTES = 16 << 20
+_TILE = "tile@"
+_FIRST_TILE = "first_tile"  # what records before the column tile@1 have
+_MOST_RANKS = 5
+_MOST_TILES = 2_000_000  # of all methods and queries: about 4 MB of the page
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +41,12 @@ class Section:
     methods : list of Scored
         Of one protocol, truth and set of queries, with records in the same order, of the columns
         that a report shows.
+    ranks : int
+        So many of the first tiles of each list are kept, where records tell of them.
     """
 
     methods: list[Scored]
+    ranks: int = _MOST_RANKS
 
     @property
     def first(self) -> Result:
@@ -74,7 +85,34 @@ class Section:
     @property
     def conditions(self) -> list[str]:
         """Columns by which queries differ."""
-        return condition_names(self.methods[0])
+        return [name for name in condition_names(self.methods[0]) if _is_condition(name)]
+
+    @property
+    def left_out(self) -> str:
+        """What was left out of the first tiles, empty where nothing was."""
+        if self.track != "retrieval" or self.ranks == _MOST_RANKS:
+            return ""
+        kept = (
+            "no retrieved tiles are"
+            if not self.ranks
+            else (
+                "only the first retrieved tile of each query is"
+                if self.ranks == 1
+                else f"only the first {self.ranks} retrieved tiles of each query are"
+            )
+        )
+        return f"{kept} shown: there are too many queries and methods for {_MOST_RANKS}"
+
+
+def _is_condition(name: str) -> bool:
+    return name not in _MEASURED and not name.startswith(_TILE)
+
+
+def tile_columns(columns: Container[str]) -> list[str]:
+    """Return the columns of the first tiles of each list, best first."""
+    names = [f"{_TILE}{rank}" for rank in range(1, _MOST_RANKS + 1)]
+    found = [name for name in names if name in columns]
+    return found or [name for name in (_FIRST_TILE,) if name in columns]
 
 
 def _is_shown(score: ScoreColumn) -> bool:
@@ -103,43 +141,55 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
         See `airzoo_bench.records.read_records`; or results of one protocol and truth are on
         different queries.
     """
-    for path, times in Counter(path.resolve() for path in paths).items():
-        if times > 1:
-            raise UsageError("named twice", where=path, mend="name each result once")
+    paths = result_paths(paths)
     results = [read_result(path) for path in paths]
-    files = [path.with_name("records.csv") for path in paths]
+    files = [records_path(path) for path in paths]
     size = sum(file.stat().st_size for file in files if file.is_file())
     workers = min(jobs, len(paths)) if size > _LARGE_BYTES else 1
-    records = spread(_shown_records, paths, workers)
-    groups: dict[tuple[str, str, str], list[Scored]] = {}
-    for name, result, rows in zip(_names(paths, results), results, records, strict=True):
-        key = (result.track, result.protocol.fingerprint, result.truth.fingerprint)
-        groups.setdefault(key, []).append(Scored(name, result, rows))
+    ranks = _affordable_ranks(results)
+    asked = [(path, ranks[_key(result)]) for path, result in zip(paths, results, strict=True)]
+    records = spread(_shown_records, asked, workers)
+    groups: dict[_Key, list[Scored]] = {}
+    for name, result, rows in zip(method_names(paths, results), results, records, strict=True):
+        groups.setdefault(_key(result), []).append(Scored(name, result, rows))
     for methods in groups.values():
         check_comparable(methods)
-    return [Section(methods) for methods in groups.values()]
+    return [Section(methods, ranks[key]) for key, methods in groups.items()]
 
 
-def _names(paths: Sequence[Path], results: Sequence[Result]) -> list[str]:
-    """Return the methods' names, with the file's where several have the same."""
-    keys = [(r.protocol.fingerprint, r.truth.fingerprint, r.predictions.method) for r in results]
-    times = Counter(keys)
-    return [
-        key[-1] if times[key] == 1 else f"{key[-1]} ({path})"
-        for key, path in zip(keys, paths, strict=True)
-    ]
+def _key(result: Result) -> _Key:
+    return result.track, result.protocol.fingerprint, result.truth.fingerprint
 
 
-def _shown_records(path: Path) -> pd.DataFrame:
-    """Read records and leave out what a report does not show, to move and hold less."""
+def _affordable_ranks(results: Sequence[Result]) -> dict[_Key, int]:
+    """Return of how many ranks the tiles are kept: all, or fewer where there are very many."""
+    lists = Counter[_Key]()
+    for result in results:
+        lists[_key(result)] += sum(counts["queries"] for counts in result.counts.values())
+    return {key: min(_MOST_RANKS, _MOST_TILES // max(count, 1)) for key, count in lists.items()}
+
+
+def _shown_records(asked: tuple[Path, int]) -> pd.DataFrame:
+    """Read of the records what a report shows, to take less time and hold less."""
+    path, ranks = asked
     result = read_result(path)
-    records = read_records(path, result)
+    heads = _heads(records_path(path))
     scores = {column.key: column for column in result.columns}
+    tiles = tile_columns(heads)[:ranks]
     kept = [
         name
-        for name in records.columns
+        for name in heads
         if name in _KEPT
+        or name in tiles
         or (name in scores and _is_shown(scores[name]))
-        or (name not in scores and name not in MEASURED)
+        or (name not in scores and _is_condition(name))
     ]
-    return records[kept]
+    return read_records(path, result, kept)
+
+
+def _heads(file: Path) -> list[str]:
+    """Return the columns of records; none where there is no such table, which is told later."""
+    if not file.is_file():
+        return []
+    with file.open(encoding="utf-8", errors="replace", newline="") as stream:
+        return next(csv.reader(stream), [])

@@ -58,7 +58,11 @@ def retrieval_method(name: str, seed: int, queries: int = 40, **changes: Any) ->
             "scene": scenes,
             "query": [f"{scene}/q{row:05d}" for row, scene in enumerate(scenes)],
             "first_hit_rank": ranks,
-            "first_tile": [f"{scene}/t{rank}" for scene, rank in zip(scenes, ranks, strict=True)],
+            "ranked": 5 - ranks % 3,
+            **{
+                f"tile@{k}": [f"{scene}/t{(k + row) % 7}" for row, scene in enumerate(scenes)]
+                for k in range(1, 6)
+            },
             "recall@1": (ranks == 1).astype(float),
             "error_m": errors,
             "altitude_m": np.linspace(20, 180, queries),

@@ -6,14 +6,19 @@ chromium-driver; PyPI: selenium).
 
 from __future__ import annotations
 
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from airzoo_bench.records import Scored, read_scored
 from tests.report.made import (
     HOSTILE,
     reconstruction_method,
@@ -22,6 +27,7 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
+from tests.statistics.support import ERROR, HIT, made_result
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium is not installed")
 
@@ -48,12 +54,49 @@ FLAGS = (
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     data, results = write_photo_results(folder, NAMES)
-    made = [reconstruction_method("cloud", 0, scenes=5), retrieval_method("made", 0)]
+    made = [
+        reconstruction_method("cloud", 0, scenes=5),
+        retrieval_method("made", 0),
+        far_method("far"),
+    ]
     others = write_methods(folder, made)
     out = folder / "report.html"
     done = run("report", *results, *others, "--data", data, "-o", out)
     assert done.exit_code == 0, done.exception
     return out
+
+
+def far_method(name: str) -> Scored:
+    """Return a method whose median errors span decades, and of one group are infinite."""
+    made = retrieval_method(name, 0, truth="f" * 64)
+    by = {"sunny": 0.7, "rainy": np.inf, None: 300.0}
+    errors = np.array([by[None if pd.isna(w) else w] for w in made.records["weather"]])
+    records = made.records.assign(error_m=errors, altitude_m=50.0)
+    settings = made.result.protocol.settings
+    result = made_result(records, (HIT, ERROR), name, settings=settings, truth="f" * 64)
+    return Scored(name, result, records)
+
+
+@pytest.fixture(scope="module")
+def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a report of twenty methods, two of the same name and two of long ones."""
+    folder = tmp_path_factory.mktemp("crowded")
+    names = ["same", "same", "a name of many words that goes on and on", "x" * 70]
+    names += [f"method {number}" for number in range(16)]
+    methods = [retrieval_method(name, number) for number, name in enumerate(names)]
+    noted = [
+        Scored(m.name, m.result.model_copy(update={"notes": (f"note {n}",)}).sealed(), m.records)
+        for n, m in enumerate(methods)
+    ]
+    out = folder / "report.html"
+    assert run("report", *write_methods(folder, noted), "-o", out).exit_code == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def records(page: Path) -> list[Any]:
+    results = sorted((page.parent / "results").glob("*/result.json"))
+    return [method.records for method in read_scored(results)]
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +144,7 @@ class Opened:
 
     def column(self, inside: str, number: int) -> list[str]:
         cells = self.all(f"{inside} tbody tr > :nth-child({number})")
-        return [cell.text.split("\n")[0] for cell in cells]
+        return [cell.text.split("\n")[0].removesuffix(" (best)") for cell in cells]
 
     def rows(self) -> list[str]:
         return [row.text for row in self.all("#part1-queries .grid-row > :first-child")]
@@ -113,6 +156,12 @@ class Opened:
         return str(
             self.driver.execute_script("return document.querySelector('canvas').toDataURL()")
         )
+
+    def titles(self, inside: str) -> list[str]:
+        return [head.text for head in self.all(f"{inside} h4")[:1]]
+
+    def go(self, address: str) -> None:
+        self.driver.execute_script("location.hash = arguments[0]", address)
 
     def press(self, *keys: str) -> None:
         webdriver.ActionChains(self.driver).send_keys(*keys).perform()
@@ -133,10 +182,10 @@ def opened(browser: Any, page: Path) -> Iterator[Opened]:
 def test_the_summary_sorts_both_ways(opened: Opened) -> None:
     head = opened.button("#part1-summary", "R@1")
     head.click()
-    values = [float(text.strip("★ ")) for text in opened.column("#part1-summary", 2)]
+    values = [float(text) for text in opened.column("#part1-summary", 2)]
     assert values == sorted(values, reverse=True)
     head.click()
-    values = [float(text.strip("★ ")) for text in opened.column("#part1-summary", 2)]
+    values = [float(text) for text in opened.column("#part1-summary", 2)]
     assert values == sorted(values)
     sorts = [th.get_attribute("aria-sort") for th in opened.all("#part1-summary thead th")]
     assert sorts[1] == "ascending"
@@ -201,8 +250,81 @@ def test_a_query_is_found_on_the_map_by_keyboard(opened: Opened) -> None:
     first = opened.until(lambda: [h.text for h in opened.all("#part1-map aside h4")])
     opened.press("n", "+", keys.ARROW_LEFT)
     opened.until(lambda: [h.text for h in opened.all("#part1-map aside h4")] not in ([], first))
-    assert "First tile: " in opened.one("#part1-map aside").text
     assert opened.pixels() != before
+    assert "#part1-map=" in opened.driver.current_url
+    opened.press(keys.ESCAPE)
+    opened.until(lambda: opened.all("#part1-map aside h4") == [])
+
+
+def test_the_tiles_of_a_query_are_listed_by_rank_with_hits_and_misses(
+    opened: Opened, records: list[Any]
+) -> None:
+    query = records[1].loc[records[1]["first_hit_rank"] > 0, "query"].iloc[0]
+    row = records[1].set_index("query").loc[query]
+    opened.go(f"#part1-map={quote(query, safe='')}&by=second")
+    listed = opened.until(lambda: opened.all("#part1-map .tiles tbody tr"))
+    cells = [[td.text for td in tr.find_elements("css selector", "td")] for tr in listed]
+    assert [cell[:2] for cell in cells] == [[str(k), row[f"tile@{k}"]] for k in range(1, 6)]
+    hits = [cell[2] for cell in cells].index("✓ hit") + 1
+    assert hits == row["first_hit_rank"]
+    assert cells[0][2] == ("✓ hit" if row["recall@1"] else "✗ miss")
+    spoken = opened.one("#part1-map [role=status].sr").get_attribute("textContent")
+    assert spoken.startswith(f"{query}: ")
+    assert f"Tile {row['first_hit_rank']} hits." in spoken
+    before = opened.pixels()
+    opened.button("#part1-map .tiles", row["tile@5"]).click()
+    assert opened.pixels() != before
+    # Another method's tiles are others, and are drawn as such.
+    opened.choose("#part1-map", "Method", "first")
+    first = records[0].set_index("query").loc[query, "tile@1"]
+    opened.until(lambda: opened.one("#part1-map .tiles button").text == first)
+    assert "&by=" not in opened.driver.current_url
+
+
+def test_an_address_opens_what_it_names_and_back_and_escape_close_it(opened: Opened) -> None:
+    keys = webdriver.Keys
+    name = opened.rows()[3]
+    opened.all("#part1-queries .grid-row")[3].click()
+    opened.until(lambda: opened.titles("#part1-query") == [name])
+    address = opened.driver.current_url
+    assert opened.driver.switch_to.active_element.text == name
+    opened.one("#part3-scenes tbody button").click()
+    assert opened.driver.current_url.endswith("#part3-scene=east")
+    opened.driver.back()
+    opened.until(lambda: not opened.all("#part3-scene"))
+    opened.until(lambda: opened.titles("#part1-query") == [name])
+    opened.driver.back()
+    opened.until(lambda: not opened.all("#part1-query"))
+    opened.go(address[address.index("#") :])
+    opened.until(lambda: opened.titles("#part1-query") == [name])
+    opened.press(keys.ESCAPE)
+    opened.until(lambda: not opened.all("#part1-query"))
+    assert opened.driver.switch_to.active_element.get_attribute("role") == "grid"
+    opened.one("#part3-scenes tbody button").send_keys(keys.ENTER)
+    opened.until(lambda: opened.all("#part3-scene"))
+    opened.press(keys.ESCAPE)
+    assert opened.all("#part3-scene") == []
+    assert opened.driver.switch_to.active_element.text == "East"
+
+
+def test_an_address_of_a_view_is_in_sight_and_one_of_nothing_says_so(
+    opened: Opened, page: Path, records: list[Any]
+) -> None:
+    top = "return document.getElementById('part1-map').getBoundingClientRect().top"
+    opened.go("#part1-map")
+    opened.until(lambda: 0 <= opened.driver.execute_script(top) < 200)
+    # A page that is opened with an address scrolls there once all has its height.
+    opened.driver.get("about:blank")
+    opened.driver.get(f"{page.as_uri()}#part1-query={quote(records[0]['query'].iloc[5], safe='')}")
+    opened.until(lambda: opened.all("#part1-query"))
+    opened.go("#part1-query=nothing%20%3Cb%3E")
+    alert = opened.until(lambda: opened.all("#part1-queries [role=alert]"))
+    assert alert[0].text == "This part has no query nothing <b>."
+    opened.go("#part1-map=x%E0%A4")
+    opened.go("#part9-map=x")
+    opened.go("#part1-map=p00&by=nobody")
+    alert = opened.until(lambda: opened.all("#part1-map [role=alert]"))
+    assert alert[0].text == "This map has no method nobody."
 
 
 def test_queries_sort_filter_and_open_by_keyboard(opened: Opened) -> None:
@@ -221,9 +343,9 @@ def test_queries_sort_filter_and_open_by_keyboard(opened: Opened) -> None:
     opened.one("#part1-queries input[type=search]").send_keys("p1")
     opened.until(lambda: all("p1" in name for name in opened.rows()))
     grid.send_keys(keys.ARROW_DOWN, keys.ARROW_DOWN, keys.ENTER)
-    title = opened.until(lambda: [h.text for h in opened.all("#part1-queries .drill h4")])
+    title = opened.until(lambda: [h.text for h in opened.all("#part1-query h4")])
     assert title == [opened.rows()[1]]
-    opened.button("#part1-queries .drill", "Show it on the map").click()
+    opened.button("#part1-query", "Show it on the map").click()
     assert opened.until(lambda: [h.text for h in opened.all("#part1-map aside h4")]) == title
 
 
@@ -244,8 +366,19 @@ def test_the_hardest_queries_have_pictures_that_load(opened: Opened) -> None:
     sizes = opened.driver.execute_script(
         "return [...document.querySelectorAll('#part1-hardest img')].map((i) => i.naturalWidth)"
     )
-    assert len(sizes) == 36
+    assert len(sizes) == 12 * 7
     assert min(sizes) > 0
+    frames = opened.all("#part1-hardest .card:first-child .frames li")
+    assert [frame.text.split()[0] for frame in frames] == ["1", "2", "3", "4", "5"]
+    for frame in opened.all("#part1-hardest .frames li"):
+        style = frame.find_element("css selector", "img").value_of_css_property("border-top-style")
+        assert style == ("solid" if "✓ hit" in frame.text else "dashed")
+
+
+def test_values_of_the_hardest_queries_are_named(opened: Opened) -> None:
+    opened.until(lambda: opened.all("#part1-hardest .card"))
+    named = opened.all("#part1-hardest .card:first-child .values li span")
+    assert [name.text for name in named] == ["first", "second", " ".join(HOSTILE.split())]
 
 
 def test_pictures_of_curves_load(opened: Opened) -> None:
@@ -270,6 +403,23 @@ def test_it_is_usable_at_400_pixels(opened: Opened) -> None:
         assert outside == []
         opened.one("#part3-scenes tbody button").click()
         assert opened.one("#part3-scene").is_displayed()
+        low = opened.driver.execute_script(
+            "return [...document.querySelectorAll('main button, main select, main summary,"
+            " main input:not([type=checkbox]), main label.tick, nav a')].filter((n) => {"
+            " const b = n.getBoundingClientRect(); return b.height && b.height < 34; }"
+            ").map((n) => n.outerHTML)"
+        )
+        assert low == []
+        first = opened.driver.execute_script(
+            "const at = (s) => document.querySelector('#part3-queries ' + s)"
+            ".getBoundingClientRect().left; const grid = document.querySelector('#part3-queries"
+            " .grid'); const was = [at('.grid-row > *'), at('.grid-head > *')];"
+            " grid.scrollLeft = 150; return [grid.scrollLeft, ...was, at('.grid-row > *'),"
+            " at('.grid-head > *'), at('.grid-row > :nth-child(2)')];"
+        )
+        assert first[0] == 150
+        assert first[1:3] == pytest.approx(first[3:5])
+        assert first[5] < first[1] + 150
     finally:
         opened.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
@@ -285,6 +435,104 @@ def test_every_control_is_named_and_reached_by_tab(opened: Opened) -> None:
     opened.driver.execute_script("document.body.focus()")
     opened.press(webdriver.Keys.TAB)
     assert opened.driver.switch_to.active_element.text == "Skip to the results"
+
+
+def test_infinite_medians_are_drawn_and_errors_over_decades_are_logarithmic(
+    opened: Opened,
+) -> None:
+    opened.choose("#part3-conditions", "Condition", "weather")
+    opened.choose("#part3-conditions", "Score", "Median [m] ↓")
+    opened.until(lambda: "Median" in opened.one("#part3-conditions caption").text)
+    shown = opened.column("#part3-conditions", 3)
+    marks = opened.all("#part3-conditions svg.chart path")
+    assert len(marks) == len(shown) == 3
+    opened.choose("#part4-conditions", "Score", "Median [m] ↓")
+    opened.until(lambda: "inf" in opened.column("#part4-conditions", 3))
+    values = opened.column("#part4-conditions", 3)
+    tops = opened.driver.execute_script(
+        "return [...document.querySelectorAll('#part4-conditions svg.chart path')].map((n) =>"
+        " n.getBoundingClientRect().top)"
+    )
+    assert len(tops) == len(values)
+    assert values[tops.index(min(tops))] == "inf"
+    texts = [text.text for text in opened.all("#part4-conditions svg.chart text")]
+    assert "infinite" in texts
+    assert {"1", "10", "100"} <= set(texts)
+    assert any(text.endswith(", log") for text in texts)
+
+
+@pytest.mark.parametrize("methods", [3, 20])
+def test_on_paper_no_table_is_wider_than_the_page(
+    opened: Opened, crowded: Path, methods: int
+) -> None:
+    if methods == 20:
+        opened.driver.get(crowded.as_uri())
+        opened.until(lambda: opened.all("#part1-conditions svg.chart"))
+    opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    opened.driver.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": 703, "height": 1000, "deviceScaleFactor": 1, "mobile": False},
+    )
+    try:
+        wide = opened.driver.execute_script(
+            "return [...document.querySelectorAll('main table, main svg, main img, canvas')]"
+            ".filter((n) => n.getBoundingClientRect().right > 704).map((n) => n.outerHTML)"
+        )
+        assert wide == []
+        cut = opened.driver.execute_script(
+            "return [...document.querySelectorAll('main td:not(.text)')].filter((n) => {"
+            " const r = document.createRange(); r.selectNodeContents(n.firstChild || n);"
+            " const [a, b] = [r.getBoundingClientRect(), n.getBoundingClientRect()];"
+            " return a.width && (a.left < b.left - 1 || a.right > b.right + 1 || b.right > 704); }"
+            ").map((n) => n.outerHTML)"
+        )
+        assert cut == []
+        assert not opened.one("#part1-queries .grid").is_displayed()
+        assert opened.one("#part1-queries .only-print").is_displayed()
+    finally:
+        opened.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+def test_many_methods_fold_what_is_long_and_fit_a_phone(opened: Opened, crowded: Path) -> None:
+    opened.driver.get(crowded.as_uri())
+    opened.until(lambda: opened.all("#part1-hardest .card"))
+    names = opened.column("#part1-summary", 1)
+    assert len(set(names)) == 20
+    assert names[:2] == ["same (retrieval0)", "same (retrieval1)"]
+    assert opened.one("#part1-summary details summary").text == "Notes on methods (20)"
+    assert not opened.one("#part1-summary .notes").is_displayed()
+    metrics = {"width": 400, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+    opened.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    try:
+        width = opened.driver.execute_script("return document.documentElement.scrollWidth")
+    finally:
+        opened.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    assert width == 400
+
+
+def test_dark_where_the_reader_wants_it_so(opened: Opened) -> None:
+    colours = "const s = getComputedStyle(document.body); return [s.color, s.backgroundColor]"
+    light = opened.driver.execute_script(colours)
+    features = [{"name": "prefers-color-scheme", "value": "dark"}]
+    opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    try:
+        dark = opened.driver.execute_script(colours)
+    finally:
+        opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    assert brightness(light[0]) < 60 < 200 < brightness(light[1])
+    assert brightness(dark[1]) < 60 < 200 < brightness(dark[0])
+
+
+def brightness(colour: str) -> float:
+    return sum(map(int, re.findall(r"\d+", colour)[:3])) / 3
+
+
+def test_the_best_is_told_to_screen_readers_too(opened: Opened) -> None:
+    best = opened.all("#part1-summary td.best")
+    assert best
+    assert all("(best)" in cell.get_attribute("textContent") for cell in best)
+    assert opened.one("#part1-summary caption").text.endswith("★ marks the best")
 
 
 def test_a_part_without_queries_has_no_table_of_them(opened: Opened) -> None:

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.errors import BenchmarkError, ResultError, UsageError
-from airzoo_bench.report.hardest import hardest_rows
+from airzoo_bench.records import Scored, read_scored
+from airzoo_bench.report.hardest import hardest_rows, order_said
 from airzoo_bench.report.packing import Blobs, json_value, page_json, rounded
 from airzoo_bench.report.sections import Section, read_sections
 from tests.report.made import (
@@ -27,6 +29,7 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
+from tests.statistics.support import ERROR, made_result, write_method
 from tests.support import write_raster
 
 TYPES = {"<u1": np.uint8, "<u2": np.uint16, "<i2": np.int16, "<i4": np.int32}
@@ -130,8 +133,27 @@ def test_other_protocols_are_parts_of_their_own(tmp_path: Path) -> None:
 def test_methods_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
     paths = write_methods(tmp_path, [retrieval_method("a", 0), retrieval_method("a", 1)])
     names = [section.name for section in read_sections(paths)[0].methods]
-    assert len(set(names)) == 2
-    assert all(name.startswith("a (") for name in names)
+    assert names == ["a (retrieval0)", "a (retrieval1)"]
+
+
+def test_paths_of_which_one_is_no_end_stand_whole(tmp_path: Path) -> None:
+    first = write_method(tmp_path / "x", retrieval_method("a", 0))
+    second = write_method(tmp_path / "x" / "y", retrieval_method("a", 1))
+    names = [method.name for method in read_sections([first, second])[0].methods]
+    assert names == [f"a ({first})", f"a ({second})"]
+
+
+def test_notes_stand_once_with_the_methods_that_have_them(tmp_path: Path) -> None:
+    methods = []
+    for name, notes in (("a", ("same", "only a")), ("b", ("same",))):
+        made = retrieval_method(name, 0)
+        result = made.result.model_copy(update={"notes": notes}).sealed()
+        methods.append(Scored(name, result, made.records))
+    [part] = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
+    assert part["notes"] == [
+        {"text": "same", "methods": ["a", "b"]},
+        {"text": "only a", "methods": ["a"]},
+    ]
 
 
 def test_the_same_results_give_the_same_bytes(tmp_path: Path) -> None:
@@ -187,20 +209,97 @@ def test_a_folder_adds_maps_and_pictures(photos: tuple[Path, list[Path]], tmp_pa
     np.testing.assert_allclose(sides, np.tile([87.5, 65.6], (30, 1)), atol=1)
     assert len(part["hardest"]) == 3
     titles = [[picture["title"] for picture in one["pictures"]] for one in part["hardest"]]
-    assert titles[0] == ["photo", "the place on the map", "first tile of first"]
-    assert len(page.unpack(found["first"])) == 2 * 30
+    assert titles[0] == ["photo", "the place on the map"]
+    assert len(page.unpack(found["ranked"])) == 5 * 2 * 30
 
 
-def test_first_tiles_are_those_of_the_records(
+def test_retrieved_tiles_are_those_of_the_records_and_hits_those_of_the_truth(
     photos: tuple[Path, list[Path]], tmp_path: Path
 ) -> None:
     data, results = photos
-    page = made_page(tmp_path, *results, "--data", data)
+    page = made_page(tmp_path, *results, "--data", data, "--pictures", 2)
+    part = page.sections[0]
+    found = part["maps"][0]
+    assert found["ranks"] == 5
+    tiles, codes = page.unpack(found["tiles"]), page.unpack(found["ranked"]).reshape(5, 2, -1)
+    bits = page.unpack(found["hits"]).reshape(2, -1)
+    answers = positives(data)
+    for row, method in enumerate(read_sections(results)[0].methods):
+        for rank in range(5):
+            named = method.records[f"tile@{rank + 1}"].tolist()
+            assert [tiles[code] for code in codes[rank, row]] == named
+            expected = [
+                t in answers[q] for q, t in zip(method.records["query"], named, strict=True)
+            ]
+            assert (bits[row] >> rank & 1).tolist() == expected
+        assert (bits[row] & 1).tolist() == method.records["recall@1"].tolist()
+    card, records = part["hardest"][0], read_sections(results)[0].methods[0].records
+    query = records["query"].iloc[card["row"]]
+    assert [tile["rank"] for tile in card["tiles"]] == [1, 2, 3, 4, 5]
+    for tile in card["tiles"]:
+        assert tile["title"] == records[f"tile@{tile['rank']}"].iloc[card["row"]]
+        assert tile["hit"] == (tile["title"] in answers[query])
+
+
+def positives(data: Path) -> dict[str, set[str]]:
+    """Read which tiles answer each query straight from the folder's files."""
+    [home] = (data / "park" / "scenes").iterdir()
+    tiles = pd.read_parquet(home / "retrieval" / "tiles.parquet")["id"].to_numpy()
+    queries = sorted(pd.read_csv(home / "queries.csv")["id"])
+    with np.load(home / "retrieval" / "positives.npz") as file:
+        ends, indices = file["offsets"][1:-1], file["tiles"]
+    return {
+        query: set(tiles[part])
+        for query, part in zip(queries, np.split(indices, ends), strict=True)
+    }
+
+
+def test_records_from_before_show_the_first_tile_that_they_have(
+    photos: tuple[Path, list[Path]], tmp_path: Path
+) -> None:
+    data, results = photos
+    new, old = read_scored(results)
+    names = [f"tile@{rank}" for rank in range(1, 6)]
+    records = old.records.drop(columns=[*names[1:], "ranked"]).rename(
+        columns={"tile@1": "first_tile"}
+    )
+    path = write_method(tmp_path / "old", Scored("old", old.result, records))
+    page = made_page(tmp_path, results[0], path, "--data", data, "--pictures", 1)
     found = page.sections[0]["maps"][0]
-    tiles, first = page.unpack(found["tiles"]), page.unpack(found["first"]).reshape(2, -1)
-    methods = read_sections(results)[0].methods
-    for row, method in enumerate(methods):
-        assert [tiles[code] for code in first[row]] == method.records["first_tile"].tolist()
+    tiles, codes = page.unpack(found["tiles"]), page.unpack(found["ranked"]).reshape(5, 2, -1)
+    assert [tiles[code] for code in codes[0, 1]] == old.records["tile@1"].tolist()
+    assert (codes[1:, 1] == len(tiles)).all()
+    assert [tiles[code] for code in codes[4, 0]] == new.records["tile@5"].tolist()
+    names_shown = [condition["name"] for condition in page.sections[0]["queries"]["conditions"]]
+    assert not {"first_tile", "ranked", *names} & set(names_shown)
+
+
+def test_tiles_of_very_many_lists_are_of_fewer_ranks_and_the_page_says_so(
+    photos: tuple[Path, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, results = photos
+    for most, ranks in ((2 * 30 * 5, 5), (2 * 30 * 5 - 1, 4), (2 * 30, 1), (2 * 30 - 1, 0)):
+        monkeypatch.setattr("airzoo_bench.report.sections._MOST_TILES", most)
+        part = made_page(tmp_path, *results, "--data", data, "--pictures", 1).sections[0]
+        assert part["maps"][0].get("ranks", 0) == ranks
+        assert len(part["hardest"][0]["tiles"]) == ranks
+        assert ("too many queries and methods" in part["tilesLeftOut"]) == (ranks < 5)
+
+
+def test_pictures_that_do_not_fit_are_left_out_with_a_note(
+    photos: tuple[Path, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, results = photos
+    part = made_page(tmp_path, *results, "--data", data, "--pictures", 2).sections[0]
+    sizes = [
+        sum(len(p["src"]) for p in card["pictures"] + card["tiles"]) for card in part["hardest"]
+    ]
+    monkeypatch.setattr("airzoo_bench.report.hardest._TOTAL_BYTES", sizes[0] + sizes[1] - 1)
+    out = tmp_path / "r.html"
+    done = run("report", *results, "--data", data, "--pictures", 2, "-o", out)
+    assert "no pictures of 1 of the 2 hardest queries of park-retrieval" in done.stderr
+    shown = [bool(card["pictures"]) for card in Page(out).sections[0]["hardest"]]
+    assert shown == [True, False]
 
 
 def test_without_the_folder_there_are_no_maps_and_a_note(tmp_path: Path) -> None:
@@ -229,7 +328,7 @@ def test_a_photo_that_is_gone_is_left_out(photos: tuple[Path, list[Path]], tmp_p
     finally:
         folder.with_name("moved").rename(folder)
     titles = {p["title"] for one in page.sections[0]["hardest"] for p in one["pictures"]}
-    assert titles == {"the place on the map", "first tile of first"}
+    assert titles == {"the place on the map"}
 
 
 def test_a_map_without_colours_is_left_out(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:
@@ -246,6 +345,7 @@ def test_a_map_without_colours_is_left_out(photos: tuple[Path, list[Path]], tmp_
     part = Page(tmp_path / "r.html").sections[0]
     assert part["maps"] == []
     assert {p["title"] for one in part["hardest"] for p in one["pictures"]} == {"photo"}
+    assert not any(one["tiles"] for one in part["hardest"])
 
 
 def test_records_that_were_changed_are_refused(tmp_path: Path) -> None:
@@ -275,6 +375,26 @@ def test_the_hardest_queries_are_worst_on_average_then_by_error() -> None:
     ]
     # Rows 1, 2, 4 are missed by both; by rank of error 2 leads, then 1, then 4; 3 leads 0.
     assert hardest_rows(Section(made), 5).tolist() == [2, 1, 4, 3, 0]
+    assert order_said(Section(made)) == (
+        "Worst first, by the mean over methods of R@1, "
+        "then by the mean over methods of its place among the queries by translation error [m]."
+    )
+    assert order_said(Section(made[:1])) == "Worst first, by R@1, then by translation error [m]."
+
+
+def test_what_is_said_of_the_order_of_errors_is_what_is_done() -> None:
+    # By the mean error row 0 would lead, and infinite means would tie; by the mean place row 2.
+    made = [
+        Scored(name, made_result(records, (ERROR,), name), records)
+        for name, errors in (("a", [900.0, 5, 40, 1]), ("b", [1.0, 2, 30, np.inf]))
+        for records in [pd.DataFrame({"scene": "s", "query": list("wxyz"), "error_m": errors})]
+    ]
+    section = Section(made)
+    assert hardest_rows(section, 4).tolist() == [2, 0, 3, 1]
+    assert order_said(section) == (
+        "Worst first, by the mean over methods of its place among the queries by "
+        "translation error [m]."
+    )
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=64), min_size=1, max_size=40))

@@ -1,9 +1,10 @@
 const page = JSON.parse(document.getElementById("page-data").textContent);
 const UNITS = { share: "%", m: "m", deg: "°" };
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
+const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "currentColor"];
 const ARRAYS = { "<u1": Uint8Array, "<u2": Uint16Array, "<i2": Int16Array, "<i4": Int32Array };
 const COLLATOR = new Intl.Collator("en", { numeric: true });
 const unpacked = new Map();
+const drawn = []; // promises of what is drawn late
 
 // Makes an element. Texts become text nodes: nothing in the data is ever read as HTML.
 function el(tag, attributes, ...children) {
@@ -37,6 +38,24 @@ function digits(value, count) {
 
 function shown(score, value) {
   return digits(score.unit === "share" ? 100 * value : value, 2);
+}
+
+// As many decimals as the size of a column's values asks for; counts and such have none.
+function decimalsOf(values) {
+  const finite = values.filter(Number.isFinite);
+  if (finite.every(Number.isInteger)) return 0;
+  const most = Math.max(...finite.map(Math.abs));
+  return most >= 1000 ? 0 : most >= 100 ? 1 : most >= 1 ? 2 : 4;
+}
+
+function spansDecades(score, finite) {
+  const [low, high] = [Math.min(...finite), Math.max(...finite)];
+  return score.unit !== "share" && low > 0 && high / low >= 30;
+}
+
+// For screen readers alone.
+function spoken(text) {
+  return el("span", { class: "sr" }, text);
 }
 
 function heading(score) {
@@ -102,9 +121,9 @@ function sortableTable(caption, columns, rows) {
   const body = el("tbody", {});
   const heads = columns.map((column, index) =>
     el("th", { scope: "col", class: column.text ? "text" : null, "aria-sort": "none" },
-      el("button", { type: "button", title: column.title, onclick: () => sortBy(index) }, column.title)));
+      el("button", { type: "button", class: column.title.length > 16 ? "long" : null, title: column.title, onclick: () => sortBy(index) }, column.title)));
   const node = el("div", { class: "scroll" },
-    el("table", {}, el("caption", {}, el("span", {}, caption)), el("thead", {}, el("tr", {}, heads)), body));
+    el("table", { class: columns.length > 10 ? "many" : null }, el("caption", {}, el("span", {}, caption)), el("thead", {}, el("tr", {}, heads)), body));
 
   function sortBy(index) {
     const first = columns[index].bestFirst === "descending";
@@ -126,8 +145,10 @@ function sortableTable(caption, columns, rows) {
 
   function cell(column, row, index) {
     const content = column.show(row);
+    const mark = column.mark ? column.mark(row) : "";
     const made = el(index === 0 ? "th" : "td",
-      { scope: index === 0 ? "row" : null, class: [column.text ? "text" : "", column.wide ? "wide" : "", column.mark ? column.mark(row) : ""].join(" ").trim() || null }, content);
+      { scope: index === 0 ? "row" : null, class: [column.text ? "text" : "", column.wide ? "wide" : "", mark].join(" ").trim() || null },
+      content, mark === "best" ? spoken(" (best)") : null);
     if (column.tint) made.style.backgroundColor = column.tint(row);
     return made;
   }
@@ -148,9 +169,11 @@ function bestOf(score, values) {
 function tintOf(score, values) {
   const finite = values.filter((value) => Number.isFinite(value));
   const [low, high] = [Math.min(...finite), Math.max(...finite)];
+  // As on the chart's axis: where errors span decades, one that is large must not hide the rest.
+  const spread = spansDecades(score, finite) ? Math.log : (value) => value;
   return (value) => {
     if (!Number.isFinite(value) || high === low) return "";
-    const level = (value - low) / (high - low);
+    const level = (spread(value) - spread(low)) / (spread(high) - spread(low));
     return `rgba(0, 114, 178, ${(0.42 * (score.higher ? level : 1 - level)).toFixed(3)})`;
   };
 }
@@ -162,6 +185,27 @@ function panel(section, name, title, ...children) {
 
 function goTo(section, name) {
   const target = document.getElementById(`${section.id}-${name}-h`);
-  target.scrollIntoView();
-  target.focus({ preventScroll: true });
+  if (target) reveal(target, target, "start");
+}
+
+// Moves the focus, for keyboards and screen readers, and the page no further than it must.
+function reveal(node, focused, block = "nearest") {
+  node.scrollIntoView({ block });
+  focused.focus({ preventScroll: true });
+}
+
+// A box that is opened and closed: Escape closes it too.
+function drillBox(id, title, close, ...children) {
+  const head = el("h4", { tabindex: "-1" }, title);
+  const box = el("div", { class: "drill", id, onkeydown: (event) => {
+    if (event.key !== "Escape") return;
+    event.stopPropagation();
+    close();
+  } }, head, ...children);
+  return { box, head };
+}
+
+// Unfolds what is long.
+function folded(count, most, title, node) {
+  return count > most ? el("details", {}, el("summary", {}, title), node) : node;
 }

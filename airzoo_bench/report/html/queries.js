@@ -1,4 +1,4 @@
-const ROW = 30;
+const ROW = matchMedia("(pointer: coarse), (max-width: 30rem)").matches ? 44 : 30; // as in style.css
 const SPARE = 8;
 
 // What the table of queries needs, unpacked once. Ids and texts come sorted: rows and codes order them.
@@ -32,14 +32,15 @@ function isHit(column) {
   return column.values.every((value) => value === 0 || value === 1);
 }
 
-function queriesView(section, open) {
+function queriesView(section) {
   const state = { text: "", scene: -1, outcome: "all", show: null, sort: null, descending: false, limits: new Map(), selected: -1 };
   const status = el("p", { class: "note", role: "status" });
   const head = el("div", { class: "grid-head", role: "row" });
   const body = el("div", { class: "grid-body", role: "rowgroup" });
   const grid = el("div", { class: "grid", role: "grid", tabindex: "0", "aria-label": "Queries: arrows move, Enter opens",
     onkeydown: keys, onscroll: paint }, head, body);
-  const detail = el("div", { "aria-live": "polite" });
+  const onPaper = el("p", { class: "note only-print" }, `Single queries are listed on the screen only.`);
+  const detail = el("div", {});
   let columns = [];
   let rows = new Int32Array(0);
 
@@ -55,7 +56,16 @@ function queriesView(section, open) {
   const show = choice("Columns", shows, (value) => { state.show = value; state.sort = null; refresh(); });
   const outcome = choice("Outcome", [["all", "All queries"]], (value) => { state.outcome = value; refresh(); });
   const more = el("details", { class: "no-print" }, el("summary", {}, "Filter by condition"));
-  open.queries = (place) => { state.scene = place; scene.select.value = String(place); goTo(section, "queries"); refresh(); };
+  section.listScene = (place) => { state.scene = place; scene.select.value = String(place); goTo(section, "queries"); visit(addressOf(section, "queries")); refresh(); };
+  section.open.query = async (id) => {
+    const loaded = await loadQueries(section);
+    const row = loaded.ids.indexOf(id);
+    if (row < 0) { detail.replaceChildren(unknown(section, "queries", `This part has no query ${id}.`)); return; }
+    state.selected = row;
+    bringIntoView(rows.indexOf(row));
+    await showChosen();
+  };
+  section.close.query = () => { detail.replaceChildren(); state.selected = -1; paint(); };
 
   async function start() {
     const loaded = await loadQueries(section);
@@ -68,7 +78,7 @@ function queriesView(section, open) {
     }
     more.append(el("div", { class: "controls" }, loaded.conditions.flatMap((column) => conditionFilter(column))));
     if (!loaded.conditions.length) more.remove();
-    refresh();
+    await refresh();
   }
 
   function conditionFilter(column) {
@@ -97,7 +107,7 @@ function queriesView(section, open) {
     rows = Int32Array.from(found);
     sortRows();
     drawHead();
-    status.textContent = `${rows.length.toLocaleString("en")} of ${section.queries.count.toLocaleString("en")} queries`;
+    status.textContent = `${rows.length.toLocaleString("en")} of ${section.queries.count.toLocaleString("en")} ${section.queries.count === 1 ? "query" : "queries"}`;
     grid.setAttribute("aria-rowcount", String(rows.length + 1));
     grid.scrollTop = 0;
     paint();
@@ -122,21 +132,29 @@ function queriesView(section, open) {
   }
 
   async function makeColumns(loaded) {
-    const made = [{ title: "Query", width: "16rem", value: (row) => row, show: (row) => loaded.ids[row] }];
+    const longest = loaded.ids.reduce((most, id) => Math.max(most, id.length), 0);
+    const made = [{ title: "Query", width: `min(var(--most-id), ${Math.max(8, 0.56 * longest + 1.6)}rem)`, value: (row) => row, show: (row) => loaded.ids[row] }];
     const index = Number(state.show.slice(1));
     const pairs = state.show[0] === "s" ? section.methods.map((method, number) => [method.name, scores[index], number])
       : scores.map((score) => [headingOfOne(score), score, index]);
     for (const [title, score, method] of pairs) {
       const column = await loadScore(section, score);
-      made.push({ title, width: "8.5rem", number: true, bestFirst: score.higher, value: (row) => valueOf(section, column, method, row),
-        show: (row) => (isHitCached(column) ? (valueOf(section, column, method, row) ? "✓ hit" : "✗ miss") : shown(score, valueOf(section, column, method, row))) });
+      made.push({ title, width: widthOf(title, 8), number: true, bestFirst: score.higher, value: (row) => valueOf(section, column, method, row),
+        show: (row) => (isHitCached(column) ? saidHit(valueOf(section, column, method, row)) : shown(score, valueOf(section, column, method, row))) });
     }
     for (const column of loaded.conditions) {
-      made.push({ title: column.title, width: "8.5rem", number: column.numeric,
+      const longest = column.numeric ? 7 : Math.max(...column.values.map((value) => value.length), 0);
+      made.push({ title: column.title, width: widthOf(column.title, longest), number: column.numeric,
         value: (row) => (column.numeric ? column.values[column.codes[row]] : column.codes[row]),
-        show: (row) => (column.numeric ? String(column.values[column.codes[row]]).replace("NaN", "–") : column.values[column.codes[row]]) });
+        show: (row) => saidCondition(column, row) });
     }
     return made;
+  }
+
+  // Room for the longest word of a heading and for its values.
+  function widthOf(title, longest) {
+    const word = Math.max(...title.split(" ").map((part) => part.length));
+    return `${Math.min(16, Math.max(6, 0.62 * Math.max(word, longest) + 2.4))}rem`;
   }
 
   function isHitCached(column) {
@@ -169,16 +187,29 @@ function queriesView(section, open) {
   function paint() {
     const first = Math.max(0, Math.floor(grid.scrollTop / ROW) - SPARE);
     const last = Math.min(rows.length, Math.ceil((grid.scrollTop + grid.clientHeight) / ROW) + SPARE);
-    const drawn = [];
+    const painted = [];
     for (let place = first; place < last; place += 1) {
       const row = rows[place];
-      const made = el("div", { class: "grid-row", role: "row", "aria-rowindex": place + 2, "aria-selected": String(row === state.selected), onclick: () => choose(place) },
-        columns.map((column) => el("div", { role: "gridcell", class: column.number ? "number" : null, title: column.show(row) }, column.show(row))));
+      const made = el("div", { class: "grid-row", role: "row", id: `${section.id}-row-${row}`, "aria-rowindex": place + 2, "aria-selected": String(row === state.selected), onclick: () => choose(place) },
+        columns.map((column, index) => el("div", { role: index ? "gridcell" : "rowheader", class: column.number ? "number" : null, title: column.show(row) },
+          index ? column.show(row) : el("span", {}, column.show(row)))));
       made.style.top = `${place * ROW}px`;
+      made.style.height = `${ROW}px`;
       made.style.gridTemplateColumns = body.dataset.columns;
-      drawn.push(made);
+      painted.push(made);
     }
-    body.replaceChildren(...drawn);
+    body.replaceChildren(...painted);
+    const chosen = document.getElementById(`${section.id}-row-${state.selected}`);
+    if (chosen) grid.setAttribute("aria-activedescendant", chosen.id);
+    else grid.removeAttribute("aria-activedescendant");
+  }
+
+  function bringIntoView(place) {
+    if (place < 0) return;
+    if (place * ROW < grid.scrollTop) grid.scrollTop = place * ROW;
+    const below = (place + 1) * ROW + head.offsetHeight + 16 - grid.clientHeight;
+    if (below > grid.scrollTop) grid.scrollTop = below;
+    paint();
   }
 
   function keys(event) {
@@ -190,66 +221,43 @@ function queriesView(section, open) {
       event.preventDefault();
       const next = Math.min(rows.length - 1, Math.max(0, now + steps[event.key]));
       state.selected = rows[next];
-      if (next * ROW < grid.scrollTop) grid.scrollTop = next * ROW;
-      const below = (next + 3) * ROW - grid.clientHeight;
-      if (below > grid.scrollTop) grid.scrollTop = below;
-      paint();
+      bringIntoView(next);
     } else if (event.key === "Enter" && now >= 0) {
       event.preventDefault();
       choose(now);
+    } else if (event.key === "Escape" && detail.firstChild) {
+      leave();
     }
   }
 
   async function choose(place) {
     state.selected = rows[place];
-    paint();
-    detail.replaceChildren(await queryDetail(section, state.selected, open));
+    const loaded = await loadQueries(section);
+    visit(addressOf(section, "query", loaded.ids[state.selected]));
+    await showChosen();
   }
 
-  start();
-  return panel(section, "queries", "Queries", el("div", { class: "controls" }, text.node, scene.node, outcome.node, show.node), more, status, grid,
-    el("p", { class: "note" }, "Values of queries are kept to four digits. Arrow keys move in the table, Enter opens a query."), detail);
+  async function showChosen() {
+    paint();
+    const row = state.selected;
+    const id = (await loadQueries(section)).ids[row];
+    const parts = await queryDetail(section, row);
+    if (state.selected !== row) return;
+    const { box, head: title } = drillBox(`${section.id}-query`, id, leave,
+      el("div", { class: "controls no-print" }, mapButton(section, row), el("button", { type: "button", onclick: leave }, "Close")),
+      pictureRow(section, row), ...parts);
+    detail.replaceChildren(box);
+    reveal(box, title);
+  }
+
+  function leave() {
+    detail.replaceChildren();
+    visit(addressOf(section, "queries"));
+    reveal(grid, grid);
+  }
+
+  drawn.push(start());
+  return panel(section, "queries", "Queries", el("div", { class: "controls" }, text.node, scene.node, outcome.node, show.node), more, status, grid, onPaper,
+    el("p", { class: "note" }, "Values of queries are kept to four digits. Arrow keys move in the table, Enter opens a query, Escape closes it. The address names the open query, to be sent."), detail);
 }
 
-async function queryDetail(section, row, open) {
-  const loaded = await loadQueries(section);
-  const columns = await Promise.all(section.queryScores.map((score) => loadScore(section, score)));
-  const facts = Object.fromEntries([["Scene", section.scenes[loaded.scene[row]].title],
-    ...loaded.conditions.map((column) => [column.title, String(column.values[column.codes[row]])])]);
-  const table = sortableTable("Scores of this query", [methodColumn(), ...scoreColumns(section,
-    section.queryScores.map((score) => section.scores.findIndex((other) => other.key === score.key)),
-    (found, index) => valueOf(section, columns[section.queryScores.findIndex((score) => score.key === section.scores[index].key)], found.index, row),
-    () => null, headingOfOne, false)], methodRows(section));
-  const place = loaded.scene[row];
-  const onMap = section.maps.some((map) => map.scene === section.scenes[place].id);
-  const pictures = (section.hardest.find((found) => found.row === row) || { pictures: [] }).pictures;
-  return el("div", { class: "drill" }, el("h4", {}, loaded.ids[row]), keyList(facts), pictureRow(pictures),
-    onMap && open.map ? el("div", { class: "controls no-print" }, el("button", { type: "button", onclick: () => open.map(place, row) }, "Show it on the map")) : null, table.node);
-}
-
-function pictureRow(pictures) {
-  if (!pictures.length) return null;
-  return el("div", { class: "pictures" }, pictures.map((picture) =>
-    el("figure", {}, el("img", { src: picture.src, alt: picture.title }), el("figcaption", {}, picture.title))));
-}
-
-function hardestView(section, open) {
-  const list = el("ol", { class: "cards" });
-  (async () => {
-    const loaded = await loadQueries(section);
-    const first = section.queryScores[0];
-    const column = await loadScore(section, first);
-    list.replaceChildren(...section.hardest.map((found) => {
-      const values = section.methods.map((_, method) => valueOf(section, column, method, found.row));
-      const said = isHit(column) ? `${first.title}: hit by ${values.filter((value) => value === 1).length} of ${values.length} methods`
-        : `${first.ofOne}: ${values.map((value) => shown(first, value)).join(", ")}`;
-      const more = el("details", {}, el("summary", {}, "Scores"));
-      more.addEventListener("toggle", async () => {
-        if (more.children.length === 1) more.append(await queryDetail(section, found.row, open));
-      });
-      return el("li", { class: "card" }, el("h4", {}, loaded.ids[found.row]), pictureRow(found.pictures), el("p", {}, said), more);
-    }));
-  })();
-  return panel(section, "hardest", "Hardest queries",
-    el("p", { class: "note" }, `Worst first, by the mean over methods of ${section.queryScores[0].ofOne}${section.queryScores[0].unit === "share" ? ", then by the error" : ""}.`), list);
-}

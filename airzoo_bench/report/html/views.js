@@ -58,7 +58,7 @@ function summaryView(section) {
 
   function draw() {
     const title = scopes.find(([value]) => String(value) === String(state.scope))[1];
-    table = methodsTable(section, state.scope, state.every, `${title}; ★ marks the best`);
+    table = methodsTable(section, state.scope, state.every, section.methods.length > 1 ? `${title}; ★ marks the best` : title);
     holder.replaceChildren(table.node);
     filter();
   }
@@ -75,16 +75,26 @@ function summaryView(section) {
   return panel(section, "summary", "Summary",
     el("div", { class: "controls" }, scope.node, name.node, every.node), holder,
     el("p", { class: "note" }, section.intervals.note),
-    el("ul", { class: "notes" }, section.notes.map((note) => el("li", {}, note))));
+    notesView(section));
+}
+
+function notesView(section) {
+  const every = section.methods.length;
+  const list = el("ul", { class: "notes" }, section.notes.map((note) =>
+    el("li", {}, `${note.methods.length === every && every > 1 ? "All methods" : note.methods.join(", ")}: ${note.text}`)));
+  return folded(section.notes.length, 6, `Notes on methods (${section.notes.length})`, list);
 }
 
 function scoreChoice(section, scores, onchange) {
   return choice("Score", scores.map((score) => [score.key, heading(score)]), onchange);
 }
 
-function scenesView(section, open) {
+function scenesView(section) {
   const holder = el("div", {});
   const drill = el("div", {});
+  let shownId = null;
+  section.open.scene = show;
+  section.close.scene = () => drill.replaceChildren();
 
   function draw(key) {
     const index = section.scores.findIndex((score) => score.key === key);
@@ -95,7 +105,7 @@ function scenesView(section, open) {
     const rows = section.scenes.map((scene, place) => ({ scene, place }));
     const columns = [
       { title: "Scene", text: true, value: (row) => row.scene.title,
-        show: (row) => el("button", { type: "button", class: "link", onclick: () => show(row.place) }, row.scene.title) },
+        show: (row) => el("button", { type: "button", class: "link", "data-scene": row.scene.id, onclick: () => open(row.scene.id) }, row.scene.title) },
       ...(section.byQuery ? [{ title: "Queries", value: (row) => row.scene.queries, show: (row) => String(row.scene.queries), bestFirst: "descending" }] : []),
       ...section.methods.map((method, number) => ({
         title: method.name, value: (row) => value(row.place, number), show: (row) => shown(score, value(row.place, number)),
@@ -106,25 +116,44 @@ function scenesView(section, open) {
     holder.replaceChildren(sortableTable(`${heading(score)} by scene and method; darker is better; a scene's name opens it`, columns, rows).node);
   }
 
-  function show(place) {
+  function open(id) {
+    visit(addressOf(section, "scene", id));
+    show(id);
+  }
+
+  function show(id) {
+    const place = section.scenes.findIndex((scene) => scene.id === id);
+    if (place < 0) { drill.replaceChildren(unknown(section, "scenes", `This part has no scene ${id}.`)); return; }
     const scene = section.scenes[place];
-    const title = el("h4", { tabindex: "-1" }, section.byQuery ? `${scene.title}: ${scene.queries} queries` : scene.title);
     const actions = el("div", { class: "controls no-print" },
-      section.queries && el("button", { type: "button", onclick: () => open.queries(place) }, "List its queries"),
-      section.maps.some((map) => map.scene === scene.id) && el("button", { type: "button", onclick: () => open.map(place, null) }, "Show it on the map"),
-      el("button", { type: "button", onclick: () => drill.replaceChildren() }, "Close"));
-    const box = el("div", { class: "drill", id: `${section.id}-scene` }, title, actions,
+      section.queries ? el("button", { type: "button", onclick: () => section.listScene(place) }, "List its queries") : null,
+      section.maps.some((map) => map.scene === scene.id) ? el("button", { type: "button", onclick: () => section.showScene(place) }, "Show it on the map") : null,
+      el("button", { type: "button", onclick: leave }, "Close"));
+    const { box, head } = drillBox(`${section.id}-scene`, section.byQuery ? `${scene.title}: ${scene.queries} queries` : scene.title, leave, actions,
       methodsTable(section, place, false, "Scores in this scene").node, countsTable(section, scene));
     if (section.breakdowns.length) box.append(el("h4", {}, "By condition"), conditionPicker(section, place + 1));
     drill.replaceChildren(box);
-    title.scrollIntoView();
-    title.focus({ preventScroll: true });
+    shownId = id;
+    reveal(box, head);
+  }
+
+  function leave() {
+    drill.replaceChildren();
+    visit(addressOf(section, "scenes"));
+    const row = [...holder.querySelectorAll("tbody button")].find((button) => button.dataset.scene === shownId);
+    if (row) reveal(row, row);
   }
 
   const scores = section.scores.filter((score) => score.headline);
   const score = scoreChoice(section, scores, draw);
   draw(scores[0].key);
   return panel(section, "scenes", "Scenes", el("div", { class: "controls" }, score.node), holder, drill);
+}
+
+// What an address asks for and is not here.
+function unknown(section, view, text) {
+  goTo(section, view);
+  return el("p", { class: "drill", role: "alert" }, text);
 }
 
 function countsTable(section, scene) {
@@ -173,7 +202,7 @@ function conditionPicker(section, fixed) {
     const scenes = [[0, "All scenes"], ...section.scenes.map((scene, index) => [index + 1, scene.title])];
     picks.push(choice("Scene", scenes, (value) => { state.scope = Number(value); draw(); }));
   }
-  draw();
+  drawn.push(draw());
   return el("div", {}, el("div", { class: "controls" }, picks.map((pick) => pick.node)), holder);
 }
 

@@ -1,0 +1,63 @@
+// What is told of one query: its conditions and scores.
+async function queryDetail(section, row) {
+  const loaded = await loadQueries(section);
+  const columns = await Promise.all(section.queryScores.map((score) => loadScore(section, score)));
+  const facts = Object.fromEntries([["Scene", section.scenes[loaded.scene[row]].title],
+    ...loaded.conditions.map((column) => [column.title, saidCondition(column, row)])]);
+  const table = sortableTable("Scores of this query", [methodColumn(), ...scoreColumns(section,
+    section.queryScores.map((score) => section.scores.findIndex((other) => other.key === score.key)),
+    (found, index) => valueOf(section, columns[section.queryScores.findIndex((score) => score.key === section.scores[index].key)], found.index, row),
+    () => null, headingOfOne, false)], methodRows(section));
+  return [keyList(facts), table.node];
+}
+
+function saidCondition(column, row) {
+  const value = column.values[column.codes[row]];
+  if (!column.numeric) return value === "" ? "unknown" : value;
+  if (column.decimals === undefined) column.decimals = decimalsOf(column.values);
+  return digits(value, column.decimals);
+}
+
+function mapButton(section, row) {
+  const place = section.queries.loaded.scene[row];
+  const onMap = section.maps.some((map) => map.scene === section.scenes[place].id);
+  return onMap ? el("button", { type: "button", class: "no-print", onclick: () => section.showScene(place, row) }, "Show it on the map") : null;
+}
+
+function pictureRow(section, row) {
+  const found = section.hardest.find((one) => one.row === row);
+  if (!found || !found.pictures.length) return null;
+  const large = found.pictures.map((picture) =>
+    el("figure", {}, el("img", { src: picture.src, alt: picture.title }), el("figcaption", {}, picture.title)));
+  const tiles = found.tiles.map((tile) => el("li", { class: tile.hit ? "frame-hit" : "frame-miss" },
+    el("img", { src: tile.src, alt: `Tile ${tile.title}, rank ${tile.rank}`, title: tile.title }), el("span", {}, `${tile.rank} ${saidHit(tile.hit)}`)));
+  return el("div", {}, el("div", { class: "pictures" }, large),
+    tiles.length ? el("p", { class: "note" }, `First tiles of ${section.methods[0].name}:`) : null, tiles.length ? el("ul", { class: "frames" }, tiles) : null);
+}
+
+function hardestView(section) {
+  const list = el("ol", { class: "cards" });
+  const first = section.queryScores[0];
+
+  function values(column, row) {
+    const found = section.methods.map((method, number) => [method.name, valueOf(section, column, number, row)]);
+    const hit = isHit(column);
+    const said = found.map(([name, value]) => el("li", {}, el("span", {}, name), el("b", {}, hit ? saidHit(value) : shown(first, value))));
+    const head = hit ? `${first.title}: hit by ${found.filter(([, value]) => value === 1).length} of ${found.length} methods` : headingOfOne(first);
+    return [el("p", {}, head), folded(found.length, 6, `Each of ${found.length} methods`, el("ul", { class: "values" }, said))];
+  }
+
+  drawn.push((async () => {
+    const loaded = await loadQueries(section);
+    const column = await loadScore(section, first);
+    list.replaceChildren(...section.hardest.map(({ row }) => {
+      const more = el("details", { class: "no-print" }, el("summary", {}, "Conditions and all scores"));
+      more.addEventListener("toggle", async () => {
+        if (more.children.length === 1) more.append(...(await queryDetail(section, row)));
+      });
+      return el("li", { class: "card" }, el("h4", {}, linkTo(section, "query", loaded.ids[row], loaded.ids[row])),
+        pictureRow(section, row), ...values(column, row), mapButton(section, row), more);
+    }));
+  })());
+  return panel(section, "hardest", "Hardest queries", el("p", { class: "note" }, section.hardestOrder), list);
+}

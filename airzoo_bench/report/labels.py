@@ -1,0 +1,69 @@
+"""What pictures call scores and results: titles with units, and the small print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from airzoo_bench.errors import first_of
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.records import Scored
+from airzoo_bench.result import ScoreColumn
+
+__all__ = ["axis_label", "error_label", "over_scenes", "shown_value", "small_print", "who"]
+
+_UNITS = {"share": "%", "m": "m", "deg": "°"}
+# Tables have room for a word; a picture found alone must say what was measured.
+_ERRORS = {
+    "error_m": "translation error",
+    "horizontal_m": "horizontal error",
+    "vertical_m": "vertical error",
+    "rotation_deg": "rotation error",
+    "distance_m": "distance of the first tile",
+    "chamfer_m": "Chamfer distance",
+    "accuracy_m": "accuracy",
+    "completeness_m": "completeness",
+}
+_NAMED = 6
+
+
+def error_label(score: ScoreColumn) -> str:
+    """Name what one query or scene has, with its unit: ``translation error [m]``."""
+    return f"{_ERRORS.get(score.key, score.title)} [{_UNITS[score.unit]}]"
+
+
+def axis_label(score: ScoreColumn) -> str:
+    """Name a score with its unit: ``R@1 [%]``, ``median translation error [m]``."""
+    is_median = score.average == "median" and score.key in _ERRORS
+    return f"median {error_label(score)}" if is_median else error_label(score)
+
+
+def shown_value(score: ScoreColumn, values: Floats) -> Floats:
+    """Turn shares into percent; other values stay."""
+    scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
+    return scaled
+
+
+def over_scenes(methods: Sequence[Scored]) -> str:
+    """Say that values are means over scenes, where there are several."""
+    return ", mean over scenes" if len(methods[0].result.scenes) > 1 else ""
+
+
+def small_print(methods: Sequence[Scored]) -> str:
+    """Say what a picture is of, wherever it is found: benchmark, protocol, queries, scenes."""
+    result = methods[0].result
+    truth, protocol = result.truth, result.protocol
+    scenes = _count(len(result.scenes), "scene", "scenes")
+    measured = scenes
+    if result.track != "reconstruction":
+        measured = f"{_count(len(methods[0].records), 'query', 'queries')} in {scenes}"
+    used = f"protocol {protocol.name} v{protocol.version}"
+    return f"{truth.benchmark} v{truth.version}, {used}: {measured}"
+
+
+def _count(number: int, one: str, several: str) -> str:
+    return f"{number} {one if number == 1 else several}"
+
+
+def who(names: Sequence[str]) -> str:
+    """List names, of many the first few."""
+    return ", ".join(names) if len(names) <= _NAMED else first_of(names)

@@ -1,0 +1,254 @@
+"""Around a picture: its width, a title on demand, the legend, and small print below."""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from airzoo_bench.errors import UsageError
+from airzoo_bench.report.figures import NO_ROOM, any_letters, label_text, series_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import RendererAgg
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+
+__all__ = [
+    "MOST_IN_LEGEND",
+    "Sheet",
+    "finish",
+    "new_canvas",
+    "parse_width",
+    "renderer_of",
+    "wrapped",
+]
+
+MOST_IN_LEGEND = 40
+"""More methods than these are drawn, but not named."""
+
+_NARROW_IN = 5.0
+_LEAST_IN, _MOST_IN = 2.0, 40.0
+_CM = 2.54
+_POINTS = 72.0
+_GAP_IN = 0.06
+_LINE = 1.3
+_SMALL = 0.72
+_LETTER = 0.53  # the mean width of a letter, in sizes of the font
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """How a picture is laid out, and what is written around it.
+
+    Attributes
+    ----------
+    width_in : float, optional
+        Inches; where it is not given, as wide as the content asks for.
+    title : str
+        Above the picture; empty for none.
+    notes : tuple of str
+        Small print below.
+    """
+
+    width_in: float | None = None
+    title: str = ""
+    notes: tuple[str, ...] = ()
+
+    def wide(self, usual: float) -> float:
+        """Return the width in inches: the one asked for, else the usual one of the content."""
+        return usual if self.width_in is None else self.width_in
+
+    def font(self, usual: float) -> float:
+        """Return the size of the font in points: smaller where a picture fills one column."""
+        return 9.5 if self.wide(usual) >= _NARROW_IN else 7.5
+
+    def noting(self, *notes: str) -> Sheet:
+        """Return the sheet with more small print; empty notes are none."""
+        more = tuple(note for note in notes if note)
+        return Sheet(self.width_in, self.title, (*self.notes, *more))
+
+
+def parse_width(text: str) -> float:
+    """Turn ``8.4cm`` or ``3.3in`` into inches.
+
+    Raises
+    ------
+    UsageError
+        It is no width, or not between 2 and 40 inches.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(cm|in)", text.strip().lower())
+    if not found:
+        raise UsageError(f"--width {text!r} is no width", expected="such as 3.3in or 8.4cm")
+    width = float(found[1]) / (_CM if found[2] == "cm" else 1.0)
+    if not _LEAST_IN <= width <= _MOST_IN:
+        raise UsageError(
+            f"--width {text} is too {'small' if width < _LEAST_IN else 'large'}",
+            expected=f"between {_LEAST_IN:g}in and {_MOST_IN:g}in",
+        )
+    return width
+
+
+def new_canvas(width_in: float, height_in: float) -> Figure:
+    """Return an empty figure, without pyplot's global state; `finish` adds to its height."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def renderer_of(figure: Figure) -> RendererAgg:
+    """Return what measures text."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)
+    renderer: RendererAgg = canvas.get_renderer()
+    return renderer
+
+
+def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
+    """Set the size of text, and write legend, small print and title around the picture.
+
+    The figure grows by what they need: the picture itself keeps its height, whatever stands
+    around it.
+
+    Parameters
+    ----------
+    figure : Figure
+    sheet : Sheet
+    names : sequence of str
+        Of methods, for the legend; empty for none.
+    lines : bool
+        Whether the legend shows a method's line, or its marker alone.
+    """
+    size = sheet.font(figure.get_figwidth())
+    _set_fonts(figure, size)
+    if len(names) > MOST_IN_LEGEND:
+        sheet = sheet.noting(f"{len(names) - MOST_IN_LEGEND} more methods are not named")
+    notes = _wrapped(figure, sheet.notes, _SMALL * size)
+    title = [label_text(sheet.title)] if sheet.title else []
+    with any_letters():
+        legend = _add_legend(figure, names[:MOST_IN_LEGEND], lines, size - 1)
+        key = legend.get_window_extent(renderer_of(figure)).height / figure.dpi if legend else 0.0
+    below = len(notes) * _SMALL * size * _LINE / _POINTS + (_GAP_IN if notes else 0.0)
+    above = len(title) * size * 1.6 / _POINTS + 0.5 * _GAP_IN
+    height = figure.get_figheight() + below + key + above
+    figure.set_figheight(height)
+    bottom = (below + key + (_GAP_IN if legend else 0.0)) / height
+    engine: Any = figure.get_layout_engine()
+    engine.set(rect=(0, bottom, 1, 1 - bottom - above / height))
+    if legend:
+        legend.set_bbox_to_anchor((0.5, below / height), transform=figure.transFigure)
+    edge, gap = _GAP_IN / figure.get_figwidth(), 0.5 * _GAP_IN / height
+    if notes:
+        figure.text(
+            edge,
+            gap,
+            "\n".join(notes),
+            fontsize=_SMALL * size,
+            color="0.3",
+            va="bottom",
+            linespacing=1.15,
+        )
+    if title:
+        figure.text(0.5, 1 - gap, title[0], fontsize=size, va="top", ha="center")
+
+
+def check_room(figure: Figure) -> None:
+    """Refuse a picture whose labels leave no room for its axes.
+
+    Raises
+    ------
+    UsageError
+        It is too narrow.
+    """
+    try:
+        with any_letters():
+            warnings.filterwarnings("error", NO_ROOM, UserWarning)
+            figure.draw_without_rendering()
+    except UserWarning:
+        raise UsageError(
+            f"{figure.get_figwidth():g} inches are too narrow for this picture's labels",
+            mend="give a larger --width, or fewer results",
+        ) from None
+
+
+def wrapped(label: str, room_in: float, size: float) -> str:
+    """Break the label of an axis into lines that are no longer than the axis."""
+    return "\n".join(textwrap.wrap(label, max(10, int(room_in * _POINTS / (size * _LETTER)))))
+
+
+def slant(axes: Axes, longest: int, slot_pt: float, size: float) -> None:
+    """Slant the names below an axis, and let the figure grow by what they need.
+
+    Parameters
+    ----------
+    axes : Axes
+    longest : int
+        Letters of the longest name.
+    slot_pt : float
+        How far names stand apart; where that is little they stand on end.
+    size : float
+        Of the font.
+    """
+    turn = 45 if slot_pt > 1.8 * size else 90
+    for text in axes.get_xticklabels():
+        text.set(rotation=turn, ha="right", va="center", rotation_mode="anchor")
+    figure = axes.get_figure(root=True)
+    if figure is not None:
+        more = longest * _LETTER * size * math.sin(math.radians(turn)) / _POINTS
+        figure.set_figheight(figure.get_figheight() + more)
+
+
+def _set_fonts(figure: Figure, size: float) -> None:
+    for axes in figure.axes:
+        axes.xaxis.label.set_fontsize(size)
+        axes.yaxis.label.set_fontsize(size)
+        axes.title.set_fontsize(size)
+        axes.tick_params(axis="both", which="both", labelsize=size - 1)
+
+
+def _wrapped(figure: Figure, notes: Sequence[str], size: float) -> list[str]:
+    letters = int(figure.get_figwidth() * _POINTS / (size * _LETTER))
+    return [
+        line.replace("$", r"\$") for note in notes for line in textwrap.wrap(note, width=letters)
+    ]
+
+
+def _add_legend(figure: Figure, names: Sequence[str], lines: bool, size: float) -> Legend | None:
+    """Add the legend in as many columns as are no wider than the figure."""
+    from matplotlib.lines import Line2D
+
+    if not names:
+        return None
+    plain = {} if lines else {"linestyle": "none"}
+    handles = [
+        Line2D([], [], markersize=4.5, linewidth=1.4, **(series_style(number) | plain))
+        for number in range(len(names))
+    ]
+    width = figure.get_figwidth() * figure.dpi
+    for columns in range(min(4, len(names)), 0, -1):
+        legend = figure.legend(
+            handles,
+            [label_text(name) for name in names],
+            loc="lower center",
+            bbox_to_anchor=(0.5, 0.0),
+            ncols=columns,
+            fontsize=size,
+            frameon=False,
+            borderpad=0.2,
+            borderaxespad=0.0,
+            handlelength=2.6 if lines else 1.2,
+            labelspacing=0.35,
+        )
+        if columns == 1 or legend.get_window_extent(renderer_of(figure)).width <= width:
+            return legend
+        legend.remove()
+    return None

@@ -1,0 +1,248 @@
+"""Pictures of marks: intervals, heat map, conditions; and what is infinite in each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from airzoo_bench.errors import UsageError
+from airzoo_bench.report import draw
+from airzoo_bench.report.by_condition import draw_by_condition
+from airzoo_bench.report.figures import figure_bytes
+from airzoo_bench.report.marks import side_by_side
+from airzoo_bench.report.overview import draw_heat_map, draw_intervals
+from airzoo_bench.report.sheet import Sheet, check_room
+from airzoo_bench.statistics.breakdown_layout import breakdown_table
+from airzoo_bench.statistics.samples import Plan
+from tests.report.made import HOSTILE, reconstruction_method, retrieval_method
+from tests.statistics.support import CHAMFER, ERROR, HIT
+
+INF, NAN = np.inf, np.nan
+
+
+def texts_of(figure: Figure) -> str:
+    return "\n".join(text.get_text() for text in figure.texts)
+
+
+def marks_of(axes: Axes) -> list[tuple[float, float]]:
+    """Return the places of filled and open round marks."""
+    found = []
+    for line in axes.lines:
+        if line.get_marker() == "o":
+            found += list(zip(line.get_xdata(), line.get_ydata(), strict=True))
+    return [(float(x), float(y)) for x, y in found]
+
+
+def test_intervals_stand_in_order_and_in_percent() -> None:
+    limits = np.array([[0.1, 0.3], [NAN, NAN], [0.4, 0.6]])
+    figure = draw_intervals(["a", "b", "c"], np.array([0.2, 0.9, 0.5]), limits, HIT, "")
+    axes = figure.axes[0]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["a", "c", "b"]
+    bars = [np.asarray(x.get_xdata()) for x in axes.lines if x.get_linewidth() > 2]
+    np.testing.assert_allclose(bars, [[10, 30], [40, 60]])
+
+
+def test_an_infinite_value_is_an_open_mark_beyond_a_break() -> None:
+    limits = np.array([[3.0, INF], [1.0, 4.0]])
+    figure = draw_intervals(["a", "b"], np.array([INF, 2.0]), limits, ERROR, "")
+    axes, band = figure.axes
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["a", "b"]
+    assert [text.get_text() for text in band.get_xticklabels()] == ["infinite"]
+    assert marks_of(axes) == [(2.0, 1.0)]
+    assert marks_of(band) == [(0.0, 0.0)]
+    assert next(x for x in band.lines if x.get_marker() == "o").get_markerfacecolor() == "white"
+    [arrow] = axes.texts
+    assert arrow.xyann == (3.0, 0)
+    assert axes.get_xlim()[1] > 4
+
+
+def test_all_finite_needs_no_band() -> None:
+    none = np.full((1, 2), NAN)
+    assert len(draw_intervals(["a"], np.array([0.5]), none, HIT, "").axes) == 1
+    assert len(draw_by_condition(["a"], np.array([[1.0]]), ["x"], [1], ERROR, "").axes) == 1
+
+
+def test_intervals_over_decades_go_by_powers_of_ten() -> None:
+    limits = np.array([[0.4, 0.6], [90.0, 120.0]])
+    axes = draw_intervals(["a", "b"], np.array([0.5, 100.0]), limits, ERROR, "").axes[0]
+    assert axes.get_xscale() == "log"
+
+
+def test_a_picture_without_intervals_says_why() -> None:
+    said = texts_of(draw.intervals([reconstruction_method("a", 0)], HIT_OF_RECONSTRUCTION))
+    assert "no interval: only 3 scenes" in said
+    assert "bars" not in said
+    assert "bars: 95 % interval, BCa, 10000" in texts_of(
+        draw.intervals([retrieval_method("a", 0)], HIT)
+    )
+
+
+def test_who_has_no_interval_is_named() -> None:
+    full, other = retrieval_method("full", 0), retrieval_method("other", 1)
+    full.records["recall@1"] = 1.0
+    said = texts_of(draw.intervals([full, other], HIT))
+    assert "no interval of full: all queries are alike" in said
+
+
+def test_a_brighter_cell_is_better() -> None:
+    for score, factor, best in ((ERROR, 1, 0), (HIT, 100, 1)):
+        values = np.array([[0.2, 0.9]])
+        image = draw_heat_map(["a"], ["x", "y"], values, score).axes[0].images[0]
+        np.testing.assert_allclose(np.ma.getdata(image.get_array()), factor * values)
+        light = image.to_rgba(factor * values)[0, :, :3].sum(axis=1)
+        assert light.argmax() == best
+
+
+def test_infinite_cells_are_hatched_and_colours_are_of_the_others() -> None:
+    values = np.array([[1.0, 9.0], [5.0, INF]])
+    figure = draw_heat_map(["a", "b"], ["x", "y"], values, ERROR)
+    axes, bar = figure.axes
+    [cell] = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert (cell.get_xy(), cell.get_hatch()) == ((0.5, 0.5), "////")
+    assert axes.images[0].get_clim() == (1, 9)
+    assert [text.get_text() for text in axes.texts] == ["1.00", "9.00", "5.00", "inf"]
+    assert "translation" in bar.get_ylabel()
+    assert "[m] ↓" in bar.get_ylabel().replace("\n", " ")
+    assert "hatched: infinite" in texts_of(figure)
+
+
+@pytest.mark.parametrize(
+    ("score", "values", "limits"),
+    [
+        (CHAMFER, [6.41, 6.37], (5.588, 7.191)),  # a quarter of 6.41, around 6.39
+        (HIT, [0.5, 0.52], (46, 56)),
+        (HIT, [0.99, 1.0], (90, 100)),
+        (HIT, [0.0, 0.0], (0, 10)),
+        (ERROR, [0.0, 0.0], (-0.5, 0.5)),
+    ],
+)
+def test_values_nearly_alike_look_alike(score: Any, values: list[float], limits: Any) -> None:
+    figure = draw_heat_map(["a"], ["x", "y"], np.array([values]), score)
+    np.testing.assert_allclose(figure.axes[0].images[0].get_clim(), limits, atol=1e-3)
+
+
+def test_errors_over_decades_are_coloured_by_powers_of_ten() -> None:
+    figure = draw_heat_map(["a"], ["x", "y"], np.array([[0.1, 50.0]]), ERROR)
+    assert isinstance(figure.axes[0].images[0].norm, LogNorm)
+
+
+def test_all_infinite_needs_no_scale() -> None:
+    figure = draw_heat_map(["a"], ["x", "y"], np.array([[INF, INF]]), ERROR)
+    assert len(figure.axes) == 1
+    figure_bytes(figure, "png")
+    none = np.full((1, 2), NAN)
+    figure_bytes(draw_intervals(["a"], np.array([INF]), none, ERROR, ""), "png")
+
+
+def test_numbers_in_cells_stand_out_from_their_ground() -> None:
+    values = np.linspace(0, 1, 21)[None]
+    axes = draw_heat_map(["a"], [f"s{n}" for n in range(21)], values, HIT).axes[0]
+    ground = axes.images[0].to_rgba(100 * values)[0, :, :3]
+    linear = np.where(ground <= 0.04045, ground / 12.92, ((ground + 0.055) / 1.055) ** 2.4)
+    light = linear @ (0.2126, 0.7152, 0.0722)
+    for text, level in zip(axes.texts, light, strict=True):
+        ratio = 1.05 / (level + 0.05) if text.get_color() == "white" else (level + 0.05) / 0.05
+        assert ratio >= 4.5  # WCAG 2.2, success criterion 1.4.3
+
+
+def test_a_condition_shows_counts_and_its_infinite_values_above() -> None:
+    values = np.array([[0.5, INF, 7.0]])
+    labels = ["low", "mid", "high"]
+    figure = draw_by_condition(["a"], values, labels, [3, 4, 5], ERROR, "altitude [m]")
+    axes, band = figure.axes
+    ticks = [text.get_text() for text in axes.get_xticklabels()]
+    assert ticks == ["low\nn = 3", "mid\nn = 4", "high\nn = 5"]
+    assert axes.get_ylabel() == "median translation error [m]"
+    points = next(line for line in axes.lines if line.get_label() == "a").get_ydata()
+    np.testing.assert_allclose(np.asarray(points, float), [0.5, NAN, 7.0])
+    assert marks_of(band) == [(1.0, 0.0)]
+    assert [text.get_text() for text in band.get_yticklabels()] == ["infinite"]
+
+
+def test_whiskers_are_the_intervals_of_breakdown() -> None:
+    method = retrieval_method("a", 0)
+    axes = draw.condition([method], HIT, "weather").axes[0]
+    found = [np.asarray(x.get_ydata()) for x in axes.lines if x.get_linewidth() == 0.9]
+    table = breakdown_table([method], [HIT], "weather", plan=Plan())
+    spans = [row.cells[-1].uncertainty for row in table.rows]
+    wanted = [[span.low, span.high] for span in spans]
+    np.testing.assert_allclose(found, np.array(wanted, float))
+
+
+def test_an_infinite_limit_is_an_arrow_to_the_edge() -> None:
+    limits = np.array([[[1.0, INF], [1.0, 3.0]]])
+    values = np.array([[2.0, 2.0]])
+    axes = draw_by_condition(["a"], values, ["x", "y"], [9, 9], ERROR, "", limits).axes[0]
+    [arrow] = axes.texts
+    assert arrow.xyann == (0.0, 1.0)
+    assert arrow.xy == (0.0, 1.0)  # of the axes: the upper edge
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [([1.0, 90.0], "linear"), ([1.0, 110.0], "log"), ([0.0, 1.0, 110.0], "symlog")],
+)
+def test_errors_over_two_decades_go_by_powers_of_ten(values: list[float], scale: str) -> None:
+    labels = [f"{n}" for n in range(len(values))]
+    counts = [1] * len(values)
+    figure = draw_by_condition(["a"], np.array([values]), labels, counts, ERROR, "")
+    assert figure.axes[0].get_yscale() == scale
+
+
+def test_why_a_condition_has_no_intervals() -> None:
+    said = texts_of(draw.condition([retrieval_method("a", 0, queries=6)], HIT, "weather"))
+    assert "no intervals: each group has fewer than 5 queries" in said
+    said = texts_of(draw.condition([retrieval_method("a", 0)], HIT, "weather"))
+    assert "whiskers: 95 % intervals, BCa" in said
+
+
+def test_marks_that_meet_stand_side_by_side_in_the_order_of_methods() -> None:
+    shifts = side_by_side(np.array([50.0, 0.0, NAN, 1.0, 0.5, 51.0]), 2.0)
+    np.testing.assert_allclose(shifts, [-0.5, -1, 0, 0, 1, 0.5])
+
+
+def test_many_hostile_long_and_narrow() -> None:
+    names = [HOSTILE, "_x", *(f"a method with a name of its own, {n}" for n in range(18))]
+    values = np.linspace(0.1, 1, 600).reshape(20, 30)
+    labels = [f"a group with many words {n} $x$" for n in range(30)]
+    for width in (3.3, None):
+        sheet = Sheet(width)
+        figures = [
+            draw_by_condition(names, values, labels, [7] * 30, HIT, "weather", sheet=sheet),
+            draw_heat_map(names, labels, values, HIT, sheet),
+            draw_intervals(names, values[:, 0], np.full((20, 2), NAN), HIT, "", sheet),
+        ]
+        for figure in figures:
+            check_room(figure)
+            assert len(figure_bytes(figure, "png")) > 4000
+            assert figure.get_figheight() < 16
+
+
+def test_places_are_round_numbers_whatever_the_solver_of_the_layout_finds() -> None:
+    values = np.array([[0.5, INF]])
+    for figure in (
+        draw_by_condition(["a"], values, ["x", "y"], [1, 1], ERROR, ""),
+        draw_heat_map(["a"], ["x", "y"], values, ERROR),
+    ):
+        figure_bytes(figure, "svg")
+        for axes in figure.axes:
+            bounds = np.array(axes.get_position(original=True).bounds)
+            np.testing.assert_allclose(bounds, np.round(bounds, 5), atol=1e-12)
+
+
+def test_labels_that_leave_no_room_are_refused() -> None:
+    names = ["a method with a rather long name"]
+    figure = draw_heat_map(names, ["x"], np.array([[0.5]]), ERROR, Sheet(0.9))
+    with pytest.raises(UsageError, match="too narrow"):
+        check_room(figure)
+
+
+HIT_OF_RECONSTRUCTION = next(
+    column for column in reconstruction_method("a", 0).result.columns if column.headline
+)
