@@ -152,7 +152,12 @@ def _units_note(scores: Sequence[ScoreColumn]) -> str:
     by_unit: dict[str, dict[str, None]] = {}
     for score in scores:
         by_unit.setdefault(score_column(score).unit, {})[score.title] = None
-    return "; ".join(f"{', '.join(titles)} in {unit}" for unit, titles in by_unit.items())
+    most = max(by_unit, key=lambda unit: len(by_unit[unit]))
+    rest = by_unit.pop(most)
+    named = [f"{', '.join(titles)} in {unit}" for unit, titles in by_unit.items()]
+    # Where units differ, naming those of the fewer scores is enough.
+    others = "all other scores" if named else ", ".join(rest)
+    return "; ".join([*named, f"{others} in {most}"])
 
 
 _Key = tuple[str, bool, int]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -38,7 +39,8 @@ def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False)
     width : int
         Of the terminal, in characters.
     styled : bool
-        Write bold, underlined and grey by escape sequences.
+        For eyes: bold, underlined and grey by escape sequences, and notes wrapped at the width. In a
+        pipe every note is one line.
     """
     from rich.console import Console
 
@@ -57,7 +59,22 @@ def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False)
         )
         console.print(part.drawn())
         shown += out.getvalue()
-    return shown + "".join(f"  {plain(note)}\n" for note in table.all_notes)
+    return shown + "".join(_note(plain(note), width, styled) for note in table.all_notes)
+
+
+def _note(text: str, width: int, wrapped: bool) -> str:
+    indented = f"{' ' * _EDGE}{text}"
+    if not wrapped:
+        return f"{indented}\n"
+    hanging = " " * 2 * _EDGE
+    lines = textwrap.wrap(
+        indented,
+        max(width, 40),
+        subsequent_indent=hanging,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _title(table: Table) -> list[str]:

@@ -1,7 +1,11 @@
-"""Remake docs/gallery.md: run its commands, replace what they print, and take its pictures.
+"""Remake a page of docs: run its commands, replace what they print, and take its pictures.
+
+    python docs/remake.py                                         docs/gallery.md
+    python docs/remake.py docs/brighton.md --home DIR             DIR holds the photos, as brighton/
 
 A block that begins with ``$ `` is a transcript: each such line is run, and what follows it becomes
-what it prints, to both streams. A comment ``picture`` above an image says what it is taken of::
+what it prints, to both streams. ``$ export A=B`` holds for the rest of the page. A comment
+``picture`` above an image says what it is taken of::
 
     <!-- picture: figure recall.png -->                       a file that a command drew
     <!-- picture: latex airzoo-bench table ... -->            the typeset page of what it prints
@@ -18,6 +22,7 @@ import base64
 import io
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -35,17 +40,17 @@ NEEDED = ("airzoo-bench", "pdflatex", "pdftoppm", "chromium", "chromedriver")
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 TRANSCRIPT = re.compile(r"^```\n(\$ .*?)^```$", re.MULTILINE | re.DOTALL)
 PICTURE = re.compile(r"<!-- picture: (\w+) (.+?) -->\n!\[[^\]]*\]\((images/gallery-[\w-]+\.png)\)")
-WIDTH, SCREEN_PX, BORDER_PX, MOST_BYTES = 100, 1000, 12, 120_000
+SCREEN_PX, BORDER_PX, MOST_BYTES = 1000, 12, 120_000
 
 
 def run(command: str, home: Path, *, may_find: bool = False) -> str:
     """Return what a shell command prints in a folder; exit code 1 may be an audit's finding."""
-    environment = os.environ | {"COLUMNS": str(WIDTH), "AIRZOO_BENCH_DATA": "data"}
+    if command.startswith("export "):
+        os.environ.update(dict(pair.split("=", 1) for pair in shlex.split(command)[1:]))
     done = subprocess.run(
         command,
         shell=True,
         cwd=home,
-        env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -151,21 +156,23 @@ def keep(image: Image.Image, path: Path) -> None:
 
 
 def main() -> None:
-    """Remake the gallery; the world of an earlier run is used where a folder is named."""
+    """Remake a page; what an earlier run has made is used where a folder is named."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("page", type=Path, nargs="?", default=DOCS / "gallery.md")
     parser.add_argument("--home", type=Path, help="where to work (default: a temporary folder)")
     parser.add_argument("--text", action="store_true", help="leave the pictures as they are")
     asked = parser.parse_args()
-    missing = [name for name in NEEDED if shutil.which(name) is None]
+    needed = NEEDED[:1] if asked.text else NEEDED
+    missing = [name for name in needed if shutil.which(name) is None]
     if missing:
         sys.exit(f"not installed: {', '.join(missing)}")
-    page = DOCS / "gallery.md"
+    os.environ["COLUMNS"] = "80"
     with tempfile.TemporaryDirectory() as made:
         home = (asked.home or Path(made)).resolve()
         home.mkdir(parents=True, exist_ok=True)
-        text = page.read_text(encoding="utf-8")
+        text = asked.page.read_text(encoding="utf-8")
         text = TRANSCRIPT.sub(lambda block: f"```\n{transcript(block[1], home)}```", text)
-        page.write_text(text, encoding="utf-8")
+        asked.page.write_text(text, encoding="utf-8")
         for kind, what, file in [] if asked.text else PICTURE.findall(text):
             keep(taken(kind, what, home), DOCS / file)
 
