@@ -203,6 +203,19 @@ def test_notes_belong_to_the_numbers() -> None:
         assert "3 queries are missing" in render(made, form), form
 
 
+def test_notes_wrap_for_eyes_and_not_in_a_pipe() -> None:
+    note = "words " * 30 + "and " + "x" * 90
+    made = table(("a", 1.0, 2.0), notes=(note,))
+    assert f"\n  {note}\n" in render(made, "terminal")
+    shown = render(made, "terminal", width=60, styled=True).splitlines()
+    at = next(number for number, line in enumerate(shown) if "words" in line)
+    lines = shown[at:]
+    assert " ".join(" ".join(lines).split()) == note
+    assert lines[0].startswith("  words")
+    assert all(line.startswith("    ") for line in lines[1:])
+    assert [line.strip() for line in lines if len(line) > 60] == ["x" * 90]
+
+
 def test_one_result_by_scene() -> None:
     made = scenes_table(result(), every_score=True)
     assert made.texts() == [

@@ -139,6 +139,13 @@ def test_a_score_that_one_track_has(files: list[Path], capsys: pytest.CaptureFix
     assert "no score 'R@7'" in capsys.readouterr().err
 
 
+def test_units_are_named_for_the_fewer_scores(
+    files: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "  Error in m; all other scores in %\n" in printed(capsys, *files)
+    assert "  R@1 in %\n" in printed(capsys, files[0], files[2], "--layout", "benchmarks")
+
+
 def test_notes_say_of_which_benchmark_they_are(
     files: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
