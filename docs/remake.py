@@ -11,6 +11,7 @@ what it prints, to both streams. ``$ export A=B`` holds for the rest of the page
     <!-- picture: latex airzoo-bench table ... -->            the typeset page of what it prints
     <!-- picture: html airzoo-bench table ... -->             what it prints, in a browser
     <!-- picture: page report.html #part1-summary 1000 -->    an element of a page, so many px wide
+    <!-- picture: page report.html#part1-map=x #part1-map 1000 -->    of the page at an address
 
 Needs pdflatex, pdftoppm, chromium and chromedriver, and Selenium.
 """
@@ -39,7 +40,9 @@ DOCS = Path(__file__).resolve().parent
 NEEDED = ("airzoo-bench", "pdflatex", "pdftoppm", "chromium", "chromedriver")
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 TRANSCRIPT = re.compile(r"^```\n(\$ .*?)^```$", re.MULTILINE | re.DOTALL)
-PICTURE = re.compile(r"<!-- picture: (\w+) (.+?) -->\n!\[[^\]]*\]\((images/gallery-[\w-]+\.png)\)")
+PICTURE = re.compile(
+    r"<!-- picture: (\w+) (.+?) -->\n!\[[^\]]*\]\((images/gallery-[\w-]+\.(?:png|jpg))\)"
+)
 SCREEN_PX, BORDER_PX, MOST_BYTES = 1000, 12, 120_000
 
 
@@ -94,8 +97,8 @@ def trimmed(image: Image.Image) -> Image.Image:
 
 
 @contextmanager
-def opened(page: Path, width: int) -> Iterator[Any]:
-    """Open a page in a browser whose window is so many px wide."""
+def opened(page: str, width: int) -> Iterator[Any]:
+    """Open an address in a browser whose window is so many px wide."""
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
@@ -106,7 +109,7 @@ def opened(page: Path, width: int) -> Iterator[Any]:
     try:
         size = {"width": width, "height": SCREEN_PX, "deviceScaleFactor": 1, "mobile": width < 600}
         driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-        driver.get(page.as_uri())
+        driver.get(page)
         drawn = "return Promise.all([...document.images].map((i) => i.decode().catch(() => null)))"
         driver.execute_script(drawn)
         time.sleep(1)  # maps are drawn after the page
@@ -115,7 +118,7 @@ def opened(page: Path, width: int) -> Iterator[Any]:
         driver.quit()
 
 
-def screenshot(page: Path, selector: str, width: int) -> Image.Image:
+def screenshot(page: str, selector: str, width: int) -> Image.Image:
     """Return an element of a page, or its upper part where it is higher than a screen."""
     with opened(page, width) as driver:
         element = driver.find_element("css selector", selector)
@@ -140,14 +143,18 @@ def taken(kind: str, what: str, home: Path) -> Image.Image:
     if kind == "html":
         page = home / "table.html"
         page.write_text(f"<!DOCTYPE html><meta charset=utf-8>{run(what, home)}", encoding="utf-8")
-        return screenshot(page, "body", 800)
-    file, selector, width = what.split()
-    return screenshot(home / file, selector, int(width))
+        return screenshot(page.as_uri(), "body", 800)
+    address, selector, width = what.split()
+    file, sign, place = address.partition("#")
+    return screenshot((home / file).as_uri() + sign + place, selector, int(width))
 
 
 def keep(image: Image.Image, path: Path) -> None:
-    """Write a picture without its empty margin, in as many colours as are small enough."""
+    """Write a picture without its empty margin, a drawing in as few colours as keep it small."""
     image = trimmed(image)
+    if path.suffix == ".jpg":
+        image.save(path, quality=75, optimize=True)
+        return
     for colours in (128, 64, 32, 16):
         image.quantize(colours, dither=Image.Dither.NONE).save(path, optimize=True)
         if path.stat().st_size <= MOST_BYTES:

@@ -16,8 +16,8 @@ __all__ = ["table"]
 
 def table(
     results: Annotated[
-        list[Path], typer.Argument(help="One or more result.json, or folders that hold one.")
-    ],
+        list[Path] | None, typer.Argument(help="One or more result.json, or their folders.")
+    ] = None,
     form: FormatOption = Format.TERMINAL,
     layout: Annotated[
         Layout | None,
@@ -39,6 +39,10 @@ def table(
     published: Annotated[
         bool, typer.Option("--published", help="Add rows of published numbers, marked as such.")
     ] = False,
+    protocol: Annotated[
+        str | None,
+        typer.Option(help="With --published, instead of results: print what is published on it."),
+    ] = None,
     mark_published: Annotated[
         bool, typer.Option("--mark-published", help="Let published rows compete for the marks.")
     ] = False,
@@ -89,11 +93,14 @@ def table(
     Example: airzoo-bench table results/*/result.json --format latex
 
     Example: airzoo-bench table */result.json --layout scenes --published -f latex --standalone
+
+    Example: airzoo-bench table --published --protocol uav-visloc-retrieval --layout scenes
     """
     from airzoo_bench.tables.latex import LatexStyle
 
     request = TableRequest(
-        results=tuple(results),
+        results=tuple(results or ()),
+        protocol=protocol,
         layout=layout,
         scene=scene,
         every_score=every_score,

@@ -79,6 +79,8 @@ class Making:
         from airzoo_bench.tables.entries import board_of
 
         wanted = self.request.scores
+        if self.request.protocol is not None:
+            return [self._published_alone(self.request.protocol)]
         parts = _by_protocol(self.results)
         boards = [
             board_of(
@@ -128,11 +130,30 @@ class Making:
         scene = self.request.scene
         return [OVERALL if scene is None else find_scene(board, scene)]
 
+    def _published_alone(self, protocol: str) -> Board:
+        from airzoo_bench.benchmark import data_root
+        from airzoo_bench.cli.published_board import empty_board
+
+        wanted = self.request.scores
+        every_score = self.request.every_score or bool(wanted)
+        board = empty_board(protocol, data_root(), every_score=every_score)
+        _check_scores(board.scores, wanted)
+        board = self._beside_published(replace(board, scores=_chosen(board.scores, wanted)))
+        if not board.entries:
+            raise UsageError(
+                f"nothing is published on {board.benchmark} ({board.track})",
+                where=f"--protocol {protocol}",
+                expected="a protocol of a benchmark of a paper's tables",
+                mend="see `airzoo-bench protocols`",
+            )
+        printed = {key for e in board.entries for part in e.values.values() for key in part}
+        if wanted:
+            return board
+        return replace(board, scores=tuple(s for s in board.scores if s.key in printed))
+
     def _with_published(self, board: Board, result: Result) -> Board:
         from airzoo_bench.published import published_tables, shipped_fingerprints
-        from airzoo_bench.tables.entries import with_published
 
-        by_scene = self.layout is Layout.SCENES or self.request.scene is not None
         tables = published_tables(board.benchmark, board.track)
         shipped = shipped_fingerprints(board.benchmark, board.track)
         if tables and result.protocol.fingerprint not in shipped:
@@ -141,6 +162,14 @@ class Making:
                 "something else"
             )
             board = board.noted(note, legend=True)
+        return self._beside_published(board)
+
+    def _beside_published(self, board: Board) -> Board:
+        from airzoo_bench.published import published_tables
+        from airzoo_bench.tables.entries import with_published
+
+        by_scene = self.layout is Layout.SCENES or self.request.scene is not None
+        tables = published_tables(board.benchmark, board.track)
         return with_published(board, tables, by_scene=by_scene)
 
     def _marked(self, made: Table) -> Table:
@@ -165,7 +194,8 @@ class Making:
         return add_citations(made, self.request.citations, sources)
 
     def _rule_of_marks(self, made: Table) -> list[str]:
-        if not any(row.reported for row in made.rows):
+        # Among reported rows alone there is nothing to tell apart.
+        if len({bool(row.reported) for row in made.rows}) < 2:
             return []
         who = "all rows" if self.request.mark_published else "the rows that were scored here"
         return [f"the best of each score is that of {who}"]

@@ -31,6 +31,7 @@ class TableRequest:
     """The options of the command that change what a table says; see there."""
 
     results: tuple[Path, ...]
+    protocol: str | None = None
     layout: Layout | None = None
     scene: str | None = None
     every_score: bool = False
@@ -60,11 +61,33 @@ class TableRequest:
         from airzoo_bench.result import read_result
         from airzoo_bench.result_files import result_paths
 
+        if self.protocol is not None or not self.results:
+            return self._of_published()
         paths = result_paths(self.results)
         results = [read_result(path) for path in paths]
         layout = self.layout or self._usual_layout(results)
         self._check(layout, results)
         return Making(self, layout, paths, tuple(results)).table()
+
+    def _of_published(self) -> Table:
+        """Lay out what is published on a protocol, without results."""
+        from airzoo_bench.cli.table_making import Making
+
+        if self.results or self.protocol is None or not self.published:
+            raise UsageError(
+                "results name their own protocol" if self.results else "nothing to lay out",
+                expected="result files, or --published with --protocol and no results",
+                mend="such as `airzoo-bench table --published --protocol uav-visloc-retrieval`",
+            )
+        if self.intervals:
+            raise UsageError("--intervals needs results", mend="leave it out, or name results")
+        layout = self.layout or Layout.METHODS
+        self._check(layout, ())
+        if layout not in (Layout.METHODS, Layout.SCENES):
+            raise UsageError(
+                f"layout {layout} is for results", mend="choose --layout methods or scenes"
+            )
+        return Making(self, layout, (), ()).table()
 
     def _usual_layout(self, results: Sequence[Result]) -> Layout:
         if len({result.protocol.name for result in results}) > 1:

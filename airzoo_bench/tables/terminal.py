@@ -39,8 +39,8 @@ def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False)
     width : int
         Of the terminal, in characters.
     styled : bool
-        For eyes: bold, underlined and grey by escape sequences, and notes wrapped at the width. In a
-        pipe every note is one line.
+        For eyes: bold, underlined and grey by escape sequences, and notes wrapped at the width.
+        Otherwise every note is one line.
     """
     from rich.console import Console
 

@@ -1,0 +1,63 @@
+"""The board of a protocol without results: what is published on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.protocol import (
+    MatchingProtocol,
+    Protocol,
+    ReconstructionProtocol,
+    RetrievalProtocol,
+    find_protocol,
+)
+from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.result import score_columns
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.tables.entries import Board
+
+if TYPE_CHECKING:
+    from airzoo_bench.scores import Score
+
+__all__ = ["empty_board"]
+
+
+def empty_board(name: str, data: Path, *, every_score: bool) -> Board:
+    """Return a board with the scores and scenes of a protocol, and no entry.
+
+    Parameters
+    ----------
+    name : str
+        Name or path of the protocol.
+    data : Path
+        Where benchmark folders are found, which may have protocols of their own.
+    every_score : bool
+        Take all scores instead of the headline ones.
+
+    Raises
+    ------
+    ProtocolError
+        There is no such protocol.
+    """
+    protocol = find_protocol(name, data)
+    columns = score_columns(_scores(protocol))
+    return Board(
+        f"{protocol.name} v{protocol.version}",
+        protocol.benchmark,
+        protocol.track,
+        tuple(column for column in columns if every_score or column.headline),
+        {scene.id: scene.title for scene in protocol.scenes},
+        {},
+        (),
+    )
+
+
+def _scores(protocol: Protocol) -> list[Score]:
+    if isinstance(protocol, RetrievalProtocol):
+        return retrieval_scores(protocol.scores)
+    if isinstance(protocol, MatchingProtocol):
+        return matching_scores(protocol.scores)
+    assert isinstance(protocol, ReconstructionProtocol)
+    return reconstruction_scores(protocol.scores, with_poses=False)
