@@ -15,7 +15,8 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field
 
 from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.table import Printed, read_published
+from airzoo_bench.printed.cells import Printed
+from airzoo_bench.printed.table import read_published
 from airzoo_bench.protocol import load_protocol, shipped_protocols
 from airzoo_bench.settings import Name, Strict
 from airzoo_bench.validation import nearest, read_toml, validated

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
+from fractions import Fraction
 from itertools import combinations, permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.printed.table import Printed, Published
+from airzoo_bench.printed.cells import Printed, Published
 
-__all__ = ["check_agreement", "check_misplaced_rows"]
+__all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 
 Row = list[Printed]
 RowKey = tuple[str, ...]
@@ -21,7 +22,7 @@ _LEFT = "nothing is printed in two tables"
 
 
 def _scene(cell: Printed) -> str:
-    return _SUMMARY if cell.is_summary else cell.scene
+    return _SUMMARY if cell.is_summary and not cell.is_pooled else cell.scene
 
 
 def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome:
@@ -33,20 +34,63 @@ def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome
     reported : set of int
         Lines of which it is already known that they are wrong: not said again.
     """
-    groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.score.name))
-    pairs = [
-        (first, second)
-        for cells in groups.values()
-        for first, second in combinations(cells, 2)
-        if first.table != second.table
-    ]
+    pairs = _pairs(published)
     findings = [
         _differ(first, second)
         for first, second in pairs
         if not _agree(first, second) and not reported & {first.line, second.line}
     ]
     what = "pairs of one number in two tables, whether both say the same"
-    return Outcome("agreement", len(pairs), what, "" if pairs else _LEFT, tuple(findings))
+    cells = tuple(cell for pair in pairs for cell in pair)
+    left = "" if pairs else _LEFT
+    return Outcome("agreement", len(pairs), what, left, tuple(findings), cells=cells)
+
+
+def _pairs(published: Published) -> list[tuple[Printed, Printed]]:
+    """Return one number in two tables each."""
+    groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.score.name))
+    return [
+        (first, second)
+        for cells in groups.values()
+        for first, second in combinations(cells, 2)
+        if first.table != second.table
+    ]
+
+
+def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
+    """Say of which two tables several numbers differ, and which findings that is.
+
+    Parameters
+    ----------
+    published : Published
+    findings : iterable of Finding
+        Of all checks.
+    """
+    tables: dict[tuple[str, str], list[tuple[Printed, Printed]]] = {}
+    for pair in _pairs(published):
+        tables.setdefault((pair[0].table, pair[1].table), []).append(pair)
+    found = [(f.cell, f.grade) for f in findings if f.check in ("average", "agreement", "row")]
+    said = []
+    for (one, other), pairs in tables.items():
+        apart = [pair for pair in pairs if _gap(*pair) > 1]
+        lines = {(cell.table, cell.line) for pair in apart for cell in pair}
+        of_this = sum(
+            (cell.table, cell.line) in lines and grade is Grade.INCONSISTENT
+            for cell, grade in found
+        )
+        if len(apart) > 1 and of_this > 1:
+            said.append(
+                f"{len(apart)} of the {len(pairs)} numbers that both {one or 'one table'} and "
+                f"{other or 'another'} print differ by more than the last digit: {of_this} of the "
+                "inconsistencies are this one fact"
+            )
+    return said
+
+
+def _gap(first: Printed, second: Printed) -> Fraction:
+    """How far two numbers are apart, in last digits of the coarser one."""
+    step = 2 * max(first.number.half, second.number.half)
+    return abs(first.number.value - second.number.value) / step
 
 
 def _agree(first: Printed, second: Printed) -> bool:
@@ -58,9 +102,7 @@ def _agree(first: Printed, second: Printed) -> bool:
 
 
 def _differ(first: Printed, second: Printed) -> Finding:
-    gap = abs(first.number.value - second.number.value)
-    step = 2 * max(first.number.half, second.number.half)
-    grade = Grade.ROUNDING if gap <= step else Grade.INCONSISTENT
+    grade = Grade.ROUNDING if _gap(first, second) <= 1 else Grade.INCONSISTENT
     other = second.table or "another place"
     why = (
         f"the same number is printed {first.number.text} here and {second.number.text} in {other}, "
@@ -91,7 +133,9 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
     tables = len({row[0].table for row in compared})
     left = _LEFT if tables < 2 else ""
     what = "rows, whether another table prints one under another method's name"
-    return Outcome("row", 0 if left else len(compared), what, left, tuple(findings))
+    cells = () if left else tuple(cell for row in compared for cell in row)
+    tested = 0 if left else len(compared)
+    return Outcome("row", tested, what, left, tuple(findings), cells=cells)
 
 
 def _key(cell: Printed) -> RowKey:

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from airzoo_bench.audit.agreement_checks import check_agreement, check_misplaced_rows
+from airzoo_bench.audit.agreement_checks import check_agreement, check_misplaced_rows, overview
 from airzoo_bench.audit.average_checks import check_averages
 from airzoo_bench.audit.count_checks import check_counts
-from airzoo_bench.audit.findings import Audit
+from airzoo_bench.audit.findings import Audit, Grade
 from airzoo_bench.audit.mark_checks import check_bold, check_gains
-from airzoo_bench.audit.order_checks import check_medians, check_order, check_ranges
+from airzoo_bench.audit.order_checks import check_medians, check_order, check_ranges, check_units
 from airzoo_bench.audit.precision_checks import check_average_precision, define_average_precision
-from airzoo_bench.audit.queries import resolve_queries
+from airzoo_bench.audit.queries import resolve_queries, row_of
 from airzoo_bench.audit.reconstruction_checks import check_chamfer, check_f1
 from airzoo_bench.errors import first_of
+from airzoo_bench.printed.cells import Published
 from airzoo_bench.printed.scores import Family
-from airzoo_bench.printed.table import Published
 
 __all__ = ["audit"]
 
@@ -48,20 +48,34 @@ def audit(
     """
     # Numbers of queries from recalls alone tell which average precision it is, so that nothing is
     # proved by itself; that then tells more of the numbers of queries.
-    by_recalls, _ = resolve_queries(published, counts or {}, {})
-    definitions = define_average_precision(published, by_recalls, variant)
-    variants = {name: d.variant for name, d in definitions.items() if d.variant}
-    queries, conclusions = resolve_queries(published, counts or {}, variants)
-    counted = check_counts(published, queries)
-    averages = check_averages(published, queries, variants)
-    off = {finding.cell.line for finding in averages.findings}
-    outcomes = (
+    within_rows = (
         check_ranges(published),
-        replace(counted, conclusions=(*conclusions, *counted.conclusions)),
-        *check_average_precision(published, queries, definitions),
         check_order(published),
         check_medians(published),
         check_f1(published),
+    )
+    doubtful = {
+        row_of(finding.cell)
+        for outcome in within_rows
+        for finding in outcome.findings
+        if finding.grade is Grade.IMPOSSIBLE
+    }
+    by_recalls, _ = resolve_queries(published, counts or {}, {}, doubtful)
+    definitions = define_average_precision(published, by_recalls, variant, doubtful)
+    variants = {name: d.variant for name, d in definitions.items() if d.variant}
+    queries, conclusions = resolve_queries(published, counts or {}, variants, doubtful)
+    counted = check_counts(published, queries)
+    averages = check_averages(published, queries, variants)
+    off = {finding.cell.line for finding in averages.findings}
+    ranges, order, medians, f1 = within_rows
+    outcomes = (
+        ranges,
+        check_units(published),
+        replace(counted, conclusions=(*conclusions, *counted.conclusions)),
+        *check_average_precision(published, queries, definitions, doubtful),
+        order,
+        medians,
+        f1,
         check_chamfer(published),
         averages,
         check_agreement(published, off),
@@ -69,15 +83,19 @@ def audit(
         check_gains(published),
         check_bold(published),
     )
-    return Audit(published.source, len(published.cells), outcomes, tuple(_notes(published)))
+    findings = [finding for outcome in outcomes for finding in outcome.findings]
+    said = tuple(overview(published, findings))
+    return Audit(published.source, len(published.cells), outcomes, tuple(_notes(published)), said)
 
 
 def _notes(published: Published) -> list[str]:
-    notes = []
+    notes = list(published.notes)
     if published.unused_columns:
         notes.append("columns not used: " + ", ".join(published.unused_columns))
     unknown = dict.fromkeys(
-        cell.score.name for cell in published.cells if cell.score.family is Family.OTHER
+        cell.score.name
+        for cell in published.cells
+        if cell.score.family is Family.OTHER and cell.score.higher_is_better is None
     )
     if unknown:
         notes.append(

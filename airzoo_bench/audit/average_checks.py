@@ -8,10 +8,10 @@ from fractions import Fraction
 from airzoo_bench.audit.averages import Averaged, example_text, has_common_weights, shown_mean
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
+from airzoo_bench.printed.cells import Printed, Published, grouped
 from airzoo_bench.printed.counts import counted_share
 from airzoo_bench.printed.numbers import Interval, decimal_text, mean_interval
 from airzoo_bench.printed.scores import Family
-from airzoo_bench.printed.table import Printed, Published, grouped
 
 __all__ = ["check_averages"]
 
@@ -42,6 +42,7 @@ def check_averages(
     conclusions: list[Conclusion] = []
     summaries = [cell for cell in published.cells if cell.is_summary]
     same = grouped(summaries, _identity)
+    compared: list[Printed] = []
     tested = loose = 0
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
         made = [_averaged(cell, scenes, queries, exact) for cell in cells]
@@ -55,10 +56,13 @@ def check_averages(
             pooled = _is_pooled(kind) or (pooled and not kind[0].is_weighed)
             free = len(kind) if pooled and not kind[0].is_weighed else 0
             tested, loose = tested + len(kind) - free, loose + free
+            compared += [cell for a in kind for cell in (a.cell, *a.scenes)]
             judged = (_judge(a, same[_identity(a.cell)], pooled=pooled) for a in kind)
             findings.extend(finding for finding in judged if finding)
     left = _left(len(summaries), tested, loose)
-    return Outcome(_CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions))
+    return Outcome(
+        _CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions), tuple(compared)
+    )
 
 
 def _left(summaries: int, tested: int, loose: int) -> str:
@@ -133,6 +137,8 @@ def _is_pooled(known: Sequence[Averaged]) -> bool:
     Where that cannot be computed, they are so unless most are means over scenes and no weights of
     the scenes explain all of them.
     """
+    if known[0].cell.is_pooled:
+        return True
     over_scenes = sum(average.fits_scenes for average in known)
     if known[0].is_weighed:
         return sum(average.fits_queries for average in known) > over_scenes

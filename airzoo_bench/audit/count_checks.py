@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
+from airzoo_bench.printed.cells import Printed, Published, grouped
 from airzoo_bench.printed.counts import count_text, is_cut, possible_counts
 from airzoo_bench.printed.numbers import decimal_text
 from airzoo_bench.printed.scores import Family
-from airzoo_bench.printed.table import Printed, Published, grouped
 
 __all__ = ["Share", "check_counts", "judge_shares"]
 
@@ -68,10 +68,12 @@ def check_counts(published: Published, queries: Mapping[Key, Queries]) -> Outcom
     shares = [Share(c, queries[key_of(c)], 1, queries[key_of(c)].is_given) for c in known]
     findings, conclusions = judge_shares(_CHECK, shares)
     scenes = {key_of(cell) for cell in known}
-    what = f"shares of queries in {len(scenes)} scenes, whether each is a whole number of queries"
+    number = "1 scene" if len(scenes) == 1 else f"{len(scenes)} scenes"
+    what = f"shares of queries in {number}, whether each is a whole number of queries"
     unknown = [cell for cell in of_scenes if key_of(cell) not in queries]
     left = _left(len(hits) - len(of_scenes), unknown) if hits else _NONE
-    return Outcome(_CHECK, len(shares), what, left, tuple(findings), tuple(conclusions))
+    said = tuple(conclusions)
+    return Outcome(_CHECK, len(shares), what, left, tuple(findings), said, tuple(known))
 
 
 def _left(averages: int, unknown: Sequence[Printed]) -> str:
@@ -82,8 +84,8 @@ def _left(averages: int, unknown: Sequence[Printed]) -> str:
         scenes = dict.fromkeys(cell.place for cell in unknown)
         names = ", ".join(list(scenes)[:3]) + (" ..." if len(scenes) > 3 else "")
         parts.append(
-            f"{len(unknown)} shares in {names}, whose number of queries is not known and the "
-            "values do not tell: give it by --counts"
+            f"{len(unknown)} {'share' if len(unknown) == 1 else 'shares'} in {names}, whose number "
+            "of queries is not known and the values do not tell: give it by --counts"
         )
     return "; ".join(parts)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from airzoo_bench.printed.table import Printed
+from airzoo_bench.printed.cells import Printed
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 __all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table"]
@@ -68,6 +68,8 @@ class Outcome:
         What could not be checked and why; empty where nothing was left.
     findings : tuple of Finding
     conclusions : tuple of Conclusion
+    cells : tuple of Printed
+        The values that were held against others, or against what is known.
     """
 
     check: str
@@ -76,6 +78,7 @@ class Outcome:
     left: str = ""
     findings: tuple[Finding, ...] = ()
     conclusions: tuple[Conclusion, ...] = ()
+    cells: tuple[Printed, ...] = ()
 
     @property
     def text(self) -> str:
@@ -100,13 +103,16 @@ class Audit:
     outcomes : tuple of Outcome
         One for each check.
     notes : tuple of str
-        What of the file was not used.
+        What of the file was not used, or read otherwise than it stands there.
+    overview : tuple of str
+        What many findings have in common.
     """
 
     source: str
     cells: int
     outcomes: tuple[Outcome, ...]
     notes: tuple[str, ...]
+    overview: tuple[str, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -132,7 +138,15 @@ class Audit:
     def summary(self) -> str:
         """All in one line."""
         counts = ", ".join(f"{self.count(grade)} {grade.value}" for grade in Grade)
-        return f"{self.source}: {counts}, in {self.cells} values"
+        if self.checked == self.cells:
+            return f"{self.source}: {counts}, in {self.cells} values"
+        told = f"only {self.checked} of {self.cells}" if self.checked else f"none of {self.cells}"
+        return f"{self.source}: {counts}; {told} values could be checked, apart from their range"
+
+    @property
+    def checked(self) -> int:
+        """How many values were held against others, or against what is known."""
+        return len({id(cell) for outcome in self.outcomes for cell in outcome.cells})
 
     def count(self, grade: Grade) -> int:
         """Return the number of findings of one grade."""
@@ -151,7 +165,7 @@ def audit_table(audit: Audit) -> Table:
     columns = tuple(Column(title) for title in [*heads, "Printed", "Why"])
     rows = [_finding_row(finding, tables) for finding in audit.findings]
     checked = (f"checked, {outcome.check}: {outcome.text}" for outcome in audit.outcomes)
-    notes = (*checked, *map(_note, audit.conclusions), *audit.notes)
+    notes = (*audit.overview, *checked, *map(_note, audit.conclusions), *audit.notes)
     return Table(audit.summary, columns, tuple(rows), notes)
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.printed.cells import Printed, Published
 from airzoo_bench.printed.numbers import Rounded, decimal_text
-from airzoo_bench.printed.table import Printed, Published
 
 __all__ = ["check_bold", "check_gains"]
 
@@ -73,6 +73,7 @@ def check_gains(published: Published) -> Outcome:
     }
     printed = [_Gain(cell, cell.gain, None) for cell in published.cells if cell.gain]
     unexplained = 0
+    compared: list[Printed] = []
     for (table, method), own in _by_method(printed).items():
         beside = [(gain, columns[table, *_column(gain.cell)]) for gain in own]
         base = _baseline(method, beside)
@@ -80,13 +81,14 @@ def check_gains(published: Published) -> Outcome:
         place = ", ".join(filter(None, (table, method)))
         conclusions.append(Conclusion(_GAIN, place, _gains_text(base, gains)))
         unexplained += len(gains) if base is None else 0
+        compared += [cell for gain in gains for cell in (gain.cell, gain.base) if base and cell]
         findings.extend(finding for gain in gains if base and (finding := _judge(gain, base)))
     left = f"gains over no method of the table: {unexplained}" if unexplained else ""
     what = "printed gains, whether they are the difference of the printed values"
     if not printed:
         left = "no gain is printed"
     tested = len(printed) - unexplained
-    return Outcome(_GAIN, tested, what, left, tuple(findings), tuple(conclusions))
+    return Outcome(_GAIN, tested, what, left, tuple(findings), tuple(conclusions), tuple(compared))
 
 
 def _by_method(gains: Sequence[_Gain]) -> dict[tuple[str, str], list[_Gain]]:
@@ -148,7 +150,7 @@ def _gains_text(base: str | None, gains: Sequence[_Gain]) -> str:
     if base is None:
         return f"no method of the table explains more than half of {len(gains)} gains"
     explained = sum(gain.is_explained for gain in gains)
-    return f"gains are over {base}: so {explained} of {len(gains)} are right to the last digit"
+    return f"gains are over {base}: {explained} of {len(gains)} are right up to the last digit"
 
 
 def _judge(gain: _Gain, base: str) -> Finding | None:
@@ -178,26 +180,27 @@ def _difference_text(gain: _Gain, base: Printed) -> str:
 def check_bold(published: Published) -> Outcome:
     """Find bold values that are not the best of their column, and best ones that are not bold.
 
-    Only in tables that print something bold, and for scores whose better direction is known. Of
-    several that share the best printed value, one is to be bold at least: which is best before
-    rounding, the table does not say.
+    Only in columns that print something bold, since averages alone may be marked, and for scores
+    whose better direction is known. Of several that share the best printed value, one is to be bold
+    at least: which is best before rounding, the table does not say.
     """
     what = "columns, whether the best is bold and nothing else"
     if not published.has_bold:
         return Outcome("bold", 0, what, "the file does not say what is bold")
-    bold_tables = {cell.table for cell in published.cells if cell.bold}
     columns = published.by(lambda c: (c.table, *_column(c))).values()
-    judged = [c for c in columns if c[0].table in bold_tables and _is_race(c)]
-    left = [
-        f"{number} columns {why}"
-        for number, why in (
-            (sum(c[0].table not in bold_tables for c in columns), "of tables without bold"),
-            (sum(not _is_race(c) for c in columns), "of one method or an unknown score"),
-        )
-        if number
-    ]
+    races = [column for column in columns if _is_race(column)]
+    judged = [column for column in races if any(cell.bold for cell in column)]
+    plain = [column for column in races if column not in judged]
+    left = []
+    if plain:
+        places = list(dict.fromkeys(f"{c[0].score.name} of {c[0].place}" for c in plain))
+        shown = ", ".join(places[:3]) + (" ..." if len(places) > 3 else "")
+        left.append(f"{len(plain)} columns in which nothing is bold ({shown})")
+    if len(races) < len(columns):
+        left.append(f"{len(columns) - len(races)} columns of one method or an unknown score")
     findings = [finding for column in judged for finding in _judge_column(column)]
-    return Outcome("bold", len(judged), what, " and ".join(left), tuple(findings))
+    cells = tuple(cell for column in judged for cell in column)
+    return Outcome("bold", len(judged), what, " and ".join(left), tuple(findings), cells=cells)
 
 
 def _is_race(column: Sequence[Printed]) -> bool:
@@ -230,6 +233,5 @@ def _not_bold(cell: Printed, leaders: Sequence[Printed], column: Sequence[Printe
         why = f"{cell.number.text} is not bold, but the same number of {names} is"
         return Finding(Grade.ROUNDING, "bold", cell, why)
     others = " and ".join(c.method for c in column if c.bold)
-    bold = f"{others} is bold" if others else "nothing in the column is bold"
-    why = f"{cell.number.text} is the best of {len(column)} methods, but {bold}"
+    why = f"{cell.number.text} is the best of {len(column)} methods, but {others} is bold"
     return Finding(Grade.INCONSISTENT, "bold", cell, why)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from fractions import Fraction
 from itertools import permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
+from airzoo_bench.printed.cells import Printed, Published, grouped
 from airzoo_bench.printed.scores import Family, at_most
-from airzoo_bench.printed.table import Printed, Published
 
-__all__ = ["check_medians", "check_order", "check_ranges"]
+__all__ = ["check_medians", "check_order", "check_ranges", "check_units"]
 
 _DISTANCES = (
     Family.ACCURACY,
@@ -38,6 +39,51 @@ def check_ranges(published: Published) -> Outcome:
     return Outcome("range", len(known), what, left, tuple(findings))
 
 
+def check_units(published: Published) -> Outcome:
+    """Find rows of shares from 0 to 1 among rows of percent.
+
+    A row is one if all its shares are at most 1, and in each column it has two decimals more than
+    some number above 1: 0.1950 beside 28.64.
+    """
+    shares = [c for c in published.cells if c.score.is_share and c.full == 100]
+    columns = grouped(shares, _column)
+    findings: list[Finding] = []
+    for row in grouped(shares, _row).values():
+        printed = [cell for cell in row if cell.number.value]
+        beside = [_percent_beside(cell, columns[_column(cell)]) for cell in printed]
+        if printed and all(beside) and all(0 < cell.number.value <= 1 for cell in printed):
+            findings.extend(
+                _share_among_percent(*pair) for pair in zip(printed, beside, strict=True)
+            )
+    rivals = [cell for cells in columns.values() if len(cells) > 1 for cell in cells]
+    what = "shares, whether those of one score are all in percent or all from 0 to 1"
+    left = "" if rivals else "no share is printed of two methods or scenes"
+    return Outcome("units", len(rivals), what, left, tuple(findings))
+
+
+def _column(cell: Printed) -> tuple[str, ...]:
+    return cell.table, *cell.group, cell.score.name
+
+
+def _percent_beside(cell: Printed, column: Iterable[Printed]) -> Printed | None:
+    """Return a number of the column that is percent for sure, printed with two decimals less."""
+    fitting = (
+        other
+        for other in column
+        if other.number.value > 1 and other.number.decimals <= cell.number.decimals - 2
+    )
+    return next(fitting, None)
+
+
+def _share_among_percent(cell: Printed, other: Printed | None) -> Finding:
+    beside = f" beside {other.number.text} of {other.method}" if other else ""
+    why = (
+        f"{cell.number.text}{beside} looks like a share from 0 to 1 among percent, and is read as "
+        f"{cell.number.text} %; give such rows in percent, or the table with a column 'unit'"
+    )
+    return Finding(Grade.INCONSISTENT, "units", cell, why)
+
+
 def check_order(published: Published) -> Outcome:
     """Find recalls at a smaller threshold that exceed those at a larger one."""
     pairs = [
@@ -49,7 +95,8 @@ def check_order(published: Published) -> Outcome:
     findings = [_disordered(*pair) for pair in pairs if _exceeds(*pair)]
     what = "pairs such as R@1 and R@5 of one row, whether the stricter one is not larger"
     left = "" if pairs else "no row has one kind of recall at two thresholds"
-    return Outcome("order", len(pairs), what, left, tuple(findings))
+    cells = tuple(cell for pair in pairs for cell in pair)
+    return Outcome("order", len(pairs), what, left, tuple(findings), cells=cells)
 
 
 def _disordered(first: Printed, second: Printed) -> Finding:
@@ -81,14 +128,15 @@ def check_medians(published: Published) -> Outcome:
         (median, recall)
         for row in published.by(_row).values()
         for median in row
-        if median.score.family is Family.MEDIAN and not median.is_summary
+        if median.score.family is Family.MEDIAN and median.is_of_one_set
         for recall in row
         if _is_within(recall, median.unit)
     ]
     findings = [finding for pair in pairs if (finding := _contradiction(*pair))]
     what = "medians beside shares of errors within a threshold, whether both can be"
     left = "" if pairs else "no row of a scene has a median and a recall within so many of its unit"
-    return Outcome("median", len(pairs), what, left, tuple(findings))
+    cells = tuple(cell for pair in pairs for cell in pair)
+    return Outcome("median", len(pairs), what, left, tuple(findings), cells=cells)
 
 
 def _is_within(recall: Printed, unit: str) -> bool:

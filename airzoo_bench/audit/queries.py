@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion
 from airzoo_bench.audit.implied import Implied, implied_total
 from airzoo_bench.errors import ResultError, UsageError, first_of
+from airzoo_bench.printed.cells import Printed, Published
 from airzoo_bench.printed.counts import possible_counts
 from airzoo_bench.printed.scores import Family
-from airzoo_bench.printed.table import Printed, Published
 from airzoo_bench.validation import nearest
 
 __all__ = [
     "Key",
     "Queries",
+    "RowKey",
     "is_average",
     "key_of",
     "parse_counts",
     "resolve_queries",
+    "row_of",
 ]
 
 Key = tuple[str, str, str]
+RowKey = tuple[str, ...]
 
 # So sure must a number of queries be that was not given.
 _SURE = 0.99
@@ -51,6 +55,11 @@ def key_of(cell: Printed) -> Key:
     return cell.benchmark, cell.track, cell.scene
 
 
+def row_of(cell: Printed) -> RowKey:
+    """Return what tells a row: table, benchmark, track, scene and method."""
+    return cell.table, *key_of(cell), cell.method
+
+
 def parse_counts(texts: Iterable[str]) -> dict[str, int]:
     """Read ``scene=n,...`` texts.
 
@@ -76,7 +85,10 @@ def parse_counts(texts: Iterable[str]) -> dict[str, int]:
 
 
 def resolve_queries(
-    published: Published, counts: Mapping[str, int], variants: Mapping[Key, str]
+    published: Published,
+    counts: Mapping[str, int],
+    variants: Mapping[Key, str],
+    doubtful: AbstractSet[RowKey] = frozenset(),
 ) -> tuple[dict[Key, Queries], list[Conclusion]]:
     """Return the number of queries of each scene that has shares of queries, where it is known.
 
@@ -88,6 +100,8 @@ def resolve_queries(
     variants : mapping
         Which average precision each benchmark, track and score is, where that is known: mean
         precision is a whole number of positives, which tells of the number of queries too.
+    doubtful : set of RowKey
+        Rows that hold something impossible: nothing is concluded from them.
 
     Raises
     ------
@@ -103,7 +117,8 @@ def resolve_queries(
     conclusions: list[Conclusion] = []
     for key, cells in groups.items():
         given = _given(cells, counts)
-        implied = _implied([cell for cell in cells if not averaged(cell)], variants)
+        sound = [c for c in cells if not averaged(c) and row_of(c) not in doubtful]
+        implied = _implied(sound, variants)
         if given is not None:
             queries[key] = Queries(given, True)
         elif implied and implied.probability >= _SURE:

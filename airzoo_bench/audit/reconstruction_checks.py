@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.printed.cells import Printed, Published
 from airzoo_bench.printed.numbers import Interval, decimal_text
 from airzoo_bench.printed.scores import Family
-from airzoo_bench.printed.table import Printed, Published
 
 __all__ = ["check_chamfer", "check_f1", "f1_of"]
 
@@ -22,9 +23,13 @@ def f1_of(precision: Fraction, recall: Fraction) -> Fraction:
 
 
 def _rows(published: Published, *needed: Family) -> list[Row]:
-    rows = published.by(lambda cell: (cell.table, *cell.group, cell.scene, cell.method))
+    rows = published.by(lambda c: (c.table, *c.group, c.scene, c.method, c.score.thresholds))
     by_family = [{cell.score.family: cell for cell in row} for row in rows.values()]
     return [row for row in by_family if set(needed) <= row.keys()]
+
+
+def _cells(rows: Iterable[Row], *families: Family) -> tuple[Printed, ...]:
+    return tuple(row[family] for row in rows for family in families)
 
 
 def check_f1(published: Published) -> Outcome:
@@ -33,17 +38,18 @@ def check_f1(published: Published) -> Outcome:
     An average over scenes has bounds only. F1 is concave in precision and recall together, so the
     mean of F1 is at most the F1 of the means; and F1 is at least P + R - 1 in each scene.
     """
-    rows = _rows(published, Family.PRECISION, Family.RECALL, Family.F1)
+    needed = (Family.PRECISION, Family.RECALL, Family.F1)
+    rows = _rows(published, *needed)
     findings = [finding for row in rows if (finding := _judge_f1(row))]
     left = "" if rows else "no row has precision, recall and F1"
-    return Outcome(
-        "F1", len(rows), "F1 against precision and recall beside them", left, tuple(findings)
-    )
+    what = "F1 against precision and recall beside them"
+    cells = _cells(rows, *needed)
+    return Outcome("F1", len(rows), what, left, tuple(findings), cells=cells)
 
 
 def _judge_f1(row: Row) -> Finding | None:
     cell, precision, recall = row[Family.F1], row[Family.PRECISION], row[Family.RECALL]
-    possible = _possible_f1(precision, recall, averaged=cell.is_summary)
+    possible = _possible_f1(precision, recall, averaged=not cell.is_of_one_set)
     if cell.share.meets(possible):
         return None
     why = _f1_text(cell, precision, recall, possible)
@@ -64,7 +70,7 @@ def _possible_f1(precision: Printed, recall: Printed, *, averaged: bool) -> Inte
 def _f1_text(cell: Printed, precision: Printed, recall: Printed, possible: Interval) -> str:
     digits = cell.number.decimals
     p, r = precision.number.text, recall.number.text
-    if cell.is_summary:
+    if not cell.is_of_one_set:
         low, high = (decimal_text(end * cell.full, digits) for end in (possible.low, possible.high))
         return (
             f"with mean precision {p} and mean recall {r} a mean F1 lies between P + R - 1 and the "
@@ -81,7 +87,8 @@ def check_chamfer(published: Published) -> Outcome:
     The one that fits more rows is taken for what was meant; the mean where both fit alike. One that
     fits no more than half of the rows is no rule that others could break.
     """
-    rows = _rows(published, Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS)
+    needed = (Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS)
+    rows = _rows(published, *needed)
     what = "Chamfer distances against accuracy and completeness beside them"
     if not rows:
         left = "no row has accuracy, completeness and Chamfer distance"
@@ -98,7 +105,7 @@ def check_chamfer(published: Published) -> Outcome:
         left = f"it is neither mean nor sum of both in more than half of {len(rows)} rows"
         return Outcome("Chamfer", 0, what, left, (), said)
     wrong = [_chamfer_finding(row, parts) for row in rows if not _is_chamfer(row, parts)]
-    return Outcome("Chamfer", len(rows), what, "", tuple(wrong), said)
+    return Outcome("Chamfer", len(rows), what, "", tuple(wrong), said, _cells(rows, *needed))
 
 
 def _sum(row: Row) -> Interval:

@@ -43,7 +43,9 @@ def audit_text(audit: Audit, width: int, *, styled: bool = False) -> str:
 
 
 def _sections(audit: Audit, room: int) -> Iterator[tuple[str, list[str]]]:
-    yield audit.summary, [] if audit.findings else ["Nothing found."]
+    none = "Nothing found." if audit.checked else "Nothing could be checked, so nothing was found."
+    said = [line for text in audit.overview for line in _wrapped(text, room)]
+    yield audit.summary, said if audit.findings else [none]
     for grade, findings in groupby(audit.findings, key=lambda finding: finding.grade):
         own = list(findings)
         yield f"{grade.value.upper()} ({len(own)}): {_MEANING[grade]}", list(_found(own, room))
@@ -58,7 +60,7 @@ def _sections(audit: Audit, room: int) -> Iterator[tuple[str, list[str]]]:
     if audit.conclusions:
         yield "WHAT THE NUMBERS SAY", list(_concluded(audit.conclusions, room))
     if audit.notes:
-        yield "NOT USED", [line for note in audit.notes for line in _wrapped(note, room, 2)]
+        yield "NOTES", [line for note in audit.notes for line in _wrapped(note, room, 2)]
 
 
 def _found(findings: Iterable[Finding], room: int) -> Iterator[str]:

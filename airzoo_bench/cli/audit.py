@@ -33,7 +33,7 @@ def audit(
     table: Annotated[
         Path,
         typer.Argument(
-            help="CSV, Markdown or rows of LaTeX. A line a number: method, scene, metric, value; "
+            help="CSV, Markdown or LaTeX. A line a number: method, scene, metric, value; "
             "or a line a method: method, scene, and a column a score."
         ),
     ],

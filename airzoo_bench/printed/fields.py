@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from airzoo_bench.errors import ResultError
 from airzoo_bench.printed.grid import Grid
-from airzoo_bench.printed.marks import plain_name, read_marked
-from airzoo_bench.printed.scores import Family, read_score
+from airzoo_bench.printed.heads import Head, names_summary, read_heads
+from airzoo_bench.printed.marks import is_no_number, plain_name, read_marked
+from airzoo_bench.printed.scores import is_known
 from airzoo_bench.validation import nearest
 
 __all__ = ["Field", "Layout", "fields_of"]
@@ -21,8 +21,21 @@ _BESIDE = ("unit", "n", "bold", "gain", "printed_delta")
 _KNOWN = tuple(dict.fromkeys((*_LONG, *_IDS, *_BESIDE)))
 _WIDE = (*_IDS, "n")
 _EXPECTED = "the columns method, scene, metric, value; or method, scene, and a column a score"
-_UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]")
-_NO_NUMBER = re.compile(r"[-–—\s]*|n/?a", re.IGNORECASE)
+# What papers, and our own tables, call these columns.
+_ALSO = {
+    "methods": "method",
+    "model": "method",
+    "models": "method",
+    "approach": "method",
+    "queries": "n",
+}
+_MENDS = {
+    "CSV": "put the names of the columns, separated by commas, into the first line",
+    "Markdown": "put the names of the columns into the line above the rule",
+    "LaTeX": "put the names of the columns into the row above the first numbers, as "
+    "Method & Scene & R@1 \\\\",
+}
+_UNNAMED = "(unnamed)"
 
 
 @dataclass(frozen=True)
@@ -37,12 +50,16 @@ class Field:
         By the names of the columns of a long table.
     columns : mapping of str to str
         How the file calls them, where otherwise.
+    may_average : bool
+        Whether the scene stands above columns without an average beside it, so that it may be a
+        benchmark.
     """
 
     path: Path
     line: int
     texts: Mapping[str, str]
     columns: Mapping[str, str]
+    may_average: bool = False
 
     def __getitem__(self, name: str) -> str:
         return self.texts.get(name, "")
@@ -54,11 +71,15 @@ class Field:
 
 @dataclass(frozen=True)
 class Layout:
-    """All fields, the columns that were not used, and whether a column says what is bold."""
+    """All fields, the columns that were not used, and whether a column says what is bold.
+
+    `notes` say what was read otherwise than it stands there.
+    """
 
     fields: tuple[Field, ...]
     unused: tuple[str, ...]
     has_bold: bool
+    notes: tuple[str, ...] = ()
 
 
 def fields_of(path: Path, grid: Grid) -> Layout:
@@ -69,12 +90,14 @@ def fields_of(path: Path, grid: Grid) -> Layout:
     ResultError
         A column is missing, mistyped, or there twice.
     """
-    names = [plain_name(name) if grid.is_markup else name for name in grid.columns]
-    folded = tuple(name.casefold() if name.casefold() in _KNOWN else name for name in names)
-    _check_once(path, folded)
-    is_wide = "method" in folded and not {"metric", "value"} & set(folded)
-    if is_wide and set(folded) - set(_KNOWN):
-        return _wide(path, grid, folded)
+    folded = _folded(grid)
+    _check_once(path, grid, folded)
+    others = set(folded) - set(_KNOWN)
+    if not {"metric", "value"} & set(folded) and others:
+        if "method" in folded:
+            return _wide(path, grid, folded)
+        if "scene" in folded and any(_is_score_head(name) for name in others):
+            return _wide(path, grid, folded)
     missing = [name for name in _LONG if name not in folded]
     if missing:
         if "method" not in folded:
@@ -83,20 +106,35 @@ def fields_of(path: Path, grid: Grid) -> Layout:
             f"no column {', '.join(map(repr, missing))} (found: {_shown(grid.columns)})",
             where=path,
             expected=_EXPECTED,
-            mend="put the names of the columns, separated by commas, into the first line "
-            "(docs/audit.md)",
+            mend=_MENDS[grid.kind] + " (docs/audit.md)",
         )
     unused = [name for name in folded if name not in _KNOWN]
     _refuse_mistyped(path, unused)
     return _long(path, grid, folded, tuple(unused))
 
 
+def _folded(grid: Grid) -> tuple[str, ...]:
+    """Return the names of the columns, those that are known in small letters."""
+    names = [plain_name(name) if grid.is_markup else name for name in grid.columns]
+    small = [name.strip().casefold() for name in names]
+    if "method" not in small and small and not small[0] and not {"metric", "value"} & set(small):
+        small[0] = "method"
+    also = [_ALSO.get(name, name) for name in small]
+    free = [a if also.count(a) == 1 else s for a, s in zip(also, small, strict=True)]
+    return tuple(f if f in _KNOWN else name for f, name in zip(free, names, strict=True))
+
+
+def _is_score_head(name: str) -> bool:
+    return any(is_known(head.metric) for head in read_heads([name], [""], has_scenes=True))
+
+
 def _shown(columns: Sequence[str]) -> str:
     return ", ".join(columns)[:200] or "none"
 
 
-def _check_once(path: Path, columns: Sequence[str]) -> None:
-    twice = sorted({name for name in columns if columns.count(name) > 1})
+def _check_once(path: Path, grid: Grid, columns: Sequence[str]) -> None:
+    pairs = list(zip(grid.groups, columns, strict=True))
+    twice = sorted({name for group, name in pairs if pairs.count((group, name)) > 1})
     both = [name for name in ("gain", "printed_delta") if name in columns]
     if twice or len(both) > 1:
         names = " and ".join(repr(name[:80]) for name in twice or both)
@@ -111,13 +149,39 @@ def _refuse_mistyped(path: Path, names: Sequence[str]) -> None:
 
 def _long(path: Path, grid: Grid, columns: tuple[str, ...], unused: tuple[str, ...]) -> Layout:
     fields = []
-    for line, row in grid.rows:
-        texts = {name: _one_line(text) for name, text in zip(columns, row, strict=True)}
+    rows, notes = _filled(grid, columns)
+    for line, row in rows:
+        texts = dict(zip(columns, row, strict=True))
         if grid.is_markup:
             texts |= {name: plain_name(texts[name]) for name in (*_IDS, "metric") if name in texts}
         texts["gain"] = texts.get("gain", "") or texts.pop("printed_delta", "")
         fields.append(Field(path, line, texts, {}))
-    return Layout(tuple(fields), unused, "bold" in columns)
+    return Layout(tuple(fields), unused, "bold" in columns, notes)
+
+
+def _filled(
+    grid: Grid, columns: Sequence[str]
+) -> tuple[list[tuple[int, list[str]]], tuple[str, ...]]:
+    """Return the rows, with the name above where a field for one is empty, and what was so read.
+
+    In a table that is laid out for readers an empty scene is the one above too.
+    """
+    repeated = ["method", "scene"] if grid.is_markup else ["method"]
+    above = dict.fromkeys(name for name in repeated if name in columns)
+    filled: list[int] = []
+    rows = []
+    for line, row in grid.rows:
+        texts = [_one_line(text) for text in row]
+        for name in above:
+            index = columns.index(name)
+            if not texts[index] and above[name]:
+                texts[index] = above[name] or ""
+                filled.append(line)
+            above[name] = texts[index]
+        rows.append((line, texts))
+    lines = ", ".join(map(str, dict.fromkeys(filled)))
+    note = f"an empty name is read as the one above it: line {lines}" if filled else ""
+    return rows, (note,) if note else ()
 
 
 def _one_line(text: str) -> str:
@@ -132,54 +196,62 @@ def _wide(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
             expected="bold and gains in the fields themselves, as **96.21** (+1.73); units in the "
             "names of the columns, as R@1 [%]",
         )
-    gains = {f"{name} gain": name for name in columns if f"{name} gain" in columns}
-    others = [name for name in columns if name not in (*_WIDE, *gains)]
-    scores = [name for name in others if _is_score(grid, columns.index(name), name)]
-    unused = [name for name in others if name not in scores]
+    beside = {f"{name} {what}" for name in columns for what in ("gain", "from", "to")}
+    places = [
+        index
+        for index, name in enumerate(columns)
+        if name not in (*_WIDE, *(beside - {f"{group} gain" for group in grid.groups if group}))
+    ]
+    heads = read_heads(
+        [columns[i] for i in places],
+        [grid.groups[i] for i in places],
+        has_scenes="scene" in columns,
+    )
+    scores = {i: h for i, h in zip(places, heads, strict=True) if _is_score(grid, i, h)}
+    unused = [columns[i] for i in places if i not in scores]
     _refuse_mistyped(path, unused)
     if not scores:
         raise ResultError(
             f"no column is a score (found: {_shown(grid.columns)})", where=path, expected=_EXPECTED
         )
-    tidy = plain_name if grid.is_markup else _one_line
+    rows, notes = _filled(grid, columns)
     fields = [
-        field
-        for line, row in grid.rows
-        for field in _of_row(path, line, dict(zip(columns, row, strict=True)), scores, tidy)
+        field for line, row in rows for field in _of_row(path, line, row, columns, scores, grid)
     ]
-    return Layout(tuple(fields), tuple(unused), has_bold=False)
+    return Layout(tuple(fields), tuple(unused), False, notes)
 
 
-def _is_score(grid: Grid, index: int, name: str) -> bool:
+def _is_score(grid: Grid, index: int, head: Head) -> bool:
     """Whether a column's name is that of a score, or else all of it is numbers."""
-    if read_score(_unit(name)[0]).family is not Family.OTHER:
+    if is_known(head.metric):
         return True
-    texts = [row[index] for _, row in grid.rows if not _NO_NUMBER.fullmatch(row[index])]
+    texts = [row[index] for _, row in grid.rows if not is_no_number(row[index])]
     return bool(texts) and not any(isinstance(read_marked(text), str) for text in texts)
-
-
-def _unit(name: str) -> tuple[str, str]:
-    """Split ``R@1 (%) ↑`` into name and unit."""
-    plain = plain_name(name).strip("↑↓ ")
-    found = _UNIT.fullmatch(plain)
-    return (found[1], found[2].replace("°", "deg")) if found else (plain, "")
 
 
 def _of_row(
     path: Path,
     line: int,
-    row: Mapping[str, str],
-    scores: Sequence[str],
-    tidy: Callable[[str], str],
+    row: Sequence[str],
+    columns: Sequence[str],
+    scores: Mapping[int, Head],
+    grid: Grid,
 ) -> list[Field]:
-    names = {name: tidy(row[name]) for name in _WIDE if name in row}
-    # A table without scenes is of one place, which stands for all there is.
+    tidy: Callable[[str], str] = plain_name if grid.is_markup else _one_line
+    names = {name: tidy(text) for name, text in zip(columns, row, strict=True) if name in _WIDE}
+    # A table of one method need not name it; one without scenes is of one place, all there is.
+    names.setdefault("method", _UNNAMED)
     names.setdefault("scene", "overall")
+    if grid.label:
+        names.setdefault("table", grid.label)
+    loose = not names_summary(scores.values())
     fields = []
-    for name in scores:
-        metric, unit = _unit(name)
-        texts = {"metric": metric, "unit": unit, "value": _one_line(row[name])}
-        texts["gain"] = _one_line(row.get(f"{name} gain", ""))
-        columns = {"value": name, "gain": f"{name} gain", "unit": name, "metric": name}
-        fields.append(Field(path, line, names | texts, columns))
+    for index, head in scores.items():
+        name = columns[index]
+        gain = row[columns.index(f"{name} gain")] if f"{name} gain" in columns else ""
+        above = {"scene": head.scene, "benchmark": head.benchmark, "n": head.queries}
+        texts = {"metric": head.metric, "unit": head.unit, "value": row[index], "gain": gain}
+        texts |= {key: text for key, text in above.items() if text}
+        called = {"value": name, "gain": f"{name} gain", "unit": name, "metric": name}
+        fields.append(Field(path, line, names | texts, called, bool(head.scene) and loose))
     return fields

@@ -1,29 +1,36 @@
-"""A table's text as fields with their lines: CSV with any separator, Markdown, rows of LaTeX."""
+"""A file's tables as fields with their lines: CSV with any separator, Markdown, LaTeX."""
 
 from __future__ import annotations
 
 import csv
+import html
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from airzoo_bench.errors import ResultError
 from airzoo_bench.files import read_text
+from airzoo_bench.printed.latex import Line, SpannedCell, latex_tables, looks_like_latex
+from airzoo_bench.printed.marks import is_no_number, plain_name, read_marked
+from airzoo_bench.printed.scores import is_known
 
-__all__ = ["Grid", "read_grid"]
+__all__ = ["Grid", "read_grids"]
 
 # Printed tables are small; checks compare methods with each other.
 _LARGEST_BYTES = 2 << 20
+# Before what a spreadsheet would take for a formula, as our own tables have it.
+_DEFUSED = re.compile(r"^'(?=[=+@-])")
 _SEPARATORS = (",", ";", "\t")
-_RULES = re.compile(
-    r"\\(toprule|midrule|bottomrule|hline|addlinespace|centering|(begin|end)\{[a-z*]+\}"
-    r"(\[[^]]*\])?(\{[lcrSpX|@{}. !]*\})?|cmidrule(\([lr]+\))?\{[0-9-]+\}|cline\{[0-9-]+\})"
-)
-_COMMENT = re.compile(r"(?<!\\)%.*")
-_ROW = re.compile(r"(?<!\\)&.*\\\\")
-_SPANS = re.compile(r"\\multi(column|row)\b")
+_NAMES = ("method", "scene")
+_MENDS = {
+    "CSV": "put a field that holds a comma into double quotes",
+    "Markdown": "write | inside a field as \\|",
+    "LaTeX": "write & inside a field as \\&, and end every row with \\\\",
+}
+_UNDER_HEAD = re.compile(r"\s*\|?\s*:?-+:?\s*(\|\s*:?-+:?\s*)*\|?\s*")
+_NUMBER_LIKE = re.compile(r"[^A-Za-z@]*[0-9][^A-Za-z@]*|[+-]?[0-9]+[.,][0-9]+(?![0-9]* ?[a-z°]).*")
 
 
 @dataclass(frozen=True)
@@ -32,25 +39,36 @@ class Grid:
 
     Attributes
     ----------
+    kind : str
+        CSV, Markdown or LaTeX; in the latter two names may be marked.
     columns : tuple of str
+    groups : tuple of str
+        What stands above the name of each column; empty where nothing does.
     rows : tuple of (int, tuple of str)
         Each with its line in the file.
-    is_markup : bool
-        LaTeX or Markdown, so that names too may be marked.
+    label : str
+        Of the table, where the file holds several with labels.
     """
 
+    kind: str
     columns: tuple[str, ...]
+    groups: tuple[str, ...]
     rows: tuple[tuple[int, tuple[str, ...]], ...]
-    is_markup: bool
+    label: str = ""
+
+    @property
+    def is_markup(self) -> bool:
+        """LaTeX or Markdown, so that names too may be marked."""
+        return self.kind != "CSV"
 
 
-def read_grid(path: Path) -> Grid:
-    """Split a table into fields.
+def read_grids(path: Path) -> list[Grid]:
+    """Split a file into tables, and these into fields.
 
     Parameters
     ----------
     path : Path
-        CSV (comma, semicolon or tab), a Markdown table, or the rows of a LaTeX table.
+        CSV (comma, semicolon or tab), Markdown tables, or LaTeX: rows, or whole environments.
 
     Raises
     ------
@@ -59,32 +77,47 @@ def read_grid(path: Path) -> Grid:
         first.
     """
     text = read_text(path, ResultError, "table of published numbers", _LARGEST_BYTES)
-    text = text.removeprefix("\ufeff")
-    is_markdown, is_latex = text.lstrip().startswith("|"), bool(_ROW.search(text))
-    if is_markdown:
-        lines = list(_markdown(text))
-    else:
-        lines = list(_latex(path, text) if is_latex else _csv(path, text))
+    text = text.removeprefix("\ufeff").replace("\r\n", "\n")
+    if looks_like_latex(text):
+        tables = latex_tables(path, text)
+        several = len(tables) > 1
+        return [
+            grid
+            for label, lines in tables
+            for grid in _latex_grids(path, lines, label if several else "")
+        ]
+    if markdown := _markdown(text):
+        return [_grid(path, "Markdown", lines) for lines in markdown]
+    return [_grid(path, "CSV", list(_csv(path, text)))]
+
+
+def _grid(path: Path, kind: str, lines: Sequence[tuple[int, list[str]]]) -> Grid:
     columns = tuple(name.strip() for name in lines[0][1]) if lines else ()
-    for line, fields in lines:
-        if len(fields) != len(columns):
-            raise ResultError(
-                f"the line has not as many fields ({len(fields)}) as the first ({len(columns)})",
-                where=f"{path}, line {line}",
-                mend="put a field that holds a comma into double quotes",
-            )
+    for number, fields in lines:
+        _check_width(path, kind, number, len(fields), len(columns))
     rows = tuple((line, tuple(fields)) for line, fields in lines[1:])
-    return Grid(columns, rows, is_markdown or is_latex)
+    return Grid(kind, columns, ("",) * len(columns), rows)
+
+
+def _check_width(path: Path, kind: str, number: int, fields: int, columns: int) -> None:
+    if fields != columns:
+        raise ResultError(
+            f"the line has not as many fields ({fields}) as the first ({columns})",
+            where=f"{path}, line {number}",
+            mend=_MENDS[kind],
+        )
 
 
 def _csv(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
     first = text.split("\n", 1)[0]
-    separator = max(_SEPARATORS, key=lambda sign: (_names_method(first, sign), sign == ","))
+    separator = max(
+        _SEPARATORS, key=lambda sign: (_names(first, sign), first.count(sign), sign == ",")
+    )
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         for fields in reader:
             if fields:
-                yield reader.line_num, fields
+                yield reader.line_num, [_DEFUSED.sub("", field) for field in fields]
     except csv.Error as error:
         raise ResultError(
             f"not valid CSV: {error}",
@@ -93,40 +126,127 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
         ) from error
 
 
-def _names_method(first: str, separator: str) -> bool:
-    return "method" in [name.strip(' "\r').casefold() for name in first.split(separator)]
+def _names(first: str, separator: str) -> int:
+    names = [name.strip(' "\r').casefold() for name in first.split(separator)]
+    return sum(name in names for name in _NAMES)
 
 
-def _markdown(text: str) -> Iterator[tuple[int, list[str]]]:
-    for number, line in enumerate(text.splitlines(), 1):
-        if not line.lstrip().startswith("|") or re.fullmatch(r"[\s|:-]+", line):
-            continue
-        inner = line.strip().removeprefix("|").removesuffix("|")
-        fields = re.split(r"(?<!\\)\|", inner)
-        yield number, [re.sub(r"\\([^\w\s])", r"\1", field).strip() for field in fields]
+def _markdown(text: str) -> list[list[tuple[int, list[str]]]]:
+    """Return the lines of each Markdown table: a head, a rule, and what follows up to a blank."""
+    lines = text.split("\n")
+    tables: list[list[tuple[int, list[str]]]] = []
+    inside = False
+    for index, line in enumerate(lines):
+        following = lines[index + 1] if index + 1 < len(lines) else ""
+        if "|" not in line:
+            inside = False
+        elif "|" in following and _UNDER_HEAD.fullmatch(following) and "-" in following:
+            tables.append([])
+            inside = True
+        elif not inside and not tables and text.lstrip().startswith("|"):
+            # Without a rule the first line is the head.
+            tables.append([])
+            inside = True
+        if inside and not _UNDER_HEAD.fullmatch(line):
+            tables[-1].append((index + 1, _markdown_fields(line)))
+    return tables
 
 
-def _latex(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
-    started, pending = 1, ""
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = _RULES.sub("", _COMMENT.sub("", raw)).strip()
-        if _SPANS.search(line):
+def _markdown_fields(line: str) -> list[str]:
+    inner = line.strip().removeprefix("|")
+    inner = re.sub(r"(?<!\\)\|$", "", inner)
+    fields = re.split(r"(?<!\\)\|", inner)
+    return [html.unescape(re.sub(r"\\([^\w\s]|_)", r"\1", field).strip()) for field in fields]
+
+
+def _latex_grids(path: Path, lines: Sequence[Line], label: str) -> Iterator[Grid]:
+    """Yield a grid for each run of lines under heads of their own."""
+    heads: list[Line] = []
+    pending: list[Line] = []
+    body: list[Line] = []
+    for line in lines:
+        if not _is_head(line):
+            if pending and _is_new_head(pending, heads):
+                if body:
+                    yield _latex_grid(path, heads, body, label)
+                heads, body = pending, []
+            pending = []
+            body.append(line)
+        elif sum(bool(cell.text) for cell in line.cells) > 1 or line.cells[0].span == 1:
+            pending.append(line)
+    if not heads and pending:
+        heads = pending
+    if heads or body:
+        yield _latex_grid(path, heads or body[:1], body if heads else body[1:], label)
+
+
+def _is_head(line: Line) -> bool:
+    """Whether no field of it, names aside, is a number or a dash."""
+    return not any(_is_value(cell.text) for cell in line.cells[1:])
+
+
+def _is_value(text: str) -> bool:
+    # A field with a footnote is one too: it is refused where it is read.
+    plain = plain_name(text)
+    return bool(plain) and (
+        is_no_number(plain)
+        or not isinstance(read_marked(text), str)
+        or bool(_NUMBER_LIKE.fullmatch(plain))
+    )
+
+
+def _is_new_head(lines: Sequence[Line], heads: Sequence[Line]) -> bool:
+    """Whether lines amid others are a head: they name scores, or the first column anew."""
+    if not heads:
+        return True
+    names = [plain_name(cell.text) for line in lines for cell in line.cells]
+    return any(is_known(name) for name in names if name)
+
+
+def _latex_grid(path: Path, heads: Sequence[Line], body: Sequence[Line], label: str) -> Grid:
+    width = max(line.width for line in heads)
+    levels = [_spread(line.cells, width) for line in heads]
+    stacks = [list(dict.fromkeys(filter(None, column))) for column in zip(*levels, strict=True)]
+    names = [stack[-1] if stack else "" for stack in stacks]
+    groups = [" ".join(map(plain_name, stack[:-1])) for stack in stacks]
+    used = [False] * width
+    for line in body:
+        _check_width(path, "LaTeX", line.number, line.width, width)
+        for column, _ in _placed(line.cells):
+            used[column] = True
+    rows = [(line.number, _fields(path, line, names, used)) for line in body]
+    kept = [column for column in range(width) if used[column] or not body]
+    return Grid(
+        "LaTeX",
+        tuple(names[column] for column in kept),
+        tuple(groups[column] for column in kept),
+        tuple(rows),
+        label,
+    )
+
+
+def _spread(cells: Iterable[SpannedCell], width: int) -> list[str]:
+    texts = [cell.text for cell in cells for _ in range(cell.span)]
+    return texts + [""] * (width - len(texts))
+
+
+def _placed(cells: Iterable[SpannedCell]) -> Iterator[tuple[int, SpannedCell]]:
+    column = 0
+    for cell in cells:
+        yield column, cell
+        column += cell.span
+
+
+def _fields(path: Path, line: Line, names: Sequence[str], used: Sequence[bool]) -> tuple[str, ...]:
+    """Return a row's fields in the columns that any row begins a field in."""
+    texts = [""] * len(names)
+    for column, cell in _placed(line.cells):
+        texts[column] = cell.text
+        over = [i for i in range(column + 1, column + cell.span) if used[i]]
+        if over and _is_value(cell.text) and not is_no_number(plain_name(cell.text)):
             raise ResultError(
-                "a field that spans several columns or rows",
-                where=f"{path}, line {number}",
-                expected="one name above each column, one field in each",
-                mend="write the head in one line, and names that stand for several rows into each",
+                f"{cell.text[:80]!r} spans columns that hold different things",
+                where=f"{path}, line {line.number}",
+                expected="one number in each column",
             )
-        started = started if pending else number
-        pending = f"{pending} {line}".strip()
-        *complete, pending = re.split(r"\\\\(?:\[[^]]*\])?", pending)
-        for row in complete:
-            if row.strip():
-                yield started, [field.strip() for field in re.split(r"(?<!\\)&", row)]
-            started = number
-    if pending.strip():
-        raise ResultError(
-            f"{pending.strip()[:80]!r} is no row of a table",
-            where=f"{path}, line {started}",
-            expected="rows that end with \\\\, and nothing else than rules between them",
-        )
+    return tuple(text for text, kept in zip(texts, used, strict=True) if kept)

@@ -5,22 +5,45 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from airzoo_bench.printed.latex import without_macro
 from airzoo_bench.printed.numbers import MOST_DECIMALS, Rounded, parse_number
 
-__all__ = ["Marked", "plain_name", "read_marked"]
+__all__ = ["Marked", "is_no_number", "plain_name", "read_marked"]
 
 _BOLD = re.compile(r"\\(?:textbf|mathbf|boldsymbol|bm|bfseries|bf)\b|\*\*|__|</?(?:b|strong)>")
 _QUIET = re.compile(
-    r"\\(?:textcolor|color|cellcolor)(?:\[[^]]*\])?\{[^}]*\}"
+    r"\\(?:textcolor|color|cellcolor|rowcolor)(?:\[[^]]*\])?\{[^}]*\}"
     r"|\\(?:underline|uline|textit|emph|text|mathrm|scriptsize|tiny|small|footnotesize|textsubscript"
-    r"|textsuperscript)\b|</?(?:u|i|em|sub|sup|small)>"
+    r"|textsuperscript|llap|rlap|mbox|textnormal|textrm|num)(?![a-zA-Z])"
+    r"|</?(?:u|i|em|sub|sup|small)>"
 )
+_BLANK = re.compile(r"\\(?:enspace|quad|qquad|hfill|,|;|!|:| )|\\hspace\*?\{[^}]*\}")
+# A paper's own macro around a number alone, such as \best{96.21}.
+_OWN = re.compile(r"\\[A-Za-z]+\s*\{[\s{]*([+-]?[0-9.,]+ ?%?)[\s}]*\}")
+_INTERVAL = re.compile(r"\s*\[[+-]?[0-9.,]+[,;] ?[+-]?[0-9.,]+\]")
+_NO_NUMBER = re.compile(r"[-–—−\s]*|n/?a|inf|infinity|∞|\\infty", re.IGNORECASE)
+_SPELLED = {
+    r"\uparrow": "↑",
+    r"\downarrow": "↓",
+    r"^\circ": "°",
+    r"^{\circ}": "°",
+    r"\dagger": "†",
+    r"\ddagger": "‡",
+    r"\infty": "∞",
+    r"\textasciitilde": "~",
+    r"\textasciicircum": "^",
+    r"\textless": "<",
+    r"\textgreater": ">",
+    r"\textbar": "|",
+    r"\textbackslash": "\\",
+}
 _CITED = re.compile(r"[~\s]*\\cite[a-z]*\*?(?:\[[^]]*\])*\{[^}]*\}")
 _SIGNS = str.maketrans({"−": "-", "–": "-", "~": " ", "\u00a0": " ", "\u202f": " "})
 _VALUE = re.compile(r"([+-]?[0-9.,]+) ?(%?)")
 # A gain is told by its sign: a number in brackets without one may be a deviation.
 _GAIN = re.compile(r"(?:\(([+\-↑↓] ?[0-9.,]+) ?%?\)|([+\-↑↓] ?[0-9.,]+) ?%?)")
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")
+_MACROS = re.compile(rf"({'|'.join(map(re.escape, _SPELLED))})(?![a-zA-Z])(?:\{{\}})?")
 
 
 @dataclass(frozen=True)
@@ -54,21 +77,32 @@ def read_marked(text: str) -> Marked | str:
     number = _number(value[1]) if value else None
     if value is None or number is None:
         return _what_is_wrong(sentence, value[1] if value else "")
-    rest = sentence[value.end() :].strip()
+    rest = _INTERVAL.sub("", sentence[value.end() :]).strip()
     gain = _gain(rest)
     if rest and gain is None:
         return f"what is {rest[:40]!r} after the number? a gain has a sign, as in 96.21 (+1.73)"
-    bold = _BOLD.search(text)
-    first_digit = re.search(r"[0-9]", text)
+    shown = without_macro(text, "phantom")
+    bold = _BOLD.search(shown)
+    first_digit = re.search(r"[0-9]", shown)
     is_bold = bool(bold and first_digit and bold.start() < first_digit.start())
     return Marked(number, gain, is_bold, bool(value[2]))
 
 
+def is_no_number(text: str) -> bool:
+    """Whether a field is empty, a dash, or an infinite error: nothing that arithmetic reads."""
+    return bool(_NO_NUMBER.fullmatch(text.strip("${} ")))
+
+
 def _without_marks(text: str) -> str:
-    plain = text.translate(_SIGNS).replace("--", "-").replace("\\%", "%")
-    plain = plain.replace("\\uparrow", "↑").replace("\\downarrow", "↓")
-    plain = _QUIET.sub("", _CITED.sub("", _BOLD.sub("", plain)))
-    return re.sub(r"\\[,;! ]|[{}$]|(?<=\d)_(?=[+-])", "", plain).replace("_", " ")
+    plain = _spelled(without_macro(text, "phantom")).translate(_SIGNS)
+    plain = plain.replace("--", "-").replace("\\%", "%")
+    plain = _QUIET.sub("", _CITED.sub("", _BOLD.sub("", _BLANK.sub(" ", plain))))
+    plain = _OWN.sub(r"\1", plain)
+    return re.sub(r"[{}$]|(?<=\d)_(?=[+-])", "", plain).replace("_", " ")
+
+
+def _spelled(text: str) -> str:
+    return _MACROS.sub(lambda found: _SPELLED[found[1]], text)
 
 
 def _number(text: str) -> Rounded | None:
@@ -87,6 +121,8 @@ def _gain(text: str) -> Rounded | None:
 
 
 def _what_is_wrong(text: str, number: str) -> str:
+    if macro := re.search(r"\\[A-Za-z]+", text):
+        return f"what is {macro[0][:40]!r} in {text[:80]!r}?"
     if _THOUSANDS.fullmatch(number):
         whole, _, part = number.partition(",")
         return f"{text[:80]!r} may be {whole}{part} or {whole}.{part}"
@@ -98,6 +134,7 @@ def _what_is_wrong(text: str, number: str) -> str:
 
 def plain_name(text: str) -> str:
     """Return a name without bold, citations and the like."""
-    plain = _QUIET.sub("", _CITED.sub("", _BOLD.sub("", text)))
-    plain = re.sub(r"\$?\\(up|down)arrow\$?", "", plain)
-    return " ".join(re.sub(r"\\([&%_#$])", r"\1", re.sub(r"[{}$]", "", plain)).split())
+    plain = re.sub(r"(?<!\\)~", " ", _CITED.sub("", without_macro(text, "phantom")))
+    plain = _QUIET.sub("", _BOLD.sub("", _BLANK.sub(" ", plain)))
+    plain = re.sub(r"[↑↓]", "", _spelled(plain))
+    return " ".join(re.sub(r"\\([&%_#$])", r"\1", re.sub(r"(?<!\\)[{}$]", "", plain)).split())

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 
-__all__ = ["Family", "Score", "at_most", "read_score"]
+__all__ = [
+    "Family",
+    "Score",
+    "at_most",
+    "is_known",
+    "is_plain_score",
+    "read_score",
+    "recall_of_cloud",
+]
 
 Threshold = tuple[Fraction, str]
 
@@ -37,6 +45,9 @@ _SHARES = (
 )
 _LOWER = (Family.ACCURACY, Family.COMPLETENESS, Family.CHAMFER, Family.MEDIAN, Family.ERROR)
 
+# What is within a distance is within a larger one.
+_GROWING = (Family.HITS, Family.PRECISION, Family.RECALL, Family.F1)
+
 # By the whole name, in lower case, without arrows, with one space for any run of space, - and _.
 _NAMES = (
     (r"(m?f ?1?|f1|f ?score|f1 ?score)", Family.F1),
@@ -44,16 +55,30 @@ _NAMES = (
     (r"(r|rec|recall)", Family.RECALL),
     (r"(acc|accuracy|accuracy distance)", Family.ACCURACY),
     (r"(comp|completeness|completeness distance)", Family.COMPLETENESS),
+    (r"(accuracy|completeness), median", Family.ERROR),
     (r"(cd|chamfer|chamfer distance)", Family.CHAMFER),
     (r"(.* )?med(ian|\.)?( .*)?", Family.MEDIAN),
-    (r"(.* )?(error|distance|ate|rpe|rmse|mae|rre|rte|te|re|mte|mre)( .*)?", Family.ERROR),
+    (r"(.* )?(error|distance|ate|rpe|rmse|mae|rre|rte|te|re|mte|mre)(,? .*)?", Family.ERROR),
+    (r"(horizontal|vertical|rotation|translation)", Family.ERROR),
+)
+# Words that make a longer name of a score, and are no scene before one.
+_QUALIFIERS = (
+    r"(?:(?:translation|rotation|translational|rotational|position|orientation|pose|angular|camera"
+    r"|horizontal|vertical|absolute|relative|mean|median|location|localization)(?: |$))*"
 )
 _HITS = re.compile(
     r"((?:pose |translation |rotation )?"
     r"(?:r|rec|recall|acc|accuracy|success|sr|hit|hits|hit ?rate))? ?@ ?(.+)"
 )
+_BELOW = re.compile(r"(d|distance|error) ?< ?([0-9].*)")
+# Of point clouds: within a distance; without a unit it may be of the first so many.
+_CLOUD = re.compile(
+    r"(f|f1|f ?score|f1 ?score|p|prec|precision) ?[@<] ?"
+    r"([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(cm|mm|km|m)?"
+)
 _AP = re.compile(r"(ap|p|precision) ?@ ?([0-9]{1,4})(?:/(min|trec|hits|precision))?")
 _HIGHER = re.compile(r"(map|mrr|ndcg|auc|iou|miou|psnr|ssim|sdm|pdm)\b.*")
+_PARTS = re.compile(r" ?[,/] ?|(?<=[a-z°]) (?=[0-9])")
 _PART = re.compile(r"<?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(cm|mm|km|m|deg|°|px|%)?")
 
 
@@ -95,7 +120,45 @@ class Score:
 def read_score(name: str) -> Score:
     """Understand a score's printed name; what is not understood is of the family `OTHER`."""
     plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
-    return _average_precision(name, plain) or _hits(name, plain) or _named(name, plain)
+    return (
+        _average_precision(name, plain)
+        or _of_cloud(name, plain)
+        or _hits(name, plain)
+        or _named(name, plain)
+    )
+
+
+def is_known(name: str) -> bool:
+    """Whether a name is that of a score whose better direction is known."""
+    return read_score(name).higher_is_better is not None
+
+
+def is_plain_score(name: str) -> bool:
+    """Whether a name is that of a known score, with nothing before it that may be a scene."""
+    if not is_known(name):
+        return False
+    plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
+    bare = re.sub(f"^{_QUALIFIERS}", "", plain)
+    if not bare or read_score(name).family not in (Family.MEDIAN, Family.ERROR):
+        return True
+    wild = r"(.* )"
+    return any(re.fullmatch(pattern.replace(wild + "?", ""), bare) for pattern, _ in _NAMES)
+
+
+def _of_cloud(name: str, plain: str) -> Score | None:
+    found = _CLOUD.fullmatch(plain)
+    if not found:
+        return None
+    family = Family.F1 if found[1].startswith("f") else Family.PRECISION
+    return Score(name, family, ((Fraction(found[2]), found[3] or ""),), higher_is_better=True)
+
+
+def recall_of_cloud(score: Score) -> Score:
+    """Return recall or precision at K as that of a point cloud within the distance K."""
+    if score.family is Family.AVERAGE_PRECISION:
+        threshold = ((Fraction(score.cutoff), ""),)
+        return Score(score.name, Family.PRECISION, threshold, higher_is_better=True)
+    return Score(score.name, Family.RECALL, score.thresholds, higher_is_better=True)
 
 
 def _average_precision(name: str, plain: str) -> Score | None:
@@ -109,10 +172,10 @@ def _average_precision(name: str, plain: str) -> Score | None:
 
 
 def _hits(name: str, plain: str) -> Score | None:
-    found = _HITS.fullmatch(plain)
+    found = _HITS.fullmatch(plain) or _BELOW.fullmatch(plain)
     if not found:
         return None
-    parts = [_PART.fullmatch(part.strip()) for part in found[2].strip("() ").split(",")]
+    parts = [_PART.fullmatch(part.strip()) for part in _PARTS.split(found[2].strip("() "))]
     thresholds = [(Fraction(p[1]), (p[2] or "").replace("°", "deg")) for p in parts if p]
     if len(thresholds) < len(parts):
         return None
@@ -127,9 +190,10 @@ def _named(name: str, plain: str) -> Score:
 
 
 def at_most(first: Score, second: Score) -> bool:
-    """Whether every hit of the first score is one of the second, by name and thresholds."""
+    """Whether all that counts for the first score counts for the second, by their thresholds."""
     comparable = (
-        first.family is second.family is Family.HITS
+        first.family is second.family
+        and first.family in _GROWING
         and first.stem == second.stem
         and [unit for _, unit in first.thresholds] == [unit for _, unit in second.thresholds]
     )

@@ -2,114 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
-from typing import TypeVar
 
 from airzoo_bench.errors import ResultError, first_of
+from airzoo_bench.printed.cells import Printed, Published
+from airzoo_bench.printed.company import settled
 from airzoo_bench.printed.fields import Field, fields_of
-from airzoo_bench.printed.grid import read_grid
-from airzoo_bench.printed.marks import Marked, read_marked
-from airzoo_bench.printed.numbers import Interval, Rounded
-from airzoo_bench.printed.scores import Family, Score, read_score
+from airzoo_bench.printed.grid import read_grids
+from airzoo_bench.printed.marks import Marked, is_no_number, read_marked
+from airzoo_bench.printed.numbers import Rounded
+from airzoo_bench.printed.scores import Score, read_score
 
-__all__ = ["Printed", "Published", "grouped", "read_published"]
+__all__ = ["read_published"]
 
-T = TypeVar("T")
-
-_SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total"}
 _PERCENT = {"%", "percent"}
 _FULL = {"share": 1, "1": 1} | dict.fromkeys(_PERCENT, 100)
 _BOLD = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False, "": False}
-_ABSENT = {"", "-", "–", "—", "--", "---", "n/a", "na"}
 _MOST_QUERIES = 1_000_000_000
-
-
-@dataclass(frozen=True)
-class Printed:
-    """A printed number and where it stands.
-
-    Attributes
-    ----------
-    line : int
-        Of the file.
-    full : int
-        What a share of all is printed as: 100 or 1.
-    gain : Rounded or None
-        The difference that is printed beside it.
-    bold : bool or None
-        None where the file does not say.
-    queries : int or None
-        Of its scene, where the file says so.
-    """
-
-    line: int
-    table: str
-    benchmark: str
-    track: str
-    scene: str
-    method: str
-    score: Score
-    unit: str
-    full: int
-    number: Rounded
-    gain: Rounded | None
-    bold: bool | None
-    queries: int | None
-
-    @property
-    def is_summary(self) -> bool:
-        """Whether it stands for several scenes."""
-        return self.scene.casefold() in _SUMMARIES
-
-    @property
-    def group(self) -> tuple[str, str]:
-        """Benchmark and track: what scenes and their averages have in common."""
-        return self.benchmark, self.track
-
-    @property
-    def place(self) -> str:
-        """Benchmark and scene, for people."""
-        return ", ".join(part for part in (self.benchmark, self.scene) if part)
-
-    @property
-    def share(self) -> Interval:
-        """The interval of the true number, as a share from 0 to 1."""
-        return self.number.interval.times(Fraction(1, self.full))
-
-
-@dataclass(frozen=True)
-class Published:
-    """The numbers of one file, in its order.
-
-    Attributes
-    ----------
-    source : str
-        The file's name.
-    cells : tuple of Printed
-    unused_columns : tuple of str
-    has_bold : bool
-        Whether the file says what is bold.
-    """
-
-    source: str
-    cells: tuple[Printed, ...]
-    unused_columns: tuple[str, ...]
-    has_bold: bool
-
-    def by(self, key: Callable[[Printed], T]) -> dict[T, list[Printed]]:
-        """Group the cells, in the order of the file."""
-        return grouped(self.cells, key)
-
-
-def grouped(cells: Iterable[Printed], key: Callable[[Printed], T]) -> dict[T, list[Printed]]:
-    """Group cells, in their order."""
-    groups: dict[T, list[Printed]] = {}
-    for cell in cells:
-        groups.setdefault(key(cell), []).append(cell)
-    return groups
 
 
 def read_published(path: Path) -> Published:
@@ -130,20 +39,29 @@ def read_published(path: Path) -> Published:
         A column is missing or mistyped, a value is no printed number, a cell stands there twice,
         or it cannot be told whether shares are in percent.
     """
-    layout = fields_of(path, read_grid(path))
-    cells = [cell for field in layout.fields if (cell := _read_cell(field)) is not None]
-    marked = layout.has_bold or any(cell.bold for cell in cells)
-    both = {Family.ACCURACY, Family.COMPLETENESS} <= {cell.score.family for cell in cells}
-    kept = tuple(_settled(cell, marked=marked, distances=both) for cell in cells)
+    layouts = [fields_of(path, grid) for grid in read_grids(path)]
+    fields = [field for layout in layouts for field in layout.fields]
+    cells = [cell for field in fields if (cell := _read_cell(field)) is not None]
+    marked = any(layout.has_bold for layout in layouts) or any(cell.bold for cell in cells)
+    kept = settled(cells, marked=marked)
     _check_cells(path, kept)
-    return Published(path.name, kept, layout.unused, marked)
+    unused = dict.fromkeys(name for layout in layouts for name in layout.unused)
+    notes = dict.fromkeys(note for layout in layouts for note in layout.notes)
+    infinite = sum(_is_infinite(field["value"]) for field in fields)
+    if infinite:
+        notes[f"infinite values, left out: {infinite}"] = None
+    return Published(path.name, kept, tuple(unused), marked, tuple(notes))
+
+
+def _is_infinite(text: str) -> bool:
+    return is_no_number(text) and any(sign in text.casefold() for sign in ("inf", "∞"))
 
 
 def _read_cell(field: Field) -> Printed | None:
     for name in ("method", "metric"):
         if not field[name]:
             raise ResultError(f"no {name}", where=field.where(name), expected="a name")
-    if field["value"].casefold() in _ABSENT:
+    if is_no_number(field["value"]):
         return None
     marked = _marked(field)
     score = read_score(field["metric"])
@@ -162,6 +80,7 @@ def _read_cell(field: Field) -> Printed | None:
         gain=_gain(field, marked),
         bold=_bold(field, marked),
         queries=_queries(field),
+        may_average=field.may_average,
     )
 
 
@@ -178,7 +97,7 @@ def _marked(field: Field, name: str = "value") -> Marked:
 
 
 def _gain(field: Field, marked: Marked) -> Rounded | None:
-    if field["gain"].casefold() in _ABSENT:
+    if is_no_number(field["gain"]):
         return marked.gain
     beside = _marked(field, "gain").number
     if marked.gain and marked.gain.value != beside.value:
@@ -215,7 +134,7 @@ def _bold(field: Field, marked: Marked) -> bool | None:
 
 def _queries(field: Field) -> int | None:
     text = field["n"]
-    if not text:
+    if is_no_number(text):
         return None
     if not (text.isascii() and text.isdigit() and 0 < int(text[:12]) <= _MOST_QUERIES):
         raise ResultError(
@@ -224,19 +143,6 @@ def _queries(field: Field) -> int | None:
             expected="the number of queries of the scene",
         )
     return int(text)
-
-
-def _settled(cell: Printed, *, marked: bool, distances: bool) -> Printed:
-    """Say of a cell what only the whole file tells: what is not bold, and what accuracy is."""
-    score = cell.score
-    if score.family in (Family.ACCURACY, Family.COMPLETENESS):
-        # Accuracy of a cloud is a distance; a lone one, or one in percent, is anybody's.
-        percent = cell.unit.casefold() in _PERCENT
-        if percent or not (distances or cell.unit):
-            better = True if percent else None
-            score = replace(score, family=Family.OTHER, higher_is_better=better)
-    bold = (cell.bold or False) if marked else None
-    return replace(cell, score=score, bold=bold)
 
 
 def _check_cells(path: Path, cells: tuple[Printed, ...]) -> None:
@@ -254,7 +160,9 @@ def _check_cells(path: Path, cells: tuple[Printed, ...]) -> None:
             )
         first[names] = cell.line
     shares = [cell for cell in cells if cell.score.is_share and not cell.unit]
-    if shares and all(0 <= cell.number.value <= 1 for cell in shares):
+    # Nothing at all is 0 by either.
+    printed = [cell.number.value for cell in shares if cell.number.value]
+    if printed and all(0 < value <= 1 for value in printed):
         raise ResultError(
             "all shares are at most 1: percent, or from 0 to 1? "
             + first_of(dict.fromkeys(cell.score.name for cell in shares)),

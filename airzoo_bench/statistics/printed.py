@@ -14,7 +14,7 @@ import numpy as np
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.printed.counts import count_text, possible_counts
-from airzoo_bench.printed.numbers import MOST_DECIMALS, parse_number
+from airzoo_bench.printed.numbers import MOST_DECIMALS, Rounded, decimal_text, parse_number
 from airzoo_bench.statistics.significance import mcnemar
 
 __all__ = ["Bounds", "hit_rate_interval", "hits_that_print", "printed_bounds"]
@@ -98,9 +98,16 @@ def hits_that_print(text: str, queries: int) -> range:
         raise UsageError(
             f"no number of hits among {queries} queries is {text} %: the nearest are "
             f"{count_text(number, queries, digits=4)}",
-            mend="check --queries; a mean over scenes is no share of queries, so take one scene",
+            mend=_mend(number),
         )
     return counts
+
+
+def _mend(number: Rounded) -> str:
+    if 0 < number.value <= 1 and number.decimals > 1:
+        percent = decimal_text(100 * number.value, number.decimals - 2)
+        return f"{number.text} looks like a share from 0 to 1: give percent, {percent}"
+    return "check --queries; a mean over scenes is no share of queries, so take one scene"
 
 
 def hit_rate_interval(hits: int, queries: int, confidence: float = 0.95) -> Floats:

@@ -297,7 +297,7 @@ class TestGain:
         renamed = [{**r, "method": str(r["method"]).replace("X (Ours)", "Y")} for r in made]
         found = audited(tmp_path, renamed)
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over X: so 1 of 1 are right to the last digit"
+        assert text == "gains are over X: 1 of 1 are right up to the last digit"
 
     def test_of_equal_baselines_the_first(self, tmp_path: Path) -> None:
         same = rows_of({"A": {"East": {"R@1": "10.0"}}, "B": {"East": {"R@1": "10.0"}}})
@@ -334,7 +334,7 @@ class TestGain:
     def test_the_baseline_is_the_one_that_explains_most(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made("+27.64"))
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over C: so 1 of 1 are right to the last digit"
+        assert text == "gains are over C: 1 of 1 are right up to the last digit"
 
 
 class TestBold:

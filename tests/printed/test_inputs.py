@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import pytest
 
 from airzoo_bench.audit.audit import audit
 from airzoo_bench.errors import ResultError
+from airzoo_bench.printed.cells import Printed
 from airzoo_bench.printed.marks import Marked, plain_name, read_marked
-from airzoo_bench.printed.table import Printed, read_published
+from airzoo_bench.printed.scores import Family
+from airzoo_bench.printed.table import read_published
 
 
 def read(folder: Path, text: str) -> tuple[Printed, ...]:
@@ -40,6 +43,16 @@ FIELDS = {
     "3.03 (−0.19)": ("3.03", "-0.19", False, False),
     r"\textbf{96.21} \textcolor{gray}{(+1.73)}": ("96.21", "+1.73", True, False),
     r"96.21 {\scriptsize (+1.73)}": ("96.21", "+1.73", False, False),
+    r"\best{96.21}": ("96.21", None, False, False),
+    r"\best{\textbf{96.21\%}}": ("96.21", None, True, True),
+    "96.21 [94.10, 97.30]": ("96.21", None, False, False),
+    r"96.21 {[}94.10, 97.30] {\color{gray}(+1.73)}": ("96.21", "+1.73", False, False),
+    r"{\phantom{00}\llap{\textbf{91}}\rlap{\textbf{.53}}\phantom{.53}}": (
+        "91.53",
+        None,
+        True,
+        False,
+    ),
     r"$96.21_{+1.73}$": ("96.21", "+1.73", False, False),
     r"96.21 \textbf{(+1.73)}": ("96.21", "+1.73", False, False),
     "−2.65": ("-2.65", None, False, False),
@@ -147,7 +160,22 @@ BAD = {
     "method": ("methode,scene,R@1\nX,City,8.70\n", ["unknown column 'methode'", "'method'"]),
     "unit": ("method,scene,R@1 [m]\nX,City,8.70\n", ["column 'R@1 [m]'", "% or share"]),
     "short line": ("method,scene,R@1\nX,City\n", ["line 2", "fields (2) as the first (3)"]),
-    "spans": ("A & \\multicolumn{2}{c}{B} \\\\\n", ["line 1", "spans several"]),
+    "spans": (
+        "Method & R@1 & R@5 \\\\\nX & \\multicolumn{2}{c}{5.0} \\\\\nY & 5.0 & 6.0 \\\\\n",
+        ["line 2", "'5.0' spans columns that hold different things"],
+    ),
+    "Markdown's short line": (
+        "| Method | R@1 | R@5 |\n| - | - | - |\n| X | 5.0 |\n",
+        ["line 3", "fields (2) as the first (3)", "\\|"],
+    ),
+    "LaTeX's short line": (
+        "Method & R@1 & R@5 \\\\\nX & 5.0 \\\\\n",
+        ["line 2", "fields (2) as the first (3)", "\\&"],
+    ),
+    "a macro": (
+        "Method & R@1 \\\\\nX & 5.0\\pm 0.1 \\\\\n",
+        ["line 2", "what is '\\\\pm 0.1'"],
+    ),
     "text after rows": ("method & R@1 \\\\\nX & 5.0 \\\\\nfoot", ["line 3", "'foot' is no row"]),
     "method only": ("method,scene\nX,City\n", ["no column 'metric', 'value'"]),
 }
@@ -169,3 +197,115 @@ def test_accuracy_in_percent_is_no_distance(tmp_path: Path) -> None:
     assert alone.score.higher_is_better is None
     cloud = read(tmp_path, "method,Accuracy,Completeness\nX,0.5,0.7\n")
     assert [cell.score.higher_is_better for cell in cloud] == [False, False]
+
+
+WHOLE = r"""
+% a whole float, as it stands in a paper
+\begin{table*}[t]
+\caption{Results on {\bf two} scenes, R@1 & R@5. \\ Best in bold.}
+\centering
+\resizebox{\linewidth}{!}{
+\begin{tabular}{@{}l|S[table-format=2.2]c|p{2cm}c@{}} % four columns
+\toprule[1pt]
+\multirow{2}{*}{Method} & \multicolumn{2}{c|}{City} & \multicolumn{2}{c}{\textbf{Rural} [\%]} \\
+\cmidrule(lr){2-3}\cmidrule(l{2pt}r){4-5}
+ & R@1$\uparrow$ & R@5 & R@1 & R@5 \\ \midrule
+\multicolumn{5}{l}{\textit{Zero-shot}} \\
+X~\cite{x} & 8.70 & 24.84 & \underline{4.21} & 11.05 \\[2pt]
+\rowcolor[gray]{.9} Y (Ours) & \best{9.94}
+  & \textbf{31.06} & 27.37 & -- \\
+\bottomrule
+\end{tabular}}
+\label{tab:x}
+\end{table*}
+"""
+
+
+def test_a_whole_latex_table(tmp_path: Path) -> None:
+    cells = read(tmp_path, WHOLE)
+    assert values(cells) == [
+        ("X", "City", "R@1", "8.70"),
+        ("X", "City", "R@5", "24.84"),
+        ("X", "Rural", "R@1", "4.21"),
+        ("X", "Rural", "R@5", "11.05"),
+        ("Y (Ours)", "City", "R@1", "9.94"),
+        ("Y (Ours)", "City", "R@5", "31.06"),
+        ("Y (Ours)", "Rural", "R@1", "27.37"),
+    ]
+    assert [cell.line for cell in cells] == [13, 13, 13, 13, 14, 14, 14]
+    assert [cell.bold for cell in cells] == [False] * 5 + [True, False]
+
+
+def test_two_latex_tables_are_told_apart_by_their_labels(tmp_path: Path) -> None:
+    cells = read(tmp_path, WHOLE + WHOLE.replace("tab:x", "tab:y"))
+    assert [cell.table for cell in cells] == ["tab:x"] * 7 + ["tab:y"] * 7
+
+
+@pytest.mark.parametrize("blank", ["", r"\rowcolor{gray}"])
+def test_an_empty_name_is_the_one_above(tmp_path: Path, blank: str) -> None:
+    table = f"Method & Scene & R@1 \\\\\nX & City & 8.70 \\\\\n{blank} & Rural & 4.21 \\\\\n"
+    (tmp_path / "t.tex").write_text(table)
+    published = read_published(tmp_path / "t.tex")
+    assert [(c.method, c.scene) for c in published.cells] == [("X", "City"), ("X", "Rural")]
+    assert published.notes == ("an empty name is read as the one above it: line 3",)
+
+
+def test_a_caption_above_markdown(tmp_path: Path) -> None:
+    text = "Table 1: results\n\n" + LAYOUTS["Markdown"] + "\nfoot | note\n"
+    assert values(read(tmp_path, text)) == SAME
+    bare = "Method | Scene | R@1\n--- | --- | ---\nX | City | 8.70\nY, Z | City | 9.94\n"
+    assert values(read(tmp_path, bare)) == SAME
+
+
+HEADS = {
+    "Method,City R@1,City Median [m],Average R@1,Average Median [m]": [
+        ("City", "R@1"),
+        ("City", "Median"),
+        ("Average", "R@1"),
+        ("Average", "Median"),
+    ],
+    "Method,Scene 1 R@1,Scene 1 recall@(5m, 1deg)": [
+        ("Scene 1", "R@1"),
+        ("Scene 1", "recall@(5m, 1deg)"),
+    ],
+    "Method,Translation error,Rotation error": [
+        ("overall", "Translation error"),
+        ("overall", "Rotation error"),
+    ],
+    "Method,City Median,Rural Median,Average Median": [
+        ("City", "Median"),
+        ("Rural", "Median"),
+        ("Average", "Median"),
+    ],
+}
+
+
+@pytest.mark.parametrize("heads", HEADS)
+def test_scenes_in_the_heads(tmp_path: Path, heads: str) -> None:
+    names = next(csv.reader([heads.replace("(5m, 1deg)", "(5m; 1deg)")]))
+    text = ";".join(name.replace(";", ",") for name in names) + "\nX" + ";5.00" * (len(names) - 1)
+    assert [(c.scene, c.score.name) for c in read(tmp_path, text + "\n")] == HEADS[heads]
+
+
+def test_a_table_of_one_method_need_not_name_it(tmp_path: Path) -> None:
+    cells = read(tmp_path, "Scene,Queries,R@1,Chamfer\nCity,59,8.47,inf\nPooled,59,8.47,2.0\n")
+    assert [(c.method, c.scene, c.queries) for c in cells[:1]] == [("(unnamed)", "City", 59)]
+    assert [c.number.text for c in cells] == ["8.47", "8.47", "2.0"]
+    assert [c.is_pooled for c in cells] == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("heads", "families"),
+    [
+        ("P@10m [%],R@10m [%],F1@10m [%]", [Family.PRECISION, Family.RECALL, Family.F1]),
+        ("Precision@10,Recall@10,F1@10", [Family.PRECISION, Family.RECALL, Family.F1]),
+        ("Precision@10,Recall@10,F1@5", [Family.AVERAGE_PRECISION, Family.HITS, Family.F1]),
+        ("AP@10,R@10m,F1@5m", [Family.AVERAGE_PRECISION, Family.HITS, Family.F1]),
+        ("P@5m,R@5m,R@1", [Family.PRECISION, Family.RECALL, Family.HITS]),
+    ],
+)
+def test_f1_beside_them_makes_recall_and_precision_those_of_clouds(
+    tmp_path: Path, heads: str, families: list[Family]
+) -> None:
+    cells = read(tmp_path, f"method,scene,{heads}\nA,s1,70.10,40.20,51.10\n")
+    assert [cell.score.family for cell in cells] == families

@@ -71,3 +71,9 @@ def test_interval_of_a_rate():
     assert low == 0.0
     assert (1 - high) ** 20 == pytest.approx(0.025)
     assert hit_rate_interval(20, 20).tolist() == pytest.approx([1 - high, 1.0])
+
+
+def test_shares_are_taken_for_what_they_are():
+    with pytest.raises(UsageError, match=r"looks like a share from 0 to 1: give percent, 96\.21"):
+        hits_that_print("0.9621", 264)
+    assert list(hits_that_print("0.38", 264)) == [1]
