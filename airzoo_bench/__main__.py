@@ -12,16 +12,31 @@ _PATIENCE_S = 0.5
 def main() -> None:
     """Import the command line and run it; Ctrl-C while it is imported is no fault either."""
     try:
+        _open_closed_streams()
         from airzoo_bench.cli.main import main as run
+
+        run()
     except KeyboardInterrupt:
         sys.stderr.write("airzoo-bench: stopped; nothing was left half-written\n")
-        sys.exit(_STOPPED)
-    try:
-        run()
+        _leave_at_once()
     except SystemExit as done:
         if done.code == _STOPPED:
             _leave_at_once()
         raise
+
+
+def _open_closed_streams() -> None:
+    """Let what is said to a closed stream go nowhere.
+
+    Of a stream that the shell closed (``>&-``) Python makes None; and the next file that is opened
+    would get its number, and what libraries say to that.
+    """
+    from pathlib import Path
+
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            stream = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115 - to the end
+            setattr(sys, name, stream)
 
 
 def _leave_at_once() -> None:

@@ -8,7 +8,7 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -17,12 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import UsageError, UserError
+from airzoo_bench.output_places import (
+    cannot_write,
+    check_output_file,
+    check_output_folder,
+    followed,
+)
 
 __all__ = [
     "atomic_folder",
     "atomic_write",
     "canonical_json",
     "check_new_folder",
+    "check_output_file",
     "check_output_folder",
     "fingerprint",
     "read_text",
@@ -34,6 +41,8 @@ __all__ = [
 _CHUNK_BYTES = 1 << 20
 _MARK = "benchmark.toml"
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
+# Of a name, in that of the file or folder beside it: systems allow 255 bytes, with what is added.
+_KEPT_LETTERS = 40
 
 
 @contextmanager
@@ -43,7 +52,8 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     Parameters
     ----------
     path : Path
-        Where the file shall stand; missing parent folders are made.
+        Where the file shall stand; missing parent folders are made. Of a symbolic link, the file
+        that it leads to is replaced.
     mode : str
         ``"wb"`` or ``"w"`` (UTF-8, newlines as written).
 
@@ -54,23 +64,25 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
 
     Raises
     ------
+    UsageError
+        See `check_output_file`.
     UserError
         The folder cannot be written to, or the disk is full.
     """
-    if path.is_dir():
-        raise UsageError("a folder, not a file", where=path, mend="name a file to write")
+    check_output_file(path)
+    target = followed(path)
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
     temporary: str | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=_prefix(target), dir=target.parent)
         with os.fdopen(handle, mode, **text) as stream:
             yield stream
         _give_usual_permissions(temporary)
-        Path(temporary).replace(path)
+        Path(temporary).replace(target)
     except OSError as error:
         _forget(temporary)
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     except BaseException:
         _forget(temporary)
         raise
@@ -103,13 +115,13 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        temporary = Path(tempfile.mkdtemp(prefix=_prefix(path), dir=path.parent))
         yield temporary
         temporary.chmod(0o777 & ~_umask())
         _swap(temporary, path)
     except OSError as error:
         _forget_folder(temporary)
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     except BaseException:
         _forget_folder(temporary)
         raise
@@ -138,24 +150,6 @@ def check_new_folder(path: Path, *, replace: bool) -> None:
             expected=f"a folder with {_MARK}, or none",
             mend="name another folder",
         )
-
-
-def check_output_folder(folder: Path, names: Iterable[str]) -> None:
-    """Refuse a folder for output that cannot take files of these names, before any is written.
-
-    Raises
-    ------
-    UsageError
-        A file stands where the folder or one above it should be, or a folder where a file should.
-    """
-    for place in (folder, *folder.parents):
-        if place.exists():
-            if not place.is_dir():
-                raise UsageError("a file, not a folder", where=place, mend="name a folder")
-            break
-    for name in names:
-        if (folder / name).is_dir():
-            raise UsageError("a folder, not a file", where=folder / name, mend="name another --out")
 
 
 def sha256_of(path: Path) -> str:
@@ -236,12 +230,8 @@ def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 1
         ) from error
 
 
-def _cannot_write(path: Path, error: OSError) -> UserError:
-    return UserError(
-        f"cannot be written: {error.strerror or error}",
-        where=path,
-        mend="choose a folder you may write to, on a disk with room",
-    )
+def _prefix(path: Path) -> str:
+    return f".{path.name[:_KEPT_LETTERS]}."
 
 
 def _umask() -> int:
@@ -259,7 +249,7 @@ def _swap(new: Path, path: Path) -> None:
     if not path.exists():
         new.replace(path)
         return
-    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
+    old = Path(tempfile.mkdtemp(prefix=f"{_prefix(path)}old.", dir=path.parent))
     path.replace(old / "old")
     try:
         new.replace(path)

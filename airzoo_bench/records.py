@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import math
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -14,16 +15,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.errors import ResultError
-from airzoo_bench.result import Result, read_result
+from airzoo_bench.result import SHARE_SLACK, Result, ScoreColumn, read_result
 from airzoo_bench.result_files import method_names, records_path, result_paths
+from airzoo_bench.scores import Score, Summary, summarise
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["Scored", "read_records", "read_scored"]
 
 _SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 _BLOCK_BYTES = 8 << 20
+# Scores are averaged in the order of the rows, which need not be that of the time of writing.
+_ROUNDING = 1e-9
 
 # As pandas writes numbers. What only looks like one, such as a sequence "007" or "1e5", is a text.
 _INTEGER = "^-?(0|[1-9][0-9]{0,17})$"
@@ -101,7 +107,8 @@ def read_records(
     Raises
     ------
     ResultError
-        They are missing, were changed, or are not those of the result.
+        They are missing, were changed, or are not those of the result: another checksum, number
+        of queries or average of a score that is read.
     """
     result = read_result(path) if result is None else result
     file = records_path(path)
@@ -227,14 +234,66 @@ def _with_type(texts: Any) -> Any:
 
 
 def _checked(records: pd.DataFrame, result: Result, file: Path) -> pd.DataFrame:
-    for key in (column.key for column in result.columns if column.key in records):
-        values = records[key].to_numpy(np.float64)
-        if np.isnan(values).any() or np.isneginf(values).any():
-            raise _no_number(key, file)
-    if set(records["scene"].unique()) != set(result.scenes) or not records["query"].is_unique:
+    columns = [column for column in result.columns if column.key in records]
+    for column in columns:
+        _check_values(records[column.key].to_numpy(np.float64), column, file)
+    _check_sums(records, columns, result, file)
+    return records.sort_values("query", ignore_index=True)
+
+
+def _check_values(values: Floats, column: ScoreColumn, file: Path) -> None:
+    if np.isnan(values).any() or np.isneginf(values).any():
+        raise _no_number(column.key, file)
+    most = 1.0 + SHARE_SLACK if column.unit == "share" else np.inf
+    wrong = values[(values < 0) | (values > most)]
+    if wrong.size:
+        raise ResultError(
+            f"a score is {wrong[0]:g}",
+            where=f"{file}, {column.key}",
+            expected="0 to 1" if column.unit == "share" else "0 or more",
+            mend=_SCORE_AGAIN,
+        )
+
+
+def _check_sums(
+    records: pd.DataFrame, columns: Sequence[ScoreColumn], result: Result, file: Path
+) -> None:
+    """Hold the numbers of queries and the averages of records against those of their result."""
+    import pandas as pd
+
+    rows, found = pd.factorize(records["scene"])
+    if (rows < 0).any() or set(found) != set(result.scenes) or not records["query"].is_unique:
         raise ResultError(
             "its scenes are not those of the result, or a query stands twice",
             where=file,
             mend=_SCORE_AGAIN,
         )
-    return records.sort_values("query", ignore_index=True)
+    for scene, count in zip(found, np.bincount(rows).tolist(), strict=True):
+        expected = result.counts[scene]["queries"]
+        if count != expected:
+            raise _unlike(f"scene {scene} has {count} queries", expected, file)
+    # Numbers in place of names: a scene's rows are found much faster.
+    scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
+    numbered = records[[column.key for column in columns]].assign(scene=rows)
+    summary = summarise(numbered, scores, [*range(len(found))])
+    _check_averages(summary, list(found), result, file)
+
+
+def _check_averages(summary: Summary, scenes: list[str], result: Result, file: Path) -> None:
+    by_scene = zip(scenes, summary.scenes.values(), strict=True)
+    parts = {f"in scene {scene}": (values, result.scenes[scene]) for scene, values in by_scene}
+    parts["over scenes"] = (summary.overall, result.overall)
+    parts["over all queries"] = (summary.pooled, result.pooled)
+    for part, (values, expected) in parts.items():
+        for key, value in values.items():
+            if not math.isclose(value, expected[key], rel_tol=_ROUNDING):
+                raise _unlike(f"{key} {part} is {value!r}", expected[key], file)
+
+
+def _unlike(what: str, expected: float, file: Path) -> ResultError:
+    return ResultError(
+        f"does not fit the result beside it: {what}",
+        where=file,
+        expected=f"{expected!r}, as the result has it",
+        mend=_SCORE_AGAIN,
+    )

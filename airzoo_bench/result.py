@@ -29,13 +29,16 @@ from airzoo_bench.scores import Score, Summary
 from airzoo_bench.validation import validation_message
 
 __all__ = [
+    "SHARE_SLACK",
     "PredictionsUsed",
     "ProtocolUsed",
     "Result",
     "ScoreColumn",
     "TruthUsed",
     "read_result",
+    "score_columns",
     "versions",
+    "with_summary",
     "write_result",
 ]
 
@@ -53,8 +56,13 @@ def _printable(name: object) -> object:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
 
 
+SHARE_SLACK = 1e-9
+"""By how much rounding may lift a share above 1."""
+
 Value = Annotated[float, AfterValidator(_is_number)]
 Name = Annotated[str, BeforeValidator(_printable)]
+# The largest is that which JavaScript still counts with.
+Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
 
 _EXPECTED = "a result.json that `airzoo-bench eval ... --out DIR` wrote"
 _MEND = "score the predictions again"
@@ -105,6 +113,12 @@ class ScoreColumn(_Model):
     headline: bool
 
 
+def _check_range(value: float, column: ScoreColumn) -> None:
+    if value < 0 or (column.unit == "share" and value > 1 + SHARE_SLACK):
+        allowed = "0 to 1" if column.unit == "share" else "0 or more"
+        raise ValueError(f"the score {column.key} is {value:g}, expected {allowed}")
+
+
 class Result(_Model):
     """All that is known of one evaluation.
 
@@ -129,8 +143,8 @@ class Result(_Model):
     predictions: PredictionsUsed
     versions: dict[str, str]
     columns: tuple[ScoreColumn, ...]
-    counts: dict[str, dict[str, int]]
-    extra_queries: int
+    counts: dict[str, dict[str, Count]]
+    extra_queries: Count
     notes: tuple[str, ...]
     scenes: dict[str, dict[str, Value]]
     overall: dict[str, Value]
@@ -140,10 +154,13 @@ class Result(_Model):
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Result:
-        keys = {column.key for column in self.columns}
+        columns = {column.key: column for column in self.columns}
         for part in (*self.scenes.values(), self.overall, self.pooled):
-            if set(part) != keys:
-                raise ValueError(f"scores do not fit the columns: {sorted(keys ^ set(part))[:3]}")
+            if set(part) != set(columns):
+                differing = sorted(set(columns) ^ set(part))
+                raise ValueError(f"scores do not fit the columns: {differing[:3]}")
+            for key, value in part.items():
+                _check_range(value, columns[key])
         for what in (self.counts, self.truth.scene_titles):
             if set(what) != set(self.scenes):
                 raise ValueError("counts, titles and scores are not of the same scenes")
@@ -152,6 +169,11 @@ class Result(_Model):
         if "airzoo-bench" not in self.versions:
             raise ValueError("the version of airzoo-bench is not given")
         return self
+
+    @property
+    def unit(self) -> Literal["query", "scene"]:
+        """What a record is of; of scenes it is where a track scores each as a whole."""
+        return "scene" if self.track == "reconstruction" else "query"
 
     def sealed(self) -> Result:
         """Return the same result with its checksum."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from airzoo_bench.files import (
     atomic_folder,
     atomic_write,
     canonical_json,
+    check_output_file,
     check_output_folder,
     fingerprint,
     read_text,
@@ -56,7 +59,7 @@ def test_a_fault_leaves_the_old_file_and_nothing_else(
 def test_a_file_where_a_folder_should_be(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with (
-        pytest.raises(UserError, match=r"cannot be written: .*\n  to mend"),
+        pytest.raises(UsageError, match=r"file: a file, not a folder\n.*a\.txt needs a folder"),
         atomic_write(tmp_path / "file" / "a.txt"),
     ):
         pass
@@ -73,6 +76,88 @@ def test_a_folder_where_a_file_should_be(tmp_path: Path) -> None:
         check_output_folder(tmp_path / "out", ("b.txt", "a.txt"))
     check_output_folder(tmp_path / "out", ("b.txt",))
     check_output_folder(tmp_path / "none" / "deep", ("b.txt",))
+
+
+def write_to(path: Path) -> None:
+    with atomic_write(path, "w") as stream:
+        stream.write("new")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes, devices and links of POSIX")
+def test_what_is_no_plain_file_stays(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path / "link", Path(os.devnull)):
+        with pytest.raises(UsageError, match="a pipe or a device, not a file"):
+            write_to(path)
+    with pytest.raises(UsageError, match="pipe: a pipe or a device"):
+        check_output_folder(tmp_path, ("a.txt", "pipe"))
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "link").is_symlink()
+    assert files_below(tmp_path) == {"pipe", "link"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links of POSIX")
+def test_a_link_is_written_through(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for name in ("old", "new"):
+        (tmp_path / name).symlink_to(Path("there") / name)
+    (tmp_path / "there" / "old").write_text("old")
+    for name in ("old", "new"):
+        write_to(tmp_path / name)
+        assert (tmp_path / name).is_symlink()
+        assert (tmp_path / "there" / name).read_text() == "new"
+    assert files_below(tmp_path) == {"old", "new", "there", "there/old", "there/new"}
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(UsageError, match="a symbolic link that leads to itself"):
+        write_to(tmp_path / "loop")
+
+
+def test_a_read_only_file_stays(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    path.chmod(0o444)
+    with pytest.raises(UsageError, match="a read-only file, which is not replaced"):
+        write_to(path)
+    assert path.read_text() == "old"
+    path.chmod(0o644)
+    write_to(path)
+    assert path.read_text() == "new"
+
+
+def test_a_folder_that_takes_nothing_is_found_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "none" / "a.txt"
+    check_output_file(path)
+    assert files_below(tmp_path) == set()
+    # Whoever may do everything may also write where the mode forbids it.
+    monkeypatch.setattr(os, "access", lambda place, _: Path(place) != tmp_path)
+    with pytest.raises(UsageError, match="nothing may be written into this folder"):
+        check_output_file(path)
+
+
+def test_what_is_read_is_not_written(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    one, other = tmp_path / "in" / "a.csv", tmp_path / "b.csv"
+    one.touch()
+    os.link(one, tmp_path / "c.csv")
+    (tmp_path / "d.csv").symlink_to(one)
+    for path in (one, tmp_path / "in" / ".." / "in" / "a.csv", tmp_path / "d.csv"):
+        with pytest.raises(UsageError, match=r"csv: is read to make what would be written"):
+            check_output_file(path, [other, one])
+    check_output_file(other, [other, one])
+    check_output_file(one, [other])
+
+
+@pytest.mark.parametrize("name", ["x" * 251 + ".txt", "ü" * 125 + ".txt"])
+def test_the_longest_names_that_a_system_takes(name: str, tmp_path: Path) -> None:
+    write_to(tmp_path / name)
+    with atomic_folder(tmp_path / "out" / name) as folder:
+        (folder / "a").touch()
+    assert files_below(tmp_path) == {name, "out", f"out/{name}", f"out/{name}/a"}
+    with pytest.raises(UserError, match=r"cannot be written: .*too long"):
+        check_output_file(tmp_path / f"{name}{name}")
 
 
 def test_a_full_disk_is_the_user_s_to_mend(tmp_path: Path) -> None:

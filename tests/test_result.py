@@ -136,6 +136,50 @@ def test_parts_that_do_not_fit(content: dict[str, Any], message: str, tmp_path: 
         read_result(tmp_path / "result.json")
 
 
+def changed(value: object, *keys: str) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(result().model_dump_json(by_alias=True))
+    part = content
+    for key in keys[:-1]:
+        part = part[key]
+    part[keys[-1]] = value
+    return content
+
+
+@pytest.mark.parametrize("part", [("overall",), ("pooled",), ("scenes", "s")])
+@pytest.mark.parametrize(
+    ("value", "key", "message"),
+    [
+        (-5, "recall@1", "the score recall@1 is -5, expected 0 to 1"),
+        (1.001, "recall@1", "the score recall@1 is 1.001, expected 0 to 1"),
+        (1e308, "recall@1", r"recall@1 is 1e\+308"),
+        ("Infinity", "recall@1", "recall@1 is inf"),
+        ("-Infinity", "distance_m", "distance_m is -inf, expected 0 or more"),
+        (-1e-9, "distance_m", "distance_m is -1e-09, expected 0 or more"),
+    ],
+)
+def test_a_score_that_none_can_have(
+    value: object, key: str, message: str, part: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "result.json").write_text(json.dumps(changed(value, *part, key)))
+    with pytest.raises(ResultError, match=message):
+        read_result(tmp_path / "result.json")
+
+
+@pytest.mark.parametrize("keys", [("counts", "s", "queries"), ("extra_queries",)])
+@pytest.mark.parametrize("value", [-1, 10**30, 2**53, 0.5])
+def test_a_count_that_nothing_can_have(value: float, keys: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text(json.dumps(changed(value, *keys)))
+    with pytest.raises(ResultError, match=".".join(keys)):
+        read_result(tmp_path / "result.json")
+
+
+def test_the_ends_of_what_scores_can_be() -> None:
+    for value in (0.0, -0.0, 1.0, 1.0 + 1e-15):
+        assert result(**{"recall@1": value}).overall["recall@1"] == value
+    for value in (0.0, 1e308, math.inf):
+        assert result(distance_m=value).overall["distance_m"] == value
+
+
 @pytest.mark.parametrize("value", [math.nan, -math.nan])
 def test_a_score_is_never_nan(value: float) -> None:
     with pytest.raises(ValueError, match="never NaN"):

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shutil
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO, TypeVar
 
 import typer
 
-from airzoo_bench.benchmark import data_root
+from airzoo_bench.data_root import data_root
 from airzoo_bench.errors import UsageError
 from airzoo_bench.tables.model import Table
 
@@ -27,6 +29,7 @@ __all__ = [
     "JobsOption",
     "MemoryOption",
     "ProtocolOption",
+    "check_output",
     "memory_bytes",
     "printable",
     "progress",
@@ -35,6 +38,7 @@ __all__ = [
     "say",
     "show",
     "with_data",
+    "working",
 ]
 
 T = TypeVar("T")
@@ -85,6 +89,38 @@ def resolve_data(data: Path | None) -> Path:
     return data_root() if data is None else data
 
 
+def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()) -> None:
+    """Refuse, before any work, a file that cannot be written or that would replace what is read.
+
+    Parameters
+    ----------
+    out : Path
+        The file to write.
+    results : iterable of Path
+        Results, or the folders that hold one; what belongs to them is kept too.
+    endings : iterable of str
+        Those that the file may have, such as ``.html``; any where there are none.
+
+    Raises
+    ------
+    UsageError
+        See `airzoo_bench.files.check_output_file`; or the ending is another.
+    """
+    from airzoo_bench.files import check_output_file
+    from airzoo_bench.result_files import records_path
+
+    files = [path / "result.json" if path.is_dir() else path for path in results]
+    check_output_file(out, [*files, *map(records_path, files)])
+    known = list(endings)
+    if known and out.suffix.lower() not in known:
+        raise UsageError(
+            f"the file's ending is {out.suffix!r}" if out.suffix else "the file has no ending",
+            where=out,
+            expected=" or ".join(known),
+            mend=f"name it {out.stem}{known[0]}",
+        )
+
+
 def memory_bytes(text: str) -> int:
     """Turn ``512M`` into bytes.
 
@@ -114,8 +150,14 @@ def say(message: str) -> None:
     _write(printable(message) + "\n", sys.stderr)
 
 
-def put(text: str) -> None:
-    """Write text to stdout; where the reader of a pipe has gone, quietly to nowhere."""
+def put(text: str, form: Format = Format.TERMINAL) -> None:
+    """Write text to stdout; where the reader of a pipe has gone, quietly to nowhere.
+
+    What is the content of a file is UTF-8 whatever the terminal's encoding: files of LaTeX, CSV
+    and the others are read as that, and the letters of names must not be lost on the way.
+    """
+    if form is not Format.TERMINAL and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
     _write(text, sys.stdout)
 
 
@@ -132,7 +174,7 @@ def show(table: Table, form: Format, style: LatexStyle | None = None) -> None:
     from airzoo_bench.tables.render import render
 
     width = shutil.get_terminal_size((80, 24)).columns
-    put(render(table, form.value, width=width, styled=sys.stdout.isatty(), style=style))
+    put(render(table, form.value, width=width, styled=sys.stdout.isatty(), style=style), form)
     if form is Format.CSV:
         for note in table.notes:
             say(note)
@@ -150,3 +192,16 @@ def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeLeft())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         yield from bar.track(items, total=total, description=label)
+
+
+@contextmanager
+def working(label: str) -> Iterator[None]:
+    """Say on stderr that something takes its time, while it does, if that is a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.text import Text
+
+    with Console(stderr=True).status(Text(printable(label))):
+        yield

@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, JobsOption, progress, resolve_data, say
+from airzoo_bench.cli.common import (
+    DataOption,
+    JobsOption,
+    check_output,
+    progress,
+    resolve_data,
+    say,
+)
 
 __all__ = ["report"]
 
@@ -34,6 +41,7 @@ def report(
     from airzoo_bench.files import atomic_write
     from airzoo_bench.report.page import make_report
 
+    check_output(out, results, (".html", ".htm"))
     made = make_report(
         results,
         data=resolve_data(data),

@@ -657,9 +657,9 @@ def test_an_unknown_scene_of_a_table(
     data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_main("table", scored(tmp_path, arrays, "one"), "--scene", "eats") == 2
-    assert "no scene 'eats' in the results\n  expected: one of east, west" in (
-        capsys.readouterr().err
-    )
+    message = capsys.readouterr().err
+    assert "no scene 'eats' in the results (did you mean 'east'?)" in message
+    assert "expected: one of east, west" in message
 
 
 BENCHMARKS: dict[str, tuple[Callable[[Path], object], list[str]]] = {

@@ -72,7 +72,7 @@ def test_a_wrong_call_exits_2(arguments: list[str], capsys: pytest.CaptureFixtur
     assert run_main(*arguments) == 2
     out, message = capsys.readouterr()
     assert out == ""
-    assert "Error" in message
+    assert "Error" in message or message.startswith("airzoo-bench: ")
 
 
 def test_a_path_too_long_for_the_system(capsys: pytest.CaptureFixture[str], data: Path) -> None:

@@ -54,9 +54,8 @@ def test_other_columns_and_awkward_names(tmp_path):
 
 
 def test_records_of_scenes_are_named_by_them(tmp_path):
-    made = made_method(SCENES, COLUMNS)
-    of_scenes = made.records.groupby("scene", as_index=False).first().drop(columns="query")
-    save(Evaluation(made.result, of_scenes), tmp_path)
+    made = made_method({scene: {"recall@1": [0.5]} for scene in SCENES})
+    save(Evaluation(made.result, made.records.drop(columns="query")), tmp_path)
     assert read_records(tmp_path / "result.json")["query"].tolist() == ["east", "west"]
 
 
@@ -109,6 +108,19 @@ def test_a_result_without_records(tmp_path):
         (lambda r: r.assign(error_m=list("abcd")), "error_m: a score is not a number"),
         (lambda r: r.assign(scene="east"), "its scenes are not those"),
         (lambda r: r.assign(query="same"), "a query stands twice"),
+        (lambda r: r.assign(error_m=[1.0, -3.0, 2.0, 3.0]), r"score is -3\n.*expected: 0 or more"),
+        (lambda r: r.assign(**{"recall@1": [1, 0, 5.0, 0]}), r"score is 5\n.*expected: 0 to 1"),
+        (lambda r: r.assign(**{"recall@1": [1, 0, np.inf, 0]}), "recall@1: a score is inf"),
+        (lambda r: r.assign(**{"recall@1": [1, 0, 1.0001, 0]}), "recall@1: a score is 1.0001"),
+        (lambda r: r[1:], "scene east has 2 queries\n.*expected: 3, as the result has it"),
+        (lambda r: r.assign(scene=["east", "west", *r.scene[2:]]), "east has 2 queries"),
+        (
+            lambda r: r.assign(scene=["west", *r.scene[1:3], "east"]),
+            "recall@1 in scene west is 1.0",
+        ),
+        (lambda r: r.assign(**{"recall@1": 0.0}), "recall@1 in scene east is 0.0\n.*: 0.666"),
+        (lambda r: r.assign(error_m=[0.3, 1, 1 / 3, 1e-299]), "error_m in scene west is 1e-299"),
+        (lambda r: r.assign(error_m=[np.inf, np.inf, 0, 1e-300]), "error_m in scene east is inf"),
     ],
 )
 def test_records_that_cannot_be_of_the_result(change, message, tmp_path):
@@ -116,6 +128,24 @@ def test_records_that_cannot_be_of_the_result(change, message, tmp_path):
     save(Evaluation(made.result, change(made.records)), tmp_path)
     with pytest.raises(ResultError, match=message):
         read_records(tmp_path / "result.json")
+
+
+@pytest.mark.parametrize("part", ["overall", "pooled"])
+def test_a_resealed_result_is_held_to_its_records(part, path):
+    result = read_result(path)
+    better = {**getattr(result, part), "recall@1": 0.9}
+    write_result(path, result.model_copy(update={part: better}).sealed())
+    assert read_result(path).is_intact()
+    with pytest.raises(ResultError, match=r"does not fit the result .*\n  expected: 0\.9, as the"):
+        read_records(path)
+    assert read_records(path, columns=["error_m"])["query"].is_unique
+
+
+def test_rounding_is_no_difference(path):
+    result = read_result(path)
+    overall = {key: value * (1 + 1e-12) for key, value in result.overall.items()}
+    write_result(path, result.model_copy(update={"overall": overall}).sealed())
+    assert len(read_records(path)) == 4
 
 
 def test_methods_of_the_same_name_get_their_file_s(tmp_path):
@@ -253,7 +283,7 @@ def test_odd_files_that_are_tables(tmp_path):
 @given(st.lists(st.floats(0.0, 1e300), min_size=1, max_size=30))
 def test_scores_are_read_to_the_last_bit(values):
     with tempfile.TemporaryDirectory() as folder:
-        made = made_method({"s": {"recall@1": values}})
+        made = made_method({"s": {"error_m": values}}, (ERROR,))
         path = write_method(Path(folder), made)
-        read = read_records(path)["recall@1"].to_numpy()
-    assert read.tobytes() == made.records["recall@1"].to_numpy(float).tobytes()
+        read = read_records(path)["error_m"].to_numpy()
+    assert read.tobytes() == made.records["error_m"].to_numpy(float).tobytes()

@@ -1,0 +1,68 @@
+"""``airzoo-bench plot`` by how it is called."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from airzoo_bench.cli.common import working
+from tests.support import run_main, write_predictions
+
+KINDS = "recall, errors, thresholds, intervals, scenes, condition"
+
+
+@pytest.mark.parametrize(
+    ("call", "parts"),
+    [
+        ([], [f"plot needs a kind, one of {KINDS}; and results; and -o, the file to save"]),
+        (["r.json", "-o", "x.png"], [f"one of {KINDS}", "name the kind before the results"]),
+        (["recal", "r.json", "-o", "x.png"], ["'recal' is no kind", "did you mean 'recall'"]),
+        (["recall", "-o", "x.png"], ["plot needs results\n", "recall results/*/result.json -o"]),
+        (["scenes", "r.json"], ["plot needs -o, the file to save\n", "-o scenes.png"]),
+        (["condition", "r.json"], ["condition results/*/result.json --by weather -o condition"]),
+    ],
+)
+def test_what_a_call_lacks(
+    call: list[str], parts: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("plot", *call) == 2
+    out, said = capsys.readouterr()
+    assert out == ""
+    assert "Missing argument" not in said
+    for part in parts:
+        assert part in said
+
+
+def test_a_folder_stands_for_the_result_in_it(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    assert run_main("eval", "retrieval", path, "--out", tmp_path / "out") == 0
+    pictures = [tmp_path / name for name in ("a.svg", "b.svg")]
+    for given, picture in zip(("out", "out/result.json"), pictures, strict=True):
+        assert run_main("plot", "recall", tmp_path / given, "-o", picture) == 0
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+    capsys.readouterr()
+    assert run_main("plot", "recall", tmp_path, "-o", tmp_path / "c.png") == 2
+    said = capsys.readouterr().err
+    assert "a folder, not a result file, and without a result.json" in said
+    assert f"name {tmp_path}/*/result.json (there are 1)" in said
+
+
+class Terminal(io.StringIO):
+    """A stream that says that it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_work_is_told_to_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stream, is_told in ((Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr("sys.stderr", stream)
+        monkeypatch.setenv("TERM", "xterm")
+        with working("drawing [red]\x07.png"):
+            pass
+        assert ("drawing [red]\\x07.png" in stream.getvalue()) is is_told
