@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.matching import scores as matching
+from airzoo_bench.reconstruction import scores as reconstruction
 from airzoo_bench.records import Scored
+from airzoo_bench.retrieval import scores as retrieval
 from airzoo_bench.validation import nearest
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "MEASURED",
     "UNKNOWN",
     "Grouping",
     "check_column",
@@ -29,33 +31,22 @@ __all__ = [
     "even_edges",
     "group_averages",
     "group_records",
+    "is_condition",
+    "number_texts",
 ]
 
 UNKNOWN = "unknown"
 """The group of the queries for which a condition has no value."""
 
-MEASURED = frozenset(
-    (
-        *("scene", "query", "answered", "failed", "status", "seconds"),
-        *("positives", "tie_dependent", "first_hit_rank", "first_tile"),
-        *("matches", "lifted", "outside_map", "outside_dsm", "no_height", "inliers"),
-        *("error_m", "horizontal_m", "vertical_m", "rotation_deg"),
-        *("alignment", "scale", "cameras", "inlier_cameras"),
-        *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
-        *("points", "not_finite", "outside", "thinned", "distrusted"),
-        *("truth_points", "truth_outside", "truth_thinned", "cameras_missing"),
-        *("predicted_points", "true_points", "ranked"),
-    )
-)
-"""Columns of records that tell what a method did, or was held against, and are no conditions."""
-
-_RANKED_TILE = "tile@"
+_RECORDED = retrieval.RECORDED | matching.RECORDED | reconstruction.RECORDED
 
 _MOST_CATEGORIES = 12
 _MOST_BINS = 6
 _MOST_GROUPS = 1_000
 _SUFFIXES = {"_m": "m", "_deg": "°", "_s": "s", "_px": "px"}
 _EDGE_DIGITS = 12
+_LEAST_DIGITS, _ALL_DIGITS = 6, 17  # as `:g` has; as tell any two floats apart
+_MOST_WHOLE = 10**15  # integers below are written in full
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +58,8 @@ class Grouping:
     by : str
         The column.
     labels : tuple of G str
-        In order: of numbers ascending, of texts alphabetical; `UNKNOWN` last.
+        All different. In order: of numbers ascending, of texts alphabetical; `UNKNOWN` last, which
+        is also that of the text ``unknown``.
     codes : (Q,) int64
         The group of each record.
     edges : tuple of float
@@ -85,17 +77,22 @@ class Grouping:
         return np.bincount(self.codes, minlength=len(self.labels))
 
 
+def is_condition(name: str) -> bool:
+    """Whether a column of records, of any track and no score, tells of queries, not of methods."""
+    return name not in _RECORDED and not name.startswith(retrieval.RANKED_TILE)
+
+
 def condition_names(method: Scored) -> list[str]:
     """Return the columns of the records that are conditions, and not all of one value."""
-    known = MEASURED | {column.key for column in method.result.columns}
+    scores = {column.key for column in method.result.columns}
     records = method.records
-    found = [
-        name for name in records.columns if name not in known and not name.startswith(_RANKED_TILE)
-    ]
     return [
         name
-        for name in found
-        if records[name].nunique(dropna=False) > 1 and _groupable(records[name])
+        for name in records.columns
+        if is_condition(name)
+        and name not in scores
+        and records[name].nunique(dropna=False) > 1
+        and _groupable(records[name])
     ]
 
 
@@ -139,7 +136,9 @@ def even_edges(values: Floats, most: int = _MOST_BINS) -> tuple[float, ...]:
     return tuple(edge for edge in edges if low < edge <= high)
 
 
-def group_records(records: pd.DataFrame, by: str, bins: Sequence[float] | None = None) -> Grouping:
+def group_records(
+    records: pd.DataFrame, by: str, bins: Sequence[float] | None = None, *, keep_empty: bool = False
+) -> Grouping:
     """Put records into groups by a column.
 
     Parameters
@@ -150,6 +149,8 @@ def group_records(records: pd.DataFrame, by: str, bins: Sequence[float] | None =
     bins : sequence of float, optional
         Inner edges: below the first, from the first to below the second, ... Where left out, a
         number with more than 12 values is cut by `even_edges`.
+    keep_empty : bool
+        Keep the `bins` that hold no record, instead of leaving them out.
 
     Raises
     ------
@@ -160,7 +161,7 @@ def group_records(records: pd.DataFrame, by: str, bins: Sequence[float] | None =
     check_column(records, by)
     column = records[by]
     if bins is not None:
-        return _binned(by, column, _checked_bins(by, column, bins))
+        return _binned(by, column, _checked_bins(by, column, bins), keep_empty)
     if _is_number(column) and column.nunique() > _MOST_CATEGORIES:
         values = column.to_numpy(np.float64)
         return _binned(by, column, even_edges(values[np.isfinite(values)]))
@@ -197,32 +198,59 @@ def _checked_bins(by: str, column: pd.Series[str], bins: Sequence[float]) -> tup
         )
     if not all(map(math.isfinite, edges)) or list(edges) != sorted(set(edges)) or not edges:
         raise UsageError(
-            f"--bins {','.join(f'{edge:g}' for edge in edges)} do not ascend",
+            f"--bins {','.join(f'{edge:.15g}' for edge in edges)} do not ascend",
             expected="edges such as 50,100,200",
         )
     return edges
 
 
-def _binned(by: str, column: pd.Series[str], edges: tuple[float, ...]) -> Grouping:
+def _binned(
+    by: str, column: pd.Series[str], edges: tuple[float, ...], keep_empty: bool = False
+) -> Grouping:
     values = column.to_numpy(np.float64)
     missing = np.isnan(values)
     codes = np.searchsorted(np.array(edges), values, side="right").astype(np.int64)
     codes[missing] = len(edges) + 1
-    return _without_empty(Grouping(by, (*_bin_labels(edges), UNKNOWN), codes, edges))
+    found = Grouping(by, (*_bin_labels(edges), UNKNOWN), codes, edges)
+    return _without_empty(found, kept=len(edges) + 1 if keep_empty else 0)
 
 
 def _bin_labels(edges: tuple[float, ...]) -> list[str]:
     if not edges:
         return ["all"]
-    between = [f"{low:g} to {high:g}" for low, high in pairwise(edges)]
-    return [f"below {edges[0]:g}", *between, f"{edges[-1]:g} and more"]
+    texts = number_texts(edges)
+    between = [f"{low} to {high}" for low, high in pairwise(texts)]
+    return [f"below {texts[0]}", *between, f"{texts[-1]} and more"]
+
+
+def number_texts(values: Sequence[float]) -> list[str]:
+    """Write numbers in as few digits, six or more, as tell them apart; integers in all of theirs.
+
+    Parameters
+    ----------
+    values : sequence of float or int
+        Not NaN.
+    """
+    if all(_is_whole(value) for value in values):
+        return [str(int(value)) for value in values]
+    for digits in range(_LEAST_DIGITS, _ALL_DIGITS):
+        texts = [f"{value:.{digits}g}" for value in values]
+        if len(set(texts)) == len(set(values)):
+            return texts
+    return [str(value) for value in values]
+
+
+def _is_whole(value: float) -> bool:
+    return isinstance(value, int) or (value.is_integer() and abs(value) < _MOST_WHOLE)
 
 
 def _by_category(by: str, column: pd.Series[str]) -> Grouping:
     missing = column.isna().to_numpy(bool)
-    known = column[~missing]
-    numbers = _is_number(known)
-    values = sorted(known.unique().tolist()) if numbers else sorted(map(str, known.unique()))
+    numbers = _is_number(column)
+    shown = column.to_numpy() if numbers else column.astype(str).to_numpy(object)
+    if not numbers:
+        missing = missing | (shown == UNKNOWN)  # who writes it means what an empty field does
+    values = sorted(set(shown[~missing].tolist()))
     if len(values) > _MOST_GROUPS:
         raise UsageError(
             f"--by {by}: {len(values)} different values are no groups",
@@ -230,16 +258,18 @@ def _by_category(by: str, column: pd.Series[str]) -> Grouping:
         )
     places = {value: place for place, value in enumerate(values)}
     codes = np.full(len(column), len(values), np.int64)
-    shown = known.tolist() if numbers else map(str, known)
-    codes[~missing] = [places[value] for value in shown]
-    labels = [f"{value:g}" if numbers else str(value) for value in values]
+    codes[~missing] = [places[value] for value in shown[~missing].tolist()]
+    labels = number_texts(values) if numbers else values
     return _without_empty(Grouping(by, (*labels, UNKNOWN), codes))
 
 
-def _without_empty(grouping: Grouping) -> Grouping:
-    kept = np.flatnonzero(grouping.counts)
-    codes = np.searchsorted(kept, grouping.codes).astype(np.int64)
-    return Grouping(grouping.by, tuple(grouping.labels[k] for k in kept), codes, grouping.edges)
+def _without_empty(grouping: Grouping, kept: int = 0) -> Grouping:
+    """Leave out empty groups, but for the first `kept`."""
+    counts = grouping.counts
+    counts[:kept] = 1
+    left = np.flatnonzero(counts)
+    codes = np.searchsorted(left, grouping.codes).astype(np.int64)
+    return Grouping(grouping.by, tuple(grouping.labels[k] for k in left), codes, grouping.edges)
 
 
 def group_averages(
@@ -268,12 +298,6 @@ def group_averages(
     averages = np.full((len(values), groups), np.nan)
     for group, part in enumerate(parts):
         if part.shape[1]:
-            averages[:, group] = _averages(part, medians)
+            averages[~medians, group] = part[~medians].mean(axis=1)
+            averages[medians, group] = np.median(part[medians], axis=1)
     return averages
-
-
-def _averages(part: Floats, medians: NDArray[np.bool_]) -> Floats:
-    found = np.empty(len(part))
-    found[~medians] = part[~medians].mean(axis=1)
-    found[medians] = np.median(part[medians], axis=1)
-    return found

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 from airzoo_bench.errors import ResultError
 from airzoo_bench.result import Result
+from airzoo_bench.validation import nearest
 
-__all__ = ["check_comparable", "first_names", "version_notes"]
+__all__ = ["check_comparable", "find_scene", "first_names", "version_notes"]
 
 _SHOWN = 3
 _LONGEST = 60
@@ -47,6 +48,36 @@ def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
     return [f"made with different versions of {'; '.join(found)}"] if found else []
 
 
+def find_scene(titles: Mapping[str, str], wanted: str) -> str:
+    """Return the id of a scene that is named by id or title; an id goes before a title.
+
+    Parameters
+    ----------
+    titles : mapping of str to str
+        Of each scene, by id.
+    wanted : str
+
+    Raises
+    ------
+    ResultError
+        There is no such scene, or several have that title.
+    """
+    if wanted in titles:
+        return wanted
+    found = [scene for scene, title in titles.items() if title == wanted]
+    if not found:
+        known = list(dict.fromkeys([*titles, *titles.values()]))
+        raise ResultError(
+            f"there is no scene {wanted!r} in the results{nearest(wanted, known)}",
+            expected="one of " + ", ".join(titles),
+        )
+    if len(found) > 1:
+        raise ResultError(
+            f"{len(found)} scenes have the title {wanted!r}", expected="one of " + ", ".join(found)
+        )
+    return found[0]
+
+
 def first_names(names: Sequence[str], shown: int = _SHOWN) -> str:
     """Return the first few names, and how many more there are."""
     more = len(names) - shown
@@ -71,11 +102,18 @@ def _check(
             "protocol": "one protocol: a difference would be its doing as well as the methods'",
             "truth": "one truth: the same queries with the same answers",
         }[what],
-        mend={
-            "protocol": "score all predictions again with the same --protocol, "
-            "or name results of one protocol only",
-            "truth": "score all predictions again with the same benchmark folder",
-        }[what],
+        mend=_mend(results[0], results[second], what),
+    )
+
+
+def _mend(first: Result, other: Result, what: Literal["protocol", "truth"]) -> str:
+    if what == "truth":
+        return "score all predictions again with the same benchmark folder"
+    if first.protocol.name != other.protocol.name:
+        # They ask different things, often of different predictions: one is no slip for the other.
+        return "name results of one protocol only; `airzoo-bench table` takes several"
+    return (
+        "score all predictions again with the same --protocol, or name results of one protocol only"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from airzoo_bench.comparable import check_comparable, first_names, version_notes
+from airzoo_bench.comparable import check_comparable, find_scene, first_names, version_notes
 from airzoo_bench.errors import ResultError
 from airzoo_bench.result import Result
 from tests.statistics.support import made_method
@@ -84,3 +84,22 @@ def test_versions_that_differ_are_named_once() -> None:
     lacking = made.model_copy(update={"versions": {"airzoo-bench": "0.0.9", "numpy": "1"}})
     [note] = version_notes(["a", "b"], [older, lacking])
     assert note == "made with different versions of numpy: unknown (a), 1 (b)"
+
+
+def test_scenes_by_id_and_title() -> None:
+    titles = {"a": "Alp", "b": "a", "c": "Sea", "d": "Sea"}
+    assert find_scene(titles, "Alp") == find_scene(titles, "a") == "a"
+    assert find_scene(titles, "b") == "b"
+    assert find_scene(titles, "c") == "c"
+    with pytest.raises(ResultError, match="2 scenes have the title 'Sea'\n  expected: one of c, d"):
+        find_scene(titles, "Sea")
+
+
+def test_what_is_no_scene_gets_a_hint() -> None:
+    titles = {"field1": "City", "field2": "Rural"}
+    for wanted, hint in (("Citi", "'City'"), ("field3", "'field2' or 'field1'")):
+        with pytest.raises(ResultError) as error:
+            find_scene(titles, wanted)
+        assert f"there is no scene '{wanted}' in the results" in error.value.what
+        assert hint in error.value.what
+        assert error.value.expected == "one of field1, field2"

@@ -13,6 +13,8 @@ from airzoo_bench.cli.common import Format, FormatOption, show
 from airzoo_bench.errors import UsageError
 
 if TYPE_CHECKING:
+    from airzoo_bench.records import Scored
+    from airzoo_bench.result import ScoreColumn
     from airzoo_bench.statistics.samples import Plan
     from airzoo_bench.tables.model import Table
 
@@ -34,6 +36,7 @@ class _Request:
     scores: list[str]
     every: bool
     reference: str | None
+    method: str | None
     scene: str | None
     most_different: int | None
     plan: Plan
@@ -55,6 +58,14 @@ def compare(
     reference: Annotated[
         str | None,
         typer.Option(help="The method to compare with, or 'best' (default: the first)."),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Instead: is NAME better than each other one? Differences, verdicts and wins "
+            "are NAME's.",
+        ),
     ] = None,
     scene: Annotated[str | None, typer.Option(help="This scene only, by id or title.")] = None,
     most_different: Annotated[
@@ -87,6 +98,8 @@ def compare(
 
     Example: airzoo-bench compare results/mine/result.json results/theirs/result.json
 
+    Example: airzoo-bench compare results/*/result.json --method Mine
+
     Example: airzoo-bench compare --printed 96.21 94.32 --queries 264
     """
     from airzoo_bench.statistics.samples import Plan
@@ -95,7 +108,9 @@ def compare(
         show(_printed(results, printed, queries), form)
         return
     plan = Plan(resamples, seed, interval.value)
-    request = _Request(results or [], score or [], every, reference, scene, most_different, plan)
+    request = _Request(
+        results or [], score or [], every, reference, method, scene, most_different, plan
+    )
     _check(request)
     show(_answer(request), form)
 
@@ -123,46 +138,62 @@ def _check(request: _Request) -> None:
         )
     if request.every and request.scores:
         raise UsageError("--all and --score exclude each other", mend="leave one of them out")
-    if len(request.paths) == 1 and (request.reference or request.most_different):
+    named = request.reference or request.method
+    if len(request.paths) == 1 and (named or request.most_different):
         raise UsageError(
-            "--reference and --most-different need two or more results",
+            "--reference, --method and --most-different need two or more results",
             mend="name another result, or leave the option out",
         )
-    if len(request.paths) > 2 and request.reference and request.most_different:
+    if len(request.paths) > 2 and named and request.most_different:
         raise UsageError(
             "--most-different of more than two results has no reference",
-            expected="two results, or no --reference: the best is then held against the worst",
+            expected="two results, or neither --reference nor --method: the best is then held "
+            "against the worst",
         )
 
 
 def _answer(request: _Request) -> Table:
+    from airzoo_bench.comparable import find_scene
     from airzoo_bench.records import read_scored
     from airzoo_bench.result import read_result
     from airzoo_bench.result_files import result_paths
-    from airzoo_bench.statistics import comparison
-    from airzoo_bench.statistics.comparison_layout import comparison_table
-    from airzoo_bench.statistics.compatibility import (
-        check_comparable,
-        choose_scores,
-        find_scene,
-        score_keys,
-    )
-    from airzoo_bench.statistics.differences import differences_table
-    from airzoo_bench.statistics.layout import intervals_table
+    from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
 
     paths = result_paths(request.paths)
     keys = score_keys(read_result(paths[0]), request.scores, every=request.every)
     methods = read_scored(paths, None if request.most_different else keys)
     check_comparable(methods)
     scores = choose_scores(methods, request.scores, every=request.every)
-    scene, plan = find_scene(methods[0], request.scene), request.plan
+    titles = methods[0].result.truth.scene_titles
+    scene = None if request.scene is None else find_scene(titles, request.scene)
     if len(methods) == 1:
-        found = comparison.score_intervals(methods[0], scores, plan, scene)
-        return intervals_table(methods[0], scores, found, plan, scene)
-    base = comparison.find_reference(methods, request.reference, scores[0])
+        return _intervals(methods[0], scores, request.plan, scene)
+    return _compared(methods, scores, request, scene)
+
+
+def _intervals(method: Scored, scores: list[ScoreColumn], plan: Plan, scene: str | None) -> Table:
+    from airzoo_bench.statistics.comparison import score_intervals
+    from airzoo_bench.statistics.layout import intervals_table
+
+    found = score_intervals(method, scores, plan, scene)
+    return intervals_table(method, scores, found, plan, scene)
+
+
+def _compared(
+    methods: list[Scored], scores: list[ScoreColumn], request: _Request, scene: str | None
+) -> Table:
+    from airzoo_bench.statistics import comparison
+    from airzoo_bench.statistics.comparison_layout import comparison_table
+    from airzoo_bench.statistics.differences import differences_table
+    from airzoo_bench.statistics.reference import find_one
+
+    reference, method = request.reference, request.method
     if request.most_different is not None:
+        one = find_one(methods, reference, method, scores[0], scene)
+        base = one if method is None else 1 - one
         return differences_table(methods, scores, request.most_different, scene, base=base)
-    reference = methods[base].name
     return comparison_table(
-        comparison.compare(methods, scores, reference=reference, scene=scene, plan=plan)
+        comparison.compare(
+            methods, scores, reference=reference, method=method, scene=scene, plan=request.plan
+        )
     )

@@ -5,7 +5,15 @@ from __future__ import annotations
 from airzoo_bench.matching.settings import MatchingScores
 from airzoo_bench.scores import Score
 
-__all__ = ["auc_column", "matching_scores", "pose_column", "translation_column"]
+__all__ = ["RECORDED", "auc_column", "matching_scores", "pose_column", "translation_column"]
+
+RECORDED = frozenset(
+    (
+        *("scene", "query", "answered", "status", "failed"),
+        *("matches", "lifted", "outside_map", "outside_dsm", "no_height", "inliers"),
+    )
+)
+"""Columns of the records that are neither scores nor conditions of the queries."""
 
 
 def translation_column(limit_m: float) -> str:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from airzoo_bench.reconstruction.settings import ReconstructionScores
 from airzoo_bench.scores import Score
 
-__all__ = ["f1_column", "pose_auc_column", "reconstruction_scores", "share_column"]
+__all__ = ["RECORDED", "f1_column", "pose_auc_column", "reconstruction_scores", "share_column"]
+
+RECORDED = frozenset(
+    (
+        *("scene", "query", "answered", "points", "distrusted", "not_finite", "outside", "thinned"),
+        *("truth_points", "truth_outside", "truth_thinned"),
+        *("cameras", "cameras_missing", "inlier_cameras", "alignment", "scale"),
+        *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
+    )
+)
+"""Columns of the records that are neither scores nor conditions of the scenes."""
 
 
 def f1_column(limit_m: float) -> str:

@@ -5,7 +5,18 @@ from __future__ import annotations
 from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
 from airzoo_bench.scores import Score
 
-__all__ = ["AP_VARIANTS", "ap_name", "retrieval_scores"]
+__all__ = ["AP_VARIANTS", "RANKED_TILE", "RECORDED", "ap_name", "retrieval_scores"]
+
+RECORDED = frozenset(
+    (
+        *("scene", "query", "answered", "positives", "tie_dependent", "first_hit_rank", "ranked"),
+        "first_tile",  # what records before the columns of `RANKED_TILE` have
+    )
+)
+"""Columns of the records that are neither scores nor conditions of the queries."""
+
+RANKED_TILE = "tile@"
+"""How the columns begin that name the first tiles of each list."""
 
 AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
 

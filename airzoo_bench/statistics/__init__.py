@@ -1,1 +1,1 @@
-"""Statistics on records: intervals, paired tests, comparisons; they know nothing of tracks."""
+"""Statistics on records: intervals, paired tests, comparisons, and the tables that tell of them."""

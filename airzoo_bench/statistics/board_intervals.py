@@ -10,10 +10,11 @@ from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.comparison import score_intervals
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.wording import brackets_note, resampled
 from airzoo_bench.tables.entries import OVERALL, Board, as_shown
 from airzoo_bench.tables.model import Between, Uncertainty
 
-__all__ = ["intervals_note", "with_intervals"]
+__all__ = ["with_intervals"]
 
 _ONE_RECORD = "a scene has one record"
 
@@ -27,18 +28,10 @@ class _Missing:
     score: str
 
 
-def intervals_note(plan: Plan) -> str:
-    """Say what stands in the square brackets."""
-    percent = round(100 * plan.confidence)
-    return (
-        f"in square brackets: {percent} % intervals, {plan.resamples} resamples, seed {plan.seed}"
-    )
-
-
 def with_intervals(
     board: Board, methods: Sequence[Scored], plan: Plan, shown: Sequence[str]
 ) -> Board:
-    """Put intervals beside the numbers of a board, and notes where there are none.
+    """Put intervals beside the numbers of a board, and notes how they were made, or why not.
 
     Parameters
     ----------
@@ -47,10 +40,11 @@ def with_intervals(
     methods : sequence of Scored
     plan : Plan
     shown : sequence of str
-        The scenes, or `OVERALL`, whose missing intervals matter.
+        The scenes, or `OVERALL`, whose intervals the notes are about.
     """
     entries = []
     missing: dict[str, list[_Missing]] = {}
+    seen: list[Interval] = []
     for entry, method in zip(board.entries, methods, strict=True):
         held = {column.key for column in method.result.columns}
         scores = [score for score in board.scores if score.key in held]
@@ -59,12 +53,14 @@ def with_intervals(
         spans = {scene: _spans(scores, intervals) for scene, intervals in parts.items()}
         entries.append(replace(entry, uncertainties=spans))
         for scene in shown:
+            seen += parts.get(scene, [])
             for score, reason in _reasons(scores, parts.get(scene)):
                 missing.setdefault(reason, []).append(_Missing(scene, entry.method, score.title))
     notes = [
         f"no interval for {_places(board, those)}: {reason}" for reason, those in missing.items()
     ]
-    return replace(board, entries=tuple(entries)).noted(*notes)
+    made = brackets_note(seen, plan, resampled(methods[0].result.unit))
+    return replace(board, entries=tuple(entries)).noted(*made, *notes)
 
 
 def _spans(scores: Sequence[ScoreColumn], intervals: Sequence[Interval]) -> dict[str, Uncertainty]:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.breakdown import Grouping, condition_title, group_averages, group_records
+from airzoo_bench.breakdown import (
+    Grouping,
+    condition_title,
+    group_averages,
+    group_records,
+    number_texts,
+)
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.intervals import FEWEST, Interval, bootstrap
-from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.samples import Plan, Sample, plural
 from airzoo_bench.statistics.wording import (
     brackets_note,
     by_reason,
@@ -25,8 +31,6 @@ from airzoo_bench.tables.entries import UNITS
 from airzoo_bench.tables.model import Cell, Column, Row, Table, mark_best
 
 __all__ = ["breakdown_table", "group_intervals"]
-
-_PLURALS = {"scene": "scenes", "query": "queries"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +57,11 @@ class _Variables:
 
     @property
     def unit(self) -> str:
-        return "scene" if self.methods[0].result.track == "reconstruction" else "query"
+        return self.methods[0].result.unit
 
     @property
     def plural(self) -> str:
-        return _PLURALS[self.unit]
+        return plural(self.unit)
 
 
 def breakdown_table(
@@ -87,42 +91,46 @@ def breakdown_table(
         See `group_records`; or the column differs between methods.
     """
     _check_shared(methods, by)
-    grouping = group_records(methods[0].records, by, bins)
+    grouping = group_records(methods[0].records, by, bins, keep_empty=True)
     shown = _Variables(methods, scores)
-    groups = len(grouping.labels)
-    averages = group_averages(shown.values, shown.by_median, grouping.codes, groups)
-    intervals = (
-        []
-        if plan is None
-        else group_intervals(shown.values, shown.by_median, grouping, plan, shown.unit)
-    )
+    averages = group_averages(shown.values, shown.by_median, grouping.codes, len(grouping.labels))
+    intervals: list[list[Interval]] = []
+    if plan is not None:
+        intervals = group_intervals(shown.values, shown.by_median, grouping, plan, shown.unit)
     labels = _labels(methods[0], grouping)
-    rows = tuple(
-        Row(
-            (
-                Cell(label),
-                Cell(int(grouping.counts[group])),
-                *(
-                    score_cell(score, float(averages[row, group]), found)
-                    for row, (score, _) in enumerate(shown.all)
-                    for found in [intervals[group][row] if intervals else None]
-                ),
-            )
-        )
-        for group, label in enumerate(labels)
-    )
+    about = [] if plan is None else _about_intervals(shown, labels, intervals, plan)
     table = Table(
         _title(shown, by),
         (Column(condition_title(by)), Column(shown.plural.capitalize()), *_heads(shown)),
-        rows,
+        tuple(
+            _rows(shown, zip(labels, grouping.counts.tolist(), strict=True), averages, intervals)
+        ),
         (
             *_how(shown, by),
+            *_range(methods[0], grouping, shown.plural),
             *_infinite(shown, averages),
-            *([] if plan is None else _about_intervals(shown, labels, intervals, plan)),
+            *about,
         ),
         leading=2,
+        # With intervals a page is full sooner.
+        groups_per_block=len(scores) if plan is None else 2,
     )
     return table if len(methods) == 1 else _best_of_rows(table, shown)
+
+
+def _rows(
+    shown: _Variables,
+    groups: Iterable[tuple[str, int]],
+    averages: Floats,
+    intervals: Sequence[Sequence[Interval]],
+) -> Iterator[Row]:
+    """Lay out a row a group, of label, count, averages (V, G) and intervals, where there are."""
+    for place, (label, count) in enumerate(groups):
+        found = intervals[place] if intervals else [None] * len(averages)
+        values = averages[:, place].tolist() if count else [None] * len(averages)
+        entries = zip(shown.all, values, found, strict=True)
+        cells = (score_cell(score, value, interval) for (score, _), value, interval in entries)
+        yield Row((Cell(label), Cell(count), *cells))
 
 
 def _check_shared(methods: Sequence[Scored], by: str) -> None:
@@ -175,6 +183,15 @@ def _how(shown: _Variables, by: str) -> list[str]:
     return ["each value over all queries of its group, whatever their scene"]
 
 
+def _range(method: Scored, grouping: Grouping, units: str) -> list[str]:
+    """Where bins are empty, say between which numbers there is something."""
+    values = method.records[grouping.by]
+    if grouping.counts.all() or values.isna().all():
+        return []
+    low, high = number_texts([float(values.min()), float(values.max())])
+    return [f"bins without {units}: {condition_title(grouping.by)} is from {low} to {high}"]
+
+
 def _infinite(shown: _Variables, averages: Floats) -> list[str]:
     infinite = np.isinf(averages).any(axis=1)
     notes = []
@@ -204,16 +221,18 @@ def group_intervals(
     Returns
     -------
     list of G lists of V Interval
+        Of a group without records none, for no reason: the count says it.
     """
-    parts = tuple(
-        np.ascontiguousarray(values[:, grouping.codes == group])
-        for group in range(len(grouping.labels))
-    )
-    found = bootstrap(Sample(unit, grouping.labels, parts, medians), plan).groups
-    few = f"fewer than {FEWEST} {_PLURALS[unit]}"
+    counts = dict(zip(grouping.labels, grouping.counts.tolist(), strict=True))
+    filled = [group for group, count in enumerate(counts.values()) if count]
+    parts = tuple(np.ascontiguousarray(values[:, grouping.codes == group]) for group in filled)
+    named = tuple(grouping.labels[group] for group in filled)
+    found = bootstrap(Sample(unit, named, parts, medians), plan).groups
+    few = f"fewer than {FEWEST} {plural(unit)}"
+    nothing = [Interval(None, None, "")] * len(values)
     return [
-        [replace(i, reason=few) if count < FEWEST else i for i in found[label]]
-        for label, count in zip(grouping.labels, grouping.counts.tolist(), strict=True)
+        [replace(i, reason=few) if 0 < count < FEWEST else i for i in found.get(label, nothing)]
+        for label, count in counts.items()
     ]
 
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from airzoo_bench.comparable import version_notes
-from airzoo_bench.errors import UsageError
+from airzoo_bench.comparable import find_scene, version_notes
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
 from airzoo_bench.result import ScoreColumn
-from airzoo_bench.statistics.compatibility import check_comparable, find_scene
+from airzoo_bench.statistics.compatibility import check_comparable
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.intervals import Bootstrap, Interval, bootstrap
+from airzoo_bench.statistics.reference import family_of, find_one, value_of
 from airzoo_bench.statistics.samples import Plan, Sample, gap
 from airzoo_bench.statistics.significance import (
     PairedTest,
@@ -24,7 +24,9 @@ from airzoo_bench.statistics.significance import (
     paired_permutation,
 )
 
-__all__ = ["Comparison", "Pair", "compare", "find_reference", "make_sample", "score_intervals"]
+__all__ = ["Comparison", "Pair", "compare", "make_sample", "score_intervals"]
+
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Pair:
         Of the difference.
     test : PairedTest
     p_holm : float
-        p adjusted for the number of methods that were compared with the reference.
+        p adjusted for the number of comparisons, `Comparison.family`.
     p_mcnemar : float or None
         Over all queries, whatever their scene; None where the score is no hit.
     wins, ties, losses : int
@@ -84,6 +86,7 @@ class Comparison:
     Attributes
     ----------
     reference : str
+        The one: the `reference` of every pair, or where `of_one` the `method` of every pair.
     unit : str
         What was resampled: "query" or "scene".
     units : int
@@ -92,9 +95,14 @@ class Comparison:
         None for all scenes.
     pairs : list of Pair
         Score by score, in each the methods in their order.
+    family : int
+        So many comparisons of a score p was adjusted for: those with the reference, or where the
+        reference was chosen for being the best, those of every method with every other.
     plan : Plan
     notes : tuple of str
         What a reader of the numbers must know, in sentences.
+    of_one : bool
+        Whether differences, verdicts and wins are those of the one, instead of the others'.
     """
 
     reference: str
@@ -102,8 +110,14 @@ class Comparison:
     units: int
     scene: str | None
     pairs: list[Pair]
+    family: int
     plan: Plan
     notes: tuple[str, ...]
+    of_one: bool = False
+
+    def other(self, pair: Pair) -> str:
+        """Return who stands in a pair beside the one."""
+        return pair.reference if self.of_one else pair.method
 
 
 def make_sample(
@@ -126,7 +140,7 @@ def make_sample(
     columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
     values = np.array(columns).reshape(len(columns), len(of_unit))
     medians = np.array([s.average == "median" for s in scores for _ in methods], np.bool_)
-    if methods[0].result.track == "reconstruction":
+    if methods[0].result.unit == "scene":
         # One record a scene: their mean over scenes, whatever the average within a scene.
         chosen = values if scene is None else values[:, of_unit == scene]
         return Sample("scene", ("",), (chosen,), np.zeros_like(medians))
@@ -157,43 +171,16 @@ def score_intervals(
     return found if sample.unit == "query" else replace(found, groups={})
 
 
-def find_reference(methods: Sequence[Scored], wanted: str | None, score: ScoreColumn) -> int:
-    """Return the place of the method that the others are compared with.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-    wanted : str, optional
-        A method's name, or "best" for the best by `score`; by default the first.
-
-    Raises
-    ------
-    UsageError
-        No method, or several, have that name.
-    """
-    names = [method.name for method in methods]
-    if wanted is None:
-        return 0
-    if wanted in names:
-        return names.index(wanted)
-    if wanted == "best":
-        sign = 1 if score.higher_is_better else -1
-        return int(np.argmax([sign * method.result.overall[score.key] for method in methods]))
-    raise UsageError(
-        f"--reference {wanted!r} is no method of these results",
-        expected="best, or one of " + ", ".join(names),
-    )
-
-
 def compare(
     methods: Sequence[Scored],
     scores: Sequence[ScoreColumn],
     *,
     reference: str | None = None,
+    method: str | None = None,
     scene: str | None = None,
     plan: Plan,
 ) -> Comparison:
-    """Compare methods with one of them.
+    """Compare methods with one of them, or one of them with the others.
 
     Parameters
     ----------
@@ -203,6 +190,8 @@ def compare(
         From `choose_scores`.
     reference : str, optional
         See `find_reference`.
+    method : str, optional
+        Instead of a reference: what is found is this method's, against each other one.
     scene : str, optional
         Id or title of the scene to compare on, instead of all.
     plan : Plan
@@ -212,15 +201,18 @@ def compare(
     ResultError
         They cannot be compared; see `check_comparable`. There is no such scene.
     UsageError
-        There is no such reference.
+        There is no such reference or method, or both were named.
     """
     check_comparable(methods)
-    base = find_reference(methods, reference, scores[0])
-    scene = find_scene(methods[0], scene)
+    titles = methods[0].result.truth.scene_titles
+    scene = None if scene is None else find_scene(titles, scene)
+    base = find_one(methods, reference, method, scores[0], scene)
     sample = make_sample(methods, scores, scene)
     others = [place for place in range(len(methods)) if place != base]
     starts = range(0, len(scores) * len(methods), len(methods))
     places = [(start + other, start + base) for start in starts for other in others]
+    if method is not None:
+        places = [(one, other) for other, one in places]
     intervals = bootstrap(sample, plan, places, groups=False).overall[len(sample.medians) :]
     tests = paired_permutation(sample, plan, places)
     pairs = [
@@ -228,17 +220,29 @@ def compare(
         for place, interval, test in zip(places, intervals, tests, strict=True)
     ]
     units = sum(values.shape[1] for values in sample.values)
-    adjusted = _adjusted(pairs, len(others))
+    family = family_of([m.name for m in methods], reference if method is None else method)
     return Comparison(
-        methods[base].name, sample.unit, units, scene, adjusted, plan, _notes(methods)
+        reference=methods[base].name,
+        unit=sample.unit,
+        units=units,
+        scene=scene,
+        pairs=_adjusted(pairs, len(others), family),
+        family=family,
+        plan=plan,
+        notes=_notes(methods),
+        of_one=method is not None,
     )
 
 
 def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
-    """Repeat each method's notes, and tell of different versions of what they were made with."""
+    """Repeat each method's notes, tell of different versions, and of what is no other method."""
     names, results = [m.name for m in methods], [m.result for m in methods]
     notes = [f"{method.name}: {note}" for method in methods for note in method.result.notes]
-    return (*notes, *version_notes(names, results))
+    by_file: dict[str, list[str]] = {}
+    for name, result in zip(names, results, strict=True):
+        by_file.setdefault(result.predictions.sha256, []).append(name)
+    same = [f"{', '.join(who)}: the same predictions file" for who in by_file.values() if who[1:]]
+    return (*same, *notes, *version_notes(names, results))
 
 
 def _pair(
@@ -252,7 +256,7 @@ def _pair(
 ) -> Pair:
     method, base = (methods[row % len(methods)] for row in place)
     one, other = (np.concatenate([part[row] for part in sample.values]) for row in place)
-    value, base_value = _value(method, score, scene), _value(base, score, scene)
+    value, base_value = value_of(method, score, scene), value_of(base, score, scene)
     both_infinite = math.isinf(value) and value == base_value
     wins, losses = _wins(score, one, other), _wins(score, other, one)
     hits = is_hit(method.result.track, score)
@@ -262,7 +266,7 @@ def _pair(
         reference=base.name,
         value=value,
         reference_value=base_value,
-        difference=None if both_infinite else value - base_value,
+        difference=None if both_infinite else _difference(value, base_value),
         interval=Interval(None, None, "", "both are infinite") if both_infinite else interval,
         test=test,
         p_holm=test.p_value,
@@ -273,9 +277,9 @@ def _pair(
     )
 
 
-def _value(method: Scored, score: ScoreColumn, scene: str | None) -> float:
-    values = method.result.overall if scene is None else method.result.scenes[scene]
-    return values[score.key]
+def _difference(value: float, other: float) -> float:
+    """Subtract; what equal numbers differ by after averaging in another order is nothing."""
+    return 0.0 if math.isclose(value, other, rel_tol=_ROUNDING) else value - other
 
 
 def _wins(score: ScoreColumn, one: Floats, other: Floats) -> int:
@@ -283,8 +287,8 @@ def _wins(score: ScoreColumn, one: Floats, other: Floats) -> int:
     return int((ahead > 0).sum())
 
 
-def _adjusted(pairs: list[Pair], family: int) -> list[Pair]:
+def _adjusted(pairs: list[Pair], others: int, family: int) -> list[Pair]:
     """Correct over the methods of each score."""
-    found = np.array([pair.test.p_value for pair in pairs]).reshape(-1, family)
-    corrected = np.array([holm(row) for row in found]).ravel().tolist()
+    found = np.array([pair.test.p_value for pair in pairs]).reshape(-1, others)
+    corrected = np.array([holm(row, family) for row in found]).ravel().tolist()
     return [replace(pair, p_holm=p) for pair, p in zip(pairs, corrected, strict=True)]

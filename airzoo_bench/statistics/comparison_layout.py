@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from airzoo_bench.comparable import first_names
 from airzoo_bench.statistics.comparison import Comparison, Pair
-from airzoo_bench.statistics.verdicts import LEAST_P, is_decidable, sentence, verdict
+from airzoo_bench.statistics.verdicts import (
+    LEAST_P,
+    LEVEL,
+    disagreement,
+    is_decidable,
+    sentence,
+    verdict,
+)
 from airzoo_bench.statistics.wording import (
     brackets_note,
     by_reason,
     counted,
+    plural,
+    resampled,
     score_cell,
     score_title,
 )
@@ -23,15 +33,10 @@ _SENTENCES = 4
 _NAMES = 6
 _VERDICTS = ("better", "worse", "unclear", "equal")
 
-_COLUMNS = (
-    Column("Score"),
-    Column("Method"),
-    Column("Verdict"),
-    Column("Value"),
-    Column("Ref."),
-    Column("Difference"),
-    *(Column(title, decimals=4, group="p") for title in ("Paired", "Holm", "McNemar")),
-)
+_HEADS = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
+_HEADS_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
+_TESTS = ("Paired", "Holm", "McNemar")
+_COMPARED = {"unclear": "unclear against", "equal": "equal to"}
 
 
 def comparison_table(comparison: Comparison) -> Table:
@@ -43,28 +48,44 @@ def comparison_table(comparison: Comparison) -> Table:
     pairs = [
         pair
         for _, part in groupby(comparison.pairs, key=lambda pair: pair.score.key)
-        for pair in _best_first(list(part))
+        for pair in _best_first(list(part), comparison)
     ]
-    unit = {"query": "Queries", "scene": "Scenes"}[comparison.unit]
-    tallies = (Column(title, group=unit) for title in ("Win", "Tie", "Loss"))
+    columns = _columns(comparison)
     return Table(
         _title(comparison),
-        (*_COLUMNS, *tallies),
-        tuple(_row(pair) for pair in pairs),
+        columns,
+        tuple(_row(pair, comparison.other(pair)) for pair in pairs),
         (
             *_findings(pairs, comparison),
-            *_undecidable(pairs, comparison.unit),
-            *_without_interval(pairs),
+            *_disagreements(pairs, comparison),
+            *_undecidable(pairs, comparison),
+            *_without_interval(pairs, comparison),
             *comparison.notes,
             *_methods(comparison),
         ),
         leading=2,
+        # What belongs to a pair stands in one line, wherever a width does not forbid it.
+        groups_per_block=len(columns),
+        fixed=True,
     )
 
 
-def _best_first(pairs: list[Pair]) -> list[Pair]:
+def _columns(comparison: Comparison) -> tuple[Column, ...]:
+    unit = plural(comparison.unit).capitalize()
+    return (
+        *map(Column, _HEADS_OF_ONE if comparison.of_one else _HEADS),
+        *(Column(title, decimals=4, group="p") for title in _TESTS),
+        *(Column(title, group=unit) for title in ("Win", "Tie", "Loss")),
+    )
+
+
+def _best_first(pairs: list[Pair], comparison: Comparison) -> list[Pair]:
     sign = -1 if pairs[0].score.higher_is_better else 1
-    return sorted(pairs, key=lambda pair: sign * pair.value)
+
+    def value(pair: Pair) -> float:
+        return sign * (pair.reference_value if comparison.of_one else pair.value)
+
+    return sorted(pairs, key=value)
 
 
 def _title(comparison: Comparison) -> str:
@@ -72,16 +93,20 @@ def _title(comparison: Comparison) -> str:
     where = "all scenes, " if comparison.unit == "query" else ""
     if comparison.scene is not None:
         where = f"scene {comparison.scene}, "
-    return f"Against {comparison.reference}, {where}{number}"
+    if not comparison.of_one:
+        return f"Against {comparison.reference}, {where}{number}"
+    others = {comparison.other(pair) for pair in comparison.pairs}
+    against = others.pop() if len(others) == 1 else "each other method"
+    return f"{comparison.reference} against {against}, {where}{number}"
 
 
-def _row(pair: Pair) -> Row:
+def _row(pair: Pair, other: str) -> Row:
     score = pair.score
     tested = (pair.test.p_value, pair.p_holm, pair.p_mcnemar)
     return Row(
         (
             Cell(score_title(score)),
-            Cell(pair.method),
+            Cell(other),
             Cell(verdict(pair)),
             score_cell(score, pair.value),
             score_cell(score, pair.reference_value),
@@ -92,28 +117,37 @@ def _row(pair: Pair) -> Row:
     )
 
 
+def _has_sentences(pairs: Sequence[Pair]) -> bool:
+    """Whether there are two methods, and few scores: then a sentence for each has room."""
+    return len(pairs) == len({pair.score.key for pair in pairs}) <= _SENTENCES
+
+
 def _findings(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say what was found, as far as it can be decided."""
     scores = list(dict.fromkeys(pair.score for pair in pairs))
     decidable = [pair for pair in pairs if is_decidable(pair)]
-    if len(pairs) == len(scores) <= _SENTENCES:
+    if _has_sentences(pairs):
         return [sentence(pair, comparison.plan) for pair in decidable]
-    against = f"against {comparison.reference}"
     if len(pairs) == len(scores):
         parts = _by_verdict(decidable, [pair.score.title for pair in decidable])
         said = "; ".join(f"{word} on {names}" for word, names in parts)
-        return [f"{pairs[0].method} {against}: {said}"] if said else []
+        return [f"{pairs[0].method} against {pairs[0].reference}: {said}"] if said else []
     by_finding: dict[str, list[str]] = {}
     for score in scores:
         part = [pair for pair in decidable if pair.score == score]
-        parts = _by_verdict(part, [pair.method for pair in part])
-        said = "; ".join(f"{names} {word}" for word, names in parts)
+        parts = _by_verdict(part, [comparison.other(pair) for pair in part])
+        said = "; ".join(_finding(word, names, comparison) for word, names in parts)
         by_finding.setdefault(said, []).append(score.title)
+    of = f"of {comparison.reference}" if comparison.of_one else f"against {comparison.reference}"
     return [
-        f"{first_names(titles, _NAMES)} {against}: {said}"
-        for said, titles in by_finding.items()
-        if said
+        f"{first_names(titles, _NAMES)} {of}: {said}" for said, titles in by_finding.items() if said
     ]
+
+
+def _finding(word: str, names: str, comparison: Comparison) -> str:
+    if comparison.of_one:
+        return f"{_COMPARED.get(word, f'{word} than')} {names}"
+    return f"{names} {word}"
 
 
 def _by_verdict(pairs: Sequence[Pair], names: Sequence[str]) -> list[tuple[str, str]]:
@@ -124,40 +158,86 @@ def _by_verdict(pairs: Sequence[Pair], names: Sequence[str]) -> list[tuple[str, 
     return [(word, first_names(found[word], _NAMES)) for word in _VERDICTS if word in found]
 
 
-def _undecidable(pairs: Sequence[Pair], unit: str) -> Iterator[str]:
+def _disagreements(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
+    """Say where verdict and interval point different ways, unless sentences do."""
+    if _has_sentences(pairs):
+        return
+    entries = [
+        (f"{verdict(pair)}, but {doubt}" if doubt else "", pair.score, comparison.other(pair))
+        for pair in pairs
+        for doubt in [disagreement(pair)]
+    ]
+    for reason, names in by_reason(entries, _linked(comparison)).items():
+        if reason:
+            yield f"{names}: {reason}"
+
+
+def _linked(comparison: Comparison) -> str:
+    return "against" if comparison.of_one else "of"
+
+
+def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
     """Say where too few units differ for any test."""
 
     def why(pair: Pair) -> str:
         if is_decidable(pair):
             return ""
         count = pair.wins + pair.losses
-        differ = f"only {counted(count, unit)} {'differs' if count == 1 else 'differ'}"
+        differ = f"only {counted(count, comparison.unit)} {'differs' if count == 1 else 'differ'}"
         return f"{differ}, so p {'is' if count == 1 else 'cannot be below'} {pair.p_floor:g}"
 
-    found = by_reason(((why(pair), pair.score, pair.method) for pair in pairs), "of")
-    for reason, names in found.items():
+    entries = ((why(pair), pair.score, comparison.other(pair)) for pair in pairs)
+    for reason, names in by_reason(entries, _linked(comparison)).items():
         if reason:
             yield f"{names}: too few to tell; {reason}"
 
 
-def _without_interval(pairs: Sequence[Pair]) -> Iterator[str]:
-    found = by_reason(((pair.interval.reason, pair.score, pair.method) for pair in pairs), "of")
-    for reason, names in found.items():
+def _without_interval(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
+    entries = ((pair.interval.reason, pair.score, comparison.other(pair)) for pair in pairs)
+    for reason, names in by_reason(entries, _linked(comparison)).items():
         if reason:
             yield f"{names}: no interval; {reason}"
 
 
 def _methods(comparison: Comparison) -> list[str]:
-    plan = comparison.plan
-    unit = {"query": "queries within scenes", "scene": "scenes"}[comparison.unit]
-    intervals = [pair.interval for pair in comparison.pairs]
-    exact = {pair.test.exact for pair in comparison.pairs}
-    some = f"{plan.resamples} random patterns, seed {plan.seed}"
-    tried = {True: "all patterns", False: some}
-    patterns = tried[exact.pop()] if len(exact) == 1 else f"all patterns or {some}"
-    hits = any(pair.p_mcnemar is not None for pair in comparison.pairs)
+    pairs, plan = comparison.pairs, comparison.plan
+    drawn = resampled(comparison.unit)
+    intervals = [pair.interval for pair in pairs]
     return [
-        *brackets_note(intervals, plan, unit, "intervals of the difference"),
-        f"p: paired permutation, two-sided, {patterns}; Holm over methods, not over scores"
-        + ("; McNemar exact, for hits" if hits else ""),
+        *brackets_note(intervals, plan, drawn, "intervals of the difference"),
+        f"p: paired permutation, two-sided, {_patterns(comparison)}; {_correction(comparison)}"
+        + ("; McNemar exact, for hits" if any(p.p_mcnemar is not None for p in pairs) else ""),
+        *_too_coarse(comparison),
+    ]
+
+
+def _patterns(comparison: Comparison) -> str:
+    exact = {pair.test.exact for pair in comparison.pairs}
+    some = f"{comparison.plan.resamples} random patterns, seed {comparison.plan.seed}"
+    tried = {True: "all patterns", False: some}
+    return tried[exact.pop()] if len(exact) == 1 else f"all patterns or {some}"
+
+
+def _correction(comparison: Comparison) -> str:
+    methods = len({comparison.other(pair) for pair in comparison.pairs}) + 1
+    if comparison.family < methods:
+        return "Holm over methods, not over scores"
+    return (
+        f"Holm over all {comparison.family} pairs of methods, since the "
+        f"{'method' if comparison.of_one else 'reference'} was chosen for being the best; "
+        "not over scores"
+    )
+
+
+def _too_coarse(comparison: Comparison) -> list[str]:
+    """Say where random patterns are too few for any p to be a finding after Holm."""
+    if all(pair.test.exact for pair in comparison.pairs):
+        return []
+    least = comparison.family / (comparison.plan.resamples + 1)
+    if least <= LEVEL:
+        return []
+    needed = math.ceil(comparison.family / LEVEL)
+    return [
+        f"p of random patterns, Holm, cannot be below {min(least, 1.0):.4f}: ask for {needed} "
+        "--resamples or more"
     ]

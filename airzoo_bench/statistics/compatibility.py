@@ -10,7 +10,7 @@ from airzoo_bench.records import Scored
 from airzoo_bench.result import Result, ScoreColumn
 from airzoo_bench.validation import nearest
 
-__all__ = ["check_comparable", "choose_scores", "find_scene", "score_keys"]
+__all__ = ["check_comparable", "choose_scores", "score_keys"]
 
 
 def check_comparable(methods: Sequence[Scored]) -> None:
@@ -89,21 +89,3 @@ def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) ->
         for column in result.columns
         if every or {column.key, column.title} & set(wanted) or (not wanted and column.headline)
     }
-
-
-def find_scene(method: Scored, wanted: str | None) -> str | None:
-    """Return the id of a scene named by id or title; None stays None.
-
-    Raises
-    ------
-    ResultError
-        There is no such scene.
-    """
-    titles = method.result.truth.scene_titles
-    by_name = {title: scene for scene, title in titles.items()} | {scene: scene for scene in titles}
-    if wanted is not None and wanted not in by_name:
-        raise ResultError(
-            f"there is no scene {wanted!r} in the results{nearest(wanted, list(titles))}",
-            expected="one of " + ", ".join(titles),
-        )
-    return None if wanted is None else by_name[wanted]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.breakdown import condition_names, condition_title
+from airzoo_bench.breakdown import condition_names, condition_title, number_texts
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
 from airzoo_bench.result import ScoreColumn
@@ -18,6 +18,8 @@ from airzoo_bench.tables.entries import UNITS
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 __all__ = ["differences_table"]
+
+_Filled = tuple[Column, list[Cell]]
 
 
 def differences_table(
@@ -51,37 +53,49 @@ def differences_table(
     rows = _rows_in_order(methods[0], scene, by_query=sample.unit == "query")
     ids = methods[0].records["query"].to_numpy(str)[rows]
     order = np.lexsort([ids, *(-spread[::-1])])
-    chosen = [place for place in order[:count].tolist() if spread[0, place] > 0]
+    chosen = order[: min(count, int((spread[0] > 0).sum()))]
     score, two = scores[0], len(methods) == 2
-    values = by_score[0][:, chosen]
-    amounts = gap(values[1 - base], values[base]) if two else spread[0, chosen]
-    conditions = condition_names(methods[0]) if two else []
-    further = [_cells(methods[0], name, rows[chosen]) for name in conditions]
-    of_methods = [Column(m.name, UNITS[score.unit], score.higher_is_better) for m in methods]
-    amount = Column("Difference" if two else "Best to worst", UNITS[score.unit])
-    heads = (
-        Column(sample.unit.capitalize()),
-        *([*of_methods, amount] if two else [amount, *of_methods]),
-        *(Column(condition_title(name)) for name in conditions),
-    )
-    shown = [*values, amounts] if two else [amounts, *values]
-    table_rows = tuple(
-        Row(
-            (
-                Cell(str(ids[place])),
-                *(score_cell(score, float(row[number])) for row in shown),
-                *(cells[number] for cells in further),
-            )
-        )
-        for number, place in enumerate(chosen)
-    )
-    found = int((spread[0] > 0).sum())
-    verb = "differs" if found == 1 else "differ"
-    notes = [f"{found} of {counted(len(ids), sample.unit)} {verb} on {score.title}"]
+    shown = _shown(methods, score, by_score[0][:, chosen], base)
+    named = [(Column(sample.unit.capitalize()), [Cell(name) for name in ids[chosen].tolist()])]
+    columns = named + shown + (_conditions(methods[0], rows[chosen]) if two else [])
+    notes = [_how_many(spread[0], score, sample.unit)]
     if two:
         notes.append(f"difference: {methods[1 - base].name} minus {methods[base].name}")
-    title = f"Where the methods differ most on {score.title}"
-    return Table(title, heads, table_rows, tuple(notes), leading=1)
+    return Table(
+        f"Where the methods differ most on {score.title}",
+        tuple(head for head, _ in columns),
+        tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True)),
+        tuple(notes),
+        leading=1,
+    )
+
+
+def _shown(
+    methods: Sequence[Scored], score: ScoreColumn, values: Floats, base: int
+) -> list[_Filled]:
+    """Return the columns of every method and of their difference, which of many stands first."""
+    unit, two = UNITS[score.unit], len(methods) == 2
+    amounts = gap(values[1 - base], values[base]) if two else gap(values.max(0), values.min(0))
+    heads = [Column(method.name, unit, score.higher_is_better) for method in methods]
+    heads.insert(2 if two else 0, Column("Difference" if two else "Best to worst", unit))
+    numbers = np.insert(values, 2 if two else 0, amounts, axis=0).tolist()
+    return [
+        (head, [score_cell(score, number) for number in row])
+        for head, row in zip(heads, numbers, strict=True)
+    ]
+
+
+def _conditions(method: Scored, rows: NDArray[np.intp]) -> list[_Filled]:
+    return [
+        (Column(condition_title(name)), _cells(method, name, rows))
+        for name in condition_names(method)
+    ]
+
+
+def _how_many(spread: Floats, score: ScoreColumn, unit: str) -> str:
+    found = int((spread > 0).sum())
+    verb = "differs" if found == 1 else "differ"
+    return f"{found} of {counted(len(spread), unit)} {verb} on {score.title}"
 
 
 def _rows_in_order(method: Scored, scene: str | None, *, by_query: bool) -> NDArray[np.intp]:
@@ -99,5 +113,6 @@ def _cells(method: Scored, name: str, rows: NDArray[np.intp]) -> list[Cell]:
         missing = column.isna().to_numpy(bool)
         texts = column.astype(str).tolist()
         return [Cell(None if no else text) for no, text in zip(missing, texts, strict=True)]
-    numbers: Floats = column.to_numpy(np.float64)
-    return [Cell(None if np.isnan(number) else f"{number:g}") for number in numbers.tolist()]
+    known = column[column.notna()].tolist()
+    texts_of = dict(zip(known, number_texts(known), strict=True))
+    return [Cell(texts_of.get(number)) for number in column.tolist()]

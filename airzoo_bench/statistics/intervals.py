@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.averages import leave_one_out, weighted_averages
 from airzoo_bench.statistics.draws import blocks, resample_counts, stream_key
-from airzoo_bench.statistics.samples import Plan, Sample, gap
+from airzoo_bench.statistics.samples import Plan, Sample, counted, gap, plural
 
 __all__ = ["FEWEST", "Bootstrap", "Interval", "acceleration", "bootstrap", "interval_limits"]
 
 FEWEST = 5
 """Fewer units in a group than these have no interval: resamples of them repeat each other."""
 
-_TIE = 1e-12
+_TIE = 1e-12  # of the numbers' size: closer ones differ by rounding alone
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def bootstrap(
         total = part if total is None else _together(total, part)
     if total is None:
         raise ValueError("a sample has at least one group")
-    overall = _scaled(total, len(sample.groups)) if len(sample.groups) > 1 else total
+    overall = _mean_of(total, len(sample.groups)) if len(sample.groups) > 1 else total
     return Bootstrap(found, _intervals(overall, pairs, plan, sample.unit))
 
 
@@ -155,33 +155,32 @@ def _together(one: _Part, other: _Part) -> _Part:
     )
 
 
-def _scaled(total: _Part, groups: int) -> _Part:
-    scale = np.array([groups**3, groups**2], np.float64)
-    return _Part(
-        total.estimates / groups,
-        total.resamples / groups,
-        total.moments / scale,
-        total.even,
-        total.fewest,
-    )
+def _mean_of(total: _Part, groups: int) -> _Part:
+    # Moments stay sums: the acceleration is the same of any multiple of a statistic.
+    means = total.estimates / groups, total.resamples / groups
+    return replace(total, estimates=means[0], resamples=means[1])
 
 
 def _intervals(part: _Part, pairs: NDArray[np.intp], plan: Plan, unit: str) -> list[Interval]:
     units, group = part.fewest
-    plural = {"query": "queries", "scene": "scenes"}[unit]
     if units < FEWEST:
         where = f" in scene {group}" if group else ""
-        number = f"{units} {plural if units != 1 else unit}"
-        reason = f"only {number}{where}: an interval needs {FEWEST}"
+        reason = f"only {counted(units, unit)}{where}: an interval needs {FEWEST}"
         return [Interval(None, None, "", reason) for _ in part.even]
     one, other = pairs[:, 0], pairs[:, 1]
     resamples = [part.resamples, gap(part.resamples[one], part.resamples[other])]
     estimates = [part.estimates, gap(part.estimates[one], part.estimates[other])]
+    sizes = np.abs(np.where(np.isinf(part.estimates), 0.0, part.estimates))
+    scales = [sizes, np.maximum(sizes[one], sizes[other])]
     limits, exists = interval_limits(
-        np.concatenate(resamples), np.concatenate(estimates), acceleration(part.moments), plan
+        np.concatenate(resamples),
+        np.concatenate(estimates),
+        np.concatenate(scales),
+        acceleration(part.moments),
+        plan,
     )
     methods = np.where(exists, plan.interval, "percentile").tolist()
-    alike = Interval(None, None, "", f"all {plural} are alike: resamples cannot differ")
+    alike = Interval(None, None, "", f"all {plural(unit)} are alike: resamples cannot differ")
     return [
         alike if even else Interval(low, high, method)
         for (low, high), method, even in zip(limits.tolist(), methods, part.even, strict=True)
@@ -212,7 +211,7 @@ def acceleration(moments: Floats) -> Floats:
 
 
 def interval_limits(
-    resamples: Floats, estimates: Floats, accelerations: Floats, plan: Plan
+    resamples: Floats, estimates: Floats, scales: Floats, accelerations: Floats, plan: Plan
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Take the limits of intervals from resamples.
 
@@ -220,7 +219,11 @@ def interval_limits(
     ----------
     resamples : (R, B) array
         B resamples of R statistics.
-    estimates, accelerations : (R,) arrays
+    estimates : (R,) array
+    scales : (R,) array
+        Of what size the numbers are that a statistic was made of: those of a difference may be
+        large where it is almost 0, and their rounding with them.
+    accelerations : (R,) array
     plan : Plan
 
     Returns
@@ -233,19 +236,19 @@ def interval_limits(
     levels = np.broadcast_to(tails, (len(resamples), 2))
     exists = np.ones(len(resamples), np.bool_)
     if plan.interval == "bca":
-        adjusted = _bca_levels(resamples, estimates, accelerations, tails)
+        adjusted = _bca_levels(resamples, estimates, scales, accelerations, tails)
         exists = np.asarray(np.isfinite(adjusted).all(axis=1))
         levels = np.where(exists[:, None], adjusted, levels)
     return _quantiles(np.sort(resamples, axis=1), levels), exists
 
 
 def _bca_levels(
-    resamples: Floats, estimates: Floats, accelerations: Floats, tails: Floats
+    resamples: Floats, estimates: Floats, scales: Floats, accelerations: Floats, tails: Floats
 ) -> Floats:
     """Return the levels of Efron and Tibshirani 1993, eq. 14.10; a tie counts half."""
     from scipy.special import ndtr, ndtri
 
-    tie = _TIE * np.abs(np.where(np.isinf(estimates), 0.0, estimates))[:, None]
+    tie = (_TIE * scales)[:, None]
     below = (resamples < estimates[:, None] - tie).sum(axis=1)
     up_to = (resamples <= estimates[:, None] + tie).sum(axis=1)
     bias = ndtri((below + up_to) / (2.0 * resamples.shape[1]))[:, None]

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.result import Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Bootstrap, Interval
 from airzoo_bench.statistics.printed import Bounds, hit_rate_interval
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import bounds_verdict
+from airzoo_bench.statistics.verdicts import LEAST_P, bounds_verdict
 from airzoo_bench.statistics.wording import (
     INTERVAL_NAMES,
     brackets_note,
     by_reason,
+    resampled,
     score_cell,
     score_title,
 )
@@ -43,42 +45,53 @@ def intervals_table(
     scene : str, optional
         This scene's rows only.
     """
-    result, titles = method.result, method.result.truth.scene_titles
-    last = (_AVERAGE, result.overall) if scene is None else (titles[scene], result.scenes[scene])
-    parts = [
-        (titles[name], result.scenes[name], intervals)
-        for name, intervals in (found.groups.items() if scene is None else ())
-    ]
-    entries = [
-        (title, score, values[score.key], interval)
-        for title, values, intervals in [*parts, (*last, found.overall)]
-        for score, interval in zip(scores, intervals, strict=True)
-    ]
-    rows = tuple(
-        _interval_row(*entry, summary=entry[0] == _AVERAGE and scene is None) for entry in entries
-    )
-    columns = (Column("Scene"), Column("Score"), Column("Value"), Column("Interval"))
-    without = by_reason((interval.reason, score, title) for title, score, _, interval in entries)
-    unit = "scenes" if result.track == "reconstruction" else "queries within scenes"
+    result = method.result
+    entries = list(_entries(result, scores, found, scene))
+    without = by_reason((entry.interval.reason, entry.score, entry.title) for entry in entries)
     notes = (
         *(f"{names}: no interval; {reason}" for reason, names in without.items() if reason),
         *result.notes,
-        *brackets_note([interval for *_, interval in entries], plan, unit),
+        *brackets_note([entry.interval for entry in entries], plan, resampled(result.unit)),
     )
     title = f"{method.name} on {result.protocol.name} v{result.protocol.version}"
-    return Table(title, columns, rows, notes, leading=2)
+    columns = (Column("Scene"), Column("Score"), Column("Value"), Column("Interval"))
+    return Table(title, columns, tuple(map(_interval_row, entries)), notes, leading=2)
 
 
-def _interval_row(
-    title: str, score: ScoreColumn, value: float, interval: Interval, *, summary: bool
-) -> Row:
+@dataclass(frozen=True)
+class _Entry:
+    """A row of a table of intervals."""
+
+    title: str
+    score: ScoreColumn
+    value: float
+    interval: Interval
+    is_average: bool
+
+
+def _entries(
+    result: Result, scores: Sequence[ScoreColumn], found: Bootstrap, scene: str | None
+) -> Iterator[_Entry]:
+    titles = result.truth.scene_titles
+    if scene is None:
+        parts = [(titles[name], result.scenes[name], found.groups[name]) for name in found.groups]
+        last = (_AVERAGE, result.overall, found.overall)
+    else:
+        parts, last = [], (titles[scene], result.scenes[scene], found.overall)
+    for place, (title, values, intervals) in enumerate([*parts, last]):
+        is_average = scene is None and place == len(parts)
+        for score, interval in zip(scores, intervals, strict=True):
+            yield _Entry(title, score, values[score.key], interval, is_average)
+
+
+def _interval_row(entry: _Entry) -> Row:
     cells = (
-        Cell(title),
-        Cell(score_title(score)),
-        score_cell(score, value, interval),
-        Cell(INTERVAL_NAMES.get(interval.method)),
+        Cell(entry.title),
+        Cell(score_title(entry.score)),
+        score_cell(entry.score, entry.value, entry.interval),
+        Cell(INTERVAL_NAMES.get(entry.interval.method)),
     )
-    return Row(cells, summary)
+    return Row(cells, entry.is_average)
 
 
 def bounds_table(first: str, second: str, bounds: Bounds) -> Table:
@@ -101,7 +114,10 @@ def bounds_table(first: str, second: str, bounds: Bounds) -> Table:
         Column(f"Only {second} hits"),
         Column("p, McNemar", decimals=4),
     )
-    rows = tuple(Row((Cell(name), *map(Cell, values))) for name, values in cases)
+    rows = tuple(
+        Row((Cell(name), Cell(one), Cell(other), Cell(p, least=LEAST_P)))
+        for name, (one, other, p) in cases
+    )
     title = f"{first} % against {second} % on {bounds.queries} queries"
     rates = [
         _rate(text, counts, bounds.queries)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Method", "Plan", "Sample", "gap"]
+__all__ = ["Method", "Plan", "Sample", "counted", "gap", "plural"]
 
 Method = Literal["bca", "percentile"]
 
@@ -44,7 +44,8 @@ class Sample:
     unit : str
         What a unit is, for messages: "query" or "scene".
     groups : tuple of str
-        Within what units are resampled: scenes, or all scenes as one group.
+        Within what units are resampled: scenes, or all scenes as one group. All different, since
+        the draws of a group are known by its name.
     values : tuple of (V, N) arrays
         For each group, V variables of its N units.
     medians : (V,) bool
@@ -56,6 +57,20 @@ class Sample:
     groups: tuple[str, ...]
     values: tuple[Floats, ...]
     medians: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        if len(set(self.groups)) < len(self.groups):
+            raise ValueError(f"groups are not all different: {self.groups}")
+
+
+def plural(unit: str) -> str:
+    """Return ``queries`` of ``query``, ``scenes`` of ``scene``."""
+    return {"query": "queries", "scene": "scenes"}[unit]
+
+
+def counted(number: int, unit: str) -> str:
+    """Return ``1 scene``, ``18 queries``."""
+    return f"{number} {unit if number == 1 else plural(unit)}"
 
 
 def gap(first: Floats, second: Floats) -> Floats:

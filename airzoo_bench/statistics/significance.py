@@ -18,6 +18,7 @@ __all__ = ["PairedTest", "is_hit", "mcnemar", "paired_permutation"]
 
 _SIGNS_SLACK, _SWAPS_SLACK = 1e-12, 1e-10
 _TRIED_WITH_BITS = 62
+_P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
 
 _HITS = {"retrieval": ("recall@", "distance<"), "matching": ("within_",)}
 """How the columns of scores begin that say of a query whether it is answered well enough."""
@@ -216,4 +217,6 @@ def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
     from scipy.special import bdtr
 
     fewer = np.minimum(wins, losses)
-    return np.asarray(np.minimum(1.0, 2.0 * bdtr(fewer, wins + losses, 0.5)))
+    # A multiple of a power of 2, which `bdtr` misses by a hair: 0.34375 shall not print as 0.3437.
+    digits, power = np.frexp(np.minimum(1.0, 2.0 * bdtr(fewer, wins + losses, 0.5)))
+    return np.asarray(np.ldexp(np.rint(digits * _P_STEPS) / _P_STEPS, power))

@@ -11,7 +11,15 @@ from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.tables.entries import as_shown
 from airzoo_bench.tables.model import share_to_percent
 
-__all__ = ["LEAST_P", "LEVEL", "bounds_verdict", "is_decidable", "sentence", "verdict"]
+__all__ = [
+    "LEAST_P",
+    "LEVEL",
+    "bounds_verdict",
+    "disagreement",
+    "is_decidable",
+    "sentence",
+    "verdict",
+]
 
 LEVEL = 0.05
 """A p-value up to here is a finding."""
@@ -61,19 +69,35 @@ def sentence(pair: Pair, plan: Plan) -> str:
     if pair.p_holm <= LEVEL:
         return (
             f"{names[0]} is better than {names[1]} on {score.title} by {amount}{evidence}"
-            f"{_doubt(pair)}."
+            f"{_but(pair)}."
         )
     return (
         f"{pair.method} and {pair.reference} cannot be told apart on {score.title}: "
-        f"{names[0]} is ahead by {amount}{evidence}."
+        f"{names[0]} is ahead by {amount}{evidence}{_but(pair)}."
     )
 
 
-def _doubt(pair: Pair) -> str:
+def _but(pair: Pair) -> str:
+    doubt = disagreement(pair)
+    return f"; but {doubt}" if doubt else ""
+
+
+def disagreement(pair: Pair) -> str:
+    """Say where the interval of a difference and the verdict point different ways; else empty."""
     low, high = pair.interval.low, pair.interval.high
-    if low is None or high is None or not low <= 0 <= high:
+    if low is None or high is None:
         return ""
-    return "; but the interval holds 0"
+    holds_0, word = low <= 0 <= high, verdict(pair)
+    if word in ("better", "worse") and holds_0:
+        return "the interval holds 0"
+    if word != "unclear" or holds_0:
+        return ""
+    if pair.test.p_value <= LEVEL:
+        return (
+            "the interval leaves 0 out, as p does before Holm: "
+            "intervals are not corrected for the number of methods"
+        )
+    return "the interval leaves 0 out: it and the test ask different things"
 
 
 def _amount(score: ScoreColumn, value: float) -> str:
@@ -103,7 +127,7 @@ def _p_values(pair: Pair) -> str:
 
 
 def _p(value: float) -> str:
-    return f"< {LEAST_P}" if value < LEAST_P else f"= {value:.4f}"
+    return f"< {LEAST_P}" if value < LEAST_P else f"= {_shown(value)}"
 
 
 def bounds_verdict(first: str, second: str, bounds: Bounds) -> str:
@@ -111,15 +135,18 @@ def bounds_verdict(first: str, second: str, bounds: Bounds) -> str:
     least, most = bounds.least[2], bounds.most[2]
     ahead, behind = (first, second) if float(first) > float(second) else (second, first)
     if most <= LEVEL:
-        return (
-            f"{ahead} % is better than {behind} %, whichever the queries are: p at most {most:.4f}."
-        )
+        at_most = "at most " * (most >= LEAST_P) + _shown(most)
+        return f"{ahead} % is better than {behind} %, whichever the queries are: p {at_most}."
     if least > LEVEL:
         return (
             f"{ahead} % and {behind} % cannot be told apart, whichever the queries are: "
-            f"p at least {least:.4f}."
+            f"p at least {_shown(least)}."
         )
     return (
         f"Whether {ahead} % is better than {behind} % depends on the queries: p lies between "
-        f"{least:.4f} and {most:.4f}; compare the results themselves."
+        f"{_shown(least)} and {_shown(most)}; compare the results themselves."
     )
+
+
+def _shown(value: float) -> str:
+    return f"less than {LEAST_P}" if value < LEAST_P else f"{value:.4f}"

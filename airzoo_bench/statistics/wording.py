@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from airzoo_bench.comparable import first_names
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import Plan, counted, plural
 from airzoo_bench.tables.entries import UNITS, as_shown
 from airzoo_bench.tables.model import Between, Cell, share_to_percent
 
@@ -16,6 +16,9 @@ __all__ = [
     "brackets_note",
     "by_reason",
     "counted",
+    "intervals_made",
+    "plural",
+    "resampled",
     "score_cell",
     "score_title",
 ]
@@ -24,12 +27,6 @@ INTERVAL_NAMES = {"bca": "BCa", "percentile": "percentile"}
 """What readers call the kinds of intervals."""
 
 _SHOWN = 6
-
-
-def counted(number: int, unit: str) -> str:
-    """Return ``1 scene``, ``18 queries``."""
-    plural = {"query": "queries", "scene": "scenes"}
-    return f"{number} {unit if number == 1 else plural[unit]}"
 
 
 def score_title(score: ScoreColumn) -> str:
@@ -89,25 +86,42 @@ def _named(
     ]
 
 
-def brackets_note(
-    intervals: Sequence[Interval], plan: Plan, unit: str, what: str = "intervals"
-) -> list[str]:
-    """Say what stands in square brackets, if anything does.
+def resampled(unit: str) -> str:
+    """Say what is drawn for the average over scenes, within what."""
+    return "queries within scenes" if unit == "query" else plural(unit)
+
+
+def intervals_made(
+    intervals: Iterable[Interval], plan: Plan, drawn: str, what: str = "intervals"
+) -> str:
+    """Say how intervals were made, by the kinds that there are; empty where there are none.
 
     Parameters
     ----------
-    intervals : sequence of Interval
+    intervals : iterable of Interval
+        All that are shown: where BCa does not exist, they are percentile.
     plan : Plan
-    unit : str
-        What was resampled, within what.
+    drawn : str
+        What was resampled, within what; such as `resampled` says.
     what : str
         What the intervals are of.
+
+    Returns
+    -------
+    str
+        Such as ``95 % intervals, BCa or percentile, 10000 resamples of scenes, seed 0``.
     """
     made = {interval.method for interval in intervals}
-    used = [name for key, name in INTERVAL_NAMES.items() if key in made]
+    used = " or ".join(name for key, name in INTERVAL_NAMES.items() if key in made)
     if not used:
-        return []
+        return ""
     percent = f"{share_to_percent(plan.confidence):g} %"
-    named = " or ".join(used)
-    drawn = f"{plan.resamples} resamples of {unit}, seed {plan.seed}"
-    return [f"in square brackets: {percent} {what}, {named}, {drawn}"]
+    return f"{percent} {what}, {used}, {plan.resamples} resamples of {drawn}, seed {plan.seed}"
+
+
+def brackets_note(
+    intervals: Iterable[Interval], plan: Plan, drawn: str, what: str = "intervals"
+) -> list[str]:
+    """Say what stands in square brackets, if anything does; see `intervals_made`."""
+    made = intervals_made(intervals, plan, drawn, what)
+    return [f"in square brackets: {made}"] if made else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -74,8 +75,10 @@ def made_result(
     truth: str = "t" * 64,
     settings: Mapping[str, Any] | None = None,
     version: str = "1",
+    sha256: str | None = None,
 ) -> Result:
-    """Return the result that records give."""
+    """Return the result that records give, of predictions that no other method has."""
+    sha256 = hashlib.sha256(method.encode()).hexdigest() if sha256 is None else sha256
     scenes = list(dict.fromkeys(records["scene"]))
     scores = [
         Score(c.key, c.title, c.unit, c.higher_is_better, c.average, c.headline) for c in columns
@@ -91,7 +94,7 @@ def made_result(
             fingerprint=truth,
             scene_titles={scene: scene.title() for scene in scenes},
         ),
-        predictions=PredictionsUsed(file="p.npz", sha256="0", kind="ranked_ids", method=method),
+        predictions=PredictionsUsed(file="p.npz", sha256=sha256, kind="ranked_ids", method=method),
         versions={"airzoo-bench": version},
         columns=tuple(columns),
         counts={s: {"queries": int((records["scene"] == s).sum())} for s in scenes},

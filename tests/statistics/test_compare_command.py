@@ -120,9 +120,19 @@ def test_printed_numbers(compare: Callable[..., str]) -> None:
     assert "cannot be told apart, whichever the queries are: p at least 0.0625" in out
     assert "96.21 % is 254 of 264" in out
     surely = compare("--printed", "20.0", "90.0", "--queries", 100)
-    assert "90.0 % is better than 20.0 %, whichever the queries are: p at most" in surely
+    assert "90.0 % is better than 20.0 %, whichever the queries are: p less than 0.0001." in surely
+    # Two numbers of hits, then p.
+    assert [row.split()[-1] for row in surely.splitlines() if "hits overlap" in row] == [
+        "<0.0001",
+        "<0.0001",
+    ]
+    rather = compare("--printed", "60", "30", "--queries", 50)
+    assert "60 % is better than 30 %, whichever the queries are: p at most 0.0" in rather
+    assert "p at most 0.0000" not in rather
     open_ = compare("--printed", "60", "50", "--queries", 100)
-    assert "depends on the queries" in open_
+    assert "depends on the queries: p lies between 0.0020 and" in open_
+    wide = compare("--printed", "60", "50", "--queries", 200)
+    assert "p lies between less than 0.0001 and 0." in wide
 
 
 @pytest.mark.parametrize(
@@ -145,6 +155,21 @@ def test_options_that_one_result_cannot_take(
 ) -> None:
     for option in (["--reference", "best"], ["--most-different", 3]):
         assert "two or more results" in compare(files[0], *option, code=2)
+
+
+def test_the_best_of_a_scene(tmp_path: Path, compare: Callable[..., str]) -> None:
+    values = {"a": ([1.0] * 8, [0.0] * 8), "b": ([1.0] * 4 + [0.0] * 4, [1.0] * 8)}
+    paths = [
+        write_method(
+            tmp_path / name,
+            made_method({"x": {"recall@1": first}, "y": {"recall@1": second}}, name=name),
+        )
+        for name, (first, second) in values.items()
+    ]
+    for ask in ([], ["--most-different", 3]):
+        for scene, said in (("X", ("Against a", "b minus a")), ("y", ("Against b", "a minus b"))):
+            out = compare(*paths, "--reference", "best", "--scene", scene, *ask)
+            assert said[bool(ask)] in out
 
 
 def test_where_three_methods_differ_there_is_no_reference(

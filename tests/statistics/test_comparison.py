@@ -10,6 +10,7 @@ from airzoo_bench.records import Scored
 from airzoo_bench.statistics.comparison import Comparison, compare, make_sample, score_intervals
 from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
+from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.layout import intervals_table
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.statistics.verdicts import sentence
@@ -71,6 +72,71 @@ def test_reference_by_name_and_best():
     assert compare(methods, scores, reference="best", plan=FAST).reference == "method03"
     with pytest.raises(UsageError, match="'evil' is no method"):
         against(*methods, reference="evil")
+
+
+def test_the_best_of_a_scene_is_not_that_of_all():
+    strong_in_the_east = hits("a", [1.0] * 8, [0.0] * 5)
+    strong_on_average = hits("b", [1.0] * 4 + [0.0] * 4, [1.0] * 5)
+    pair = strong_in_the_east, strong_on_average
+    assert against(*pair, reference="best").reference == "b"
+    found = against(*pair, reference="best", scene="East")
+    assert (found.reference, found.pairs[0].reference_value) == ("a", 1.0)
+
+
+def test_who_takes_the_best_has_looked_at_every_pair():
+    methods = random_methods(4, {"east": 60, "west": 60}, (HIT, ERROR))
+    chosen, named = (against(*methods, reference=name) for name in ("best", "method03"))
+    assert (chosen.reference, chosen.family, named.family) == ("method03", 6, 3)
+    for part in (slice(0, 3), slice(3, 6)):
+        p_values = np.array([pair.test.p_value for pair in chosen.pairs[part]])
+        assert [pair.p_holm for pair in chosen.pairs[part]] == holm(p_values, 6).tolist()
+        assert [pair.p_holm for pair in named.pairs[part]] == holm(p_values).tolist()
+    assert against(*methods[:2], reference="best").family == 1
+    # A method may have that name.
+    called_best = hits("best", EAST, WEST)
+    found = against(
+        called_best, hits("b", [1.0] * 8, WEST), hits("c", EAST, WEST), reference="best"
+    )
+    assert (found.reference, found.family) == ("best", 2)
+
+
+def test_equal_averages_are_equal_whatever_their_rounding():
+    # 0.1 + 0.2 + 0.3 against 0.3 + 0.2 + 0.1: 5.6e-17 apart.
+    methods = [
+        made_method(
+            {
+                f"s{scene}": {"recall@1": [float(place < hits_of) for place in order]}
+                for scene, hits_of in enumerate(counts)
+            },
+            name=name,
+        )
+        for name, counts, order in (("a", (1, 2, 3), range(10)), ("b", (3, 2, 1), range(9, -1, -1)))
+    ]
+    values = [method.result.overall["recall@1"] for method in methods]
+    assert 0 < abs(values[0] - values[1]) < 1e-15
+    comparison = against(*methods)
+    pair = comparison.pairs[0]
+    assert (pair.difference, pair.wins, pair.losses) == (0.0, 6, 6)
+    table = comparison_table(comparison)
+    assert table.texts()[0][2] == "equal"
+    assert table.texts()[0][5].startswith("0.00")
+    assert table.notes[0].startswith("b and a have the same R@1 (95 % interval")
+
+
+def test_an_infinite_difference_is_not_nothing():
+    scenes = [{"s": {"error_m": values}} for values in ([1.0, 2, 3], [1.0, np.inf, np.inf])]
+    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
+    assert against(*methods).pairs[0].difference == np.inf
+    assert against(*methods[::-1]).pairs[0].difference == -np.inf
+
+
+def test_the_same_predictions_are_told():
+    methods = [
+        made_method({"s": {"recall@1": WEST}}, name=name, sha256=sha256)
+        for name, sha256 in (("a", "x"), ("b", "y"), ("c", "x"), ("d", "z"))
+    ]
+    assert against(*methods).notes == ("a, c: the same predictions file",)
+    assert against(*methods[:2]).notes == ()
 
 
 def test_holm_goes_over_the_methods_of_a_score():
@@ -140,6 +206,17 @@ def test_too_few_scenes():
     )
     assert table.texts() == [["Average", "Chamfer [m]", "2.50", "–"]]
     assert table.notes == (f"Chamfer: no interval; {pair.interval.reason}",)
+
+
+def test_the_average_stands_apart_from_scenes():
+    method = hits("a", EAST, WEST)
+    for scene, titles in (
+        (None, [("East", False), ("West", False), ("Average", True)]),
+        ("west", [("West", False)]),
+    ):
+        found = score_intervals(method, [HIT], FAST, scene)
+        rows = intervals_table(method, [HIT], found, FAST, scene).rows
+        assert [(row.cells[0].value, row.summary) for row in rows] == titles
 
 
 class TestSentence:

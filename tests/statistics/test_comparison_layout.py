@@ -25,7 +25,7 @@ from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.statistics.significance import PairedTest, is_hit
-from airzoo_bench.statistics.verdicts import sentence, verdict
+from airzoo_bench.statistics.verdicts import disagreement, sentence, verdict
 from airzoo_bench.statistics.wording import by_reason, counted
 from airzoo_bench.tables.model import Between
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
@@ -129,6 +129,32 @@ class TestVerdict:
         doubtful = replace(PAIR, interval=Interval(-0.01, 0.2, "bca"))
         assert sentence(doubtful, FAST).endswith("; but the interval holds 0.")
 
+    @pytest.mark.parametrize(
+        ("limits", "p_value", "p_holm", "said"),
+        [
+            ((0.0, 0.2), 0.01, 0.02, "the interval holds 0"),
+            ((0.01, 0.2), 0.01, 0.02, ""),
+            ((-0.01, 0.2), 0.06, 0.06, ""),
+            ((0.01, 0.2), 0.06, 0.06, "the interval leaves 0 out: it and the test ask"),
+            ((-0.2, -0.01), 0.06, 0.06, "the interval leaves 0 out: it and the test ask"),
+            ((0.01, 0.2), 0.04, 0.08, "the interval leaves 0 out, as p does before Holm"),
+            ((None, None), 0.04, 0.08, ""),
+        ],
+    )
+    def test_where_test_and_interval_disagree(
+        self, limits: tuple[float, float], p_value: float, p_holm: float, said: str
+    ) -> None:
+        test = replace(PAIR.test, p_value=p_value)
+        pair = replace(PAIR, interval=Interval(*limits, "bca"), test=test, p_holm=p_holm)
+        found = disagreement(pair)
+        assert found.startswith(said) if said else not found
+        end = f"; but {found}." if said else f"McNemar = {PAIR.p_mcnemar:.4f}."
+        assert sentence(pair, FAST).endswith(end)
+
+    def test_too_few_have_a_reason_of_their_own(self) -> None:
+        few = replace(PAIR, wins=5, losses=0, p_holm=0.0625)
+        assert disagreement(few) == ""
+
     @pytest.mark.parametrize(("units", "least"), [(1, 1.0), (2, 0.5), (5, 2 / 32), (6, 2 / 64)])
     def test_the_least_p_is_reached(self, units: int, least: float) -> None:
         methods = [
@@ -198,6 +224,50 @@ class TestTable:
             "all scores: no interval; only 2 scenes: an interval needs 5",
         )
         assert len(table.notes) == 3
+
+    def test_disagreements_are_told_once(self) -> None:
+        found = against(*random_methods(3, {"east": 60}, (HIT,)))
+        doubtful = Interval(-0.5, 0.5, "bca")
+        sure = replace(PAIR.test, p_value=0.001)
+        pairs = [
+            replace(pair, interval=doubtful, test=sure, p_holm=0.002, wins=30)
+            for pair in found.pairs
+        ]
+        notes = comparison_table(replace(found, pairs=pairs)).notes
+        assert notes[1] == "R@1: better, but the interval holds 0"
+        pairs[0] = replace(pairs[0], interval=Interval(0.1, 0.2, "bca"), p_holm=0.3)
+        notes = comparison_table(replace(found, pairs=pairs)).notes
+        assert notes[1:3] == (
+            "R@1 of method02: better, but the interval holds 0",
+            "R@1 of method01: unclear, but the interval leaves 0 out, as p does before Holm: "
+            "intervals are not corrected for the number of methods",
+        )
+        alone = replace(found, pairs=pairs[1:])
+        assert sum("holds 0" in note for note in comparison_table(alone).notes) == 1
+
+    def test_what_p_is_corrected_for(self) -> None:
+        methods = random_methods(3, {"east": 60}, (HIT,))
+        scores = choose_scores(methods, [])
+        named, best = (
+            comparison_table(compare(methods, scores, reference=name, plan=FAST)).notes[-1]
+            for name in (None, "best")
+        )
+        assert "; Holm over methods, not over scores; McNemar" in named
+        assert "; Holm over all 3 pairs of methods, since the reference was chosen" in best
+        two = compare(methods[:2], scores, reference="best", plan=FAST)
+        assert "pairs of methods" not in comparison_table(two).notes[-1]
+
+    def test_random_patterns_that_are_too_few_for_holm(self) -> None:
+        methods = random_methods(7, {"east": 60}, (HIT,))
+        scores = choose_scores(methods, [])
+        for resamples, told in ((118, True), (119, False)):
+            plan = Plan(resamples=resamples)
+            notes = comparison_table(compare(methods, scores, plan=plan)).notes
+            assert ("120 --resamples or more" in notes[-1]) == told
+        # By the count of every pattern, there is no such limit.
+        alike = [made_method({"s": {"recall@1": [1.0] * 6}}, name=n) for n in "abcdefg"]
+        notes = comparison_table(compare(alike, scores, plan=Plan(resamples=100))).notes
+        assert not any("--resamples" in note for note in notes)
 
     def test_one_scene(self) -> None:
         methods = [

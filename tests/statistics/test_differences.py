@@ -71,3 +71,13 @@ def test_more_methods_are_best_and_worst() -> None:
     assert [column.title for column in table.columns] == ["Query", "Best to worst", "a", "b", "c"]
     assert table.texts() == [["s/q00001", "100.00", "100.00", "0.00", "100.00"]]
     assert table.notes == ("1 of 3 queries differs on R@1",)
+
+
+def test_dates_are_not_rounded() -> None:
+    methods = [conditioned("a", [1.0, 0.0, 1.0]), conditioned("b", [0.0, 1.0, 0.0])]
+    methods = [
+        Scored(m.name, m.result, m.records.assign(date=[20240115, 20240116, 20240115]))
+        for m in methods
+    ]
+    texts = differences_table(methods, [HIT], 5).texts()
+    assert [row[-1] for row in texts] == ["20240115", "20240116", "20240115"]

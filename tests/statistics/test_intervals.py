@@ -34,20 +34,44 @@ def limits(interval: Interval) -> tuple[float, float]:
 def test_percentiles_by_hand():
     resamples = np.array([[4.0, 1.0, 0.0, 3.0, 2.0], [1.0, np.inf, np.inf, 0.0, 2.0]])
     plan = Plan(interval="percentile", confidence=0.5)
-    found, exists = interval_limits(resamples, np.zeros(2), np.zeros(2), plan)
+    found, exists = interval_limits(resamples, *np.zeros((3, 2)), plan)
     assert found.tolist() == [[1.0, 3.0], [1.0, np.inf]]
     assert exists.all()
     narrow = Plan(interval="percentile", confidence=0.25)
     # Levels 0.375 and 0.625: half way between ranks, and half way to infinity is infinity.
-    found, _ = interval_limits(resamples, np.zeros(2), np.zeros(2), narrow)
+    found, _ = interval_limits(resamples, *np.zeros((3, 2)), narrow)
     assert found.tolist() == [[1.5, 2.5], [1.5, np.inf]]
 
 
 def test_percentiles_of_infinite_differences():
     resamples = np.array([[-np.inf, 5.0, -np.inf, np.inf, 6.0]])
     plan = Plan(interval="percentile", confidence=0.25)
-    found, _ = interval_limits(resamples, np.zeros(1), np.zeros(1), plan)
+    found, _ = interval_limits(resamples, *np.zeros((3, 1)), plan)
     assert found.tolist() == [[-np.inf, 5.5]]
+
+
+def test_ties_of_a_difference_of_nothing_count_half():
+    # Averages of 0.1, 0.2, 0.3 and of 0.3, 0.2, 0.1 are equal, but in binary their sums are not.
+    rates = ((0.1, 0.3), (0.2, 0.2), (0.3, 0.1))
+    first = [np.arange(10) < round(10 * one) for one, _ in rates]
+    second = [np.arange(10) >= 10 - round(10 * other) for _, other in rates]
+    groups = sample(*map(np.stack, zip(first, second, strict=True)), medians=np.zeros(2, bool))
+    for interval in bootstrap(groups, Plan(), [(0, 1), (1, 0)]).overall[2:]:
+        assert interval.method == "bca"
+        assert limits(interval) == pytest.approx((-7 / 30, 7 / 30))
+
+
+@pytest.mark.parametrize("rounding", [-1e-16, 0.0, 1e-16])
+@pytest.mark.parametrize("size", [1.0, 1e3, 1e-3])
+def test_rounding_is_no_bias(rounding, size):
+    # Half of the resamples are the estimate, but for rounding, and the others lie about it alike.
+    resamples = np.repeat([-2.0, -1.0, 0.0, 1.0, 2.0], [100, 150, 500, 150, 100])[None] * size
+    given = np.array([rounding * size]), np.array([size]), np.zeros(1), Plan(confidence=0.7)
+    assert interval_limits(resamples, *given)[0].tolist() == [[-size, size]]
+    # Differences that are small, and no rounding, are no ties.
+    aside = np.array([0.5e-9 * size])
+    found = interval_limits(1e-9 * resamples, aside, *given[1:])[0] / size
+    assert found.tolist() == [pytest.approx([0.0, 2e-9], abs=1e-15)]
 
 
 @pytest.mark.parametrize("method", ["bca", "percentile"])
