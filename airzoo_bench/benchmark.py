@@ -13,13 +13,13 @@ and every file of it is held to its checksum.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, verify
+from airzoo_bench.data_root import DATA_VARIABLE, data_root
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.validation import read_toml, validated
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "DATA_VARIABLE",
     "Benchmark",
     "SceneWanted",
     "TruthWanted",
@@ -35,8 +36,6 @@ __all__ = [
     "find_benchmark",
     "read_table",
 ]
-
-DATA_VARIABLE = "AIRZOO_BENCH_DATA"
 
 
 class SceneWanted(Protocol):
@@ -142,16 +141,6 @@ class Benchmark:
                 where=self.folder,
                 mend="use the protocol in its protocols/ folder, or prepare it again with this one",
             )
-
-
-def data_root() -> Path:
-    """Return the folder in which benchmark folders lie: AIRZOO_BENCH_DATA, else a cache folder."""
-    named = os.environ.get(DATA_VARIABLE)
-    if named:
-        return Path(named).expanduser()
-    from platformdirs import user_cache_path
-
-    return user_cache_path("airzoo-bench") / "data"
 
 
 def benchmark_folders(root: Path) -> dict[str, Path]:

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, progress, put, say, show
-from airzoo_bench.geometry_checks.depth_maps import DepthKind
-from airzoo_bench.geometry_checks.frame_pairs import PairRule
 
 if TYPE_CHECKING:
     from airzoo_bench.geometry_checks.dataset import PosedScene
     from airzoo_bench.geometry_checks.depth_frames import Sampling
+    from airzoo_bench.geometry_checks.frame_pairs import PairRule
     from airzoo_bench.geometry_checks.report import SceneGeometry
 
 __all__ = ["check_geometry", "check_split"]
 
 DEPTH_FOLDER = "depth"
+
+# The values of the enumerations, whose modules need more than the help of all commands shall load.
+DepthKinds = Literal["z", "ray"]
+PairRules = Literal["neighbours", "overlap", "wide", "all"]
 
 
 def check_geometry(
@@ -44,14 +47,14 @@ def check_geometry(
         ),
     ] = None,
     depth_kind: Annotated[
-        DepthKind, typer.Option(help="Depth along the optical axis, or along the pixel's ray.")
-    ] = DepthKind.Z,
+        DepthKinds, typer.Option(help="Depth along the optical axis, or along the pixel's ray.")
+    ] = "z",
     depth_scale: Annotated[
         float | None, typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG.")
     ] = None,
     pairs: Annotated[
-        PairRule, typer.Option(help="Frames to compare; docs/geometry-checks.md.")
-    ] = PairRule.ALL,
+        PairRules, typer.Option(help="Frames to compare; docs/geometry-checks.md.")
+    ] = "all",
     samples: Annotated[int, typer.Option(min=64, help="Pixels sampled of each frame.")] = 4096,
     seed: Annotated[int, typer.Option(min=0, help="Of the sampling.")] = 0,
     median_below: Annotated[
@@ -68,6 +71,8 @@ def check_geometry(
     """
     from airzoo_bench.files import check_output_folder
     from airzoo_bench.geometry_checks.depth_frames import Sampling
+    from airzoo_bench.geometry_checks.depth_maps import DepthKind
+    from airzoo_bench.geometry_checks.frame_pairs import PairRule
     from airzoo_bench.geometry_checks.report import (
         OUTPUT_NAMES,
         geometry_table,
@@ -78,9 +83,10 @@ def check_geometry(
     if out is not None:
         check_output_folder(out, OUTPUT_NAMES)
     _check_scale(depth_scale)
-    sampling = Sampling(samples, seed, depth_kind, depth_scale)
+    sampling = Sampling(samples, seed, DepthKind(depth_kind), depth_scale)
     scenes = _scenes(data, scene, poses, images, crs)
-    checked = [_checked(one, depth, sampling, pairs, median_below) for one in scenes]
+    rule = PairRule(pairs)
+    checked = [_checked(one, depth, sampling, rule, median_below) for one in scenes]
     if form is Format.JSON:
         put(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")
     else:

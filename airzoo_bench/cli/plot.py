@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from airzoo_bench.cli.breakdown import parse_bins
-from airzoo_bench.cli.common import say
+from airzoo_bench.cli.common import check_output, say, working
 from airzoo_bench.errors import UsageError
-from airzoo_bench.validation import nearest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,9 +42,17 @@ _FITS = {
 
 
 def plot(
-    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of {', '.join(Kind)}.")],
-    results: Annotated[list[Path], typer.Argument(help="One or more result.json.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="A .png, .svg or .pdf.")],
+    kind: Annotated[
+        str | None, typer.Argument(metavar="KIND", help=f"One of {', '.join(Kind)}.")
+    ] = None,
+    results: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RESULTS", help="One or more result.json, or their folders."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="The file to save: a .png, .svg or .pdf; required."),
+    ] = None,
     score: Annotated[
         str | None, typer.Option(help="Key or title (default: the first that fits).")
     ] = None,
@@ -83,12 +90,13 @@ def plot(
     from airzoo_bench.report.sheet import Sheet, check_room, parse_width
     from airzoo_bench.statistics.compatibility import check_comparable
 
-    chosen_kind = _checked_kind(kind)
+    chosen_kind, given, file = _checked_call(kind, results or [], out)
     _check_options(chosen_kind, {"--score": score, "--by": by, "--bins": bins, "--up-to": up_to})
-    check_ending(out)
+    check_output(file, given)
+    check_ending(file)
     edges = None if bins is None else parse_bins(bins)
     sheet = Sheet(None if width is None else parse_width(width), title)
-    methods = read_scored([_checked_result(path) for path in results])
+    methods = read_scored(given)
     check_comparable(methods)
     drawing: dict[Kind, Callable[[Sequence[Scored], ScoreColumn], Figure]] = {
         Kind.RECALL: lambda these, _: draw.recall(these, up_to, sheet),
@@ -99,16 +107,40 @@ def plot(
         Kind.CONDITION: lambda these, score: draw.condition(these, score, by or "", edges, sheet),
     }
     chosen = draw.choose_score(methods, score, of_errors=chosen_kind is Kind.ERRORS)
-    figure = drawing[chosen_kind](methods, chosen)
-    check_room(figure)
-    save_figure(figure, out)
-    say(f"drew {out}")
+    with working(f"drawing {file}"):
+        figure = drawing[chosen_kind](methods, chosen)
+        check_room(figure)
+        save_figure(figure, file)
+    say(f"drew {file}")
+
+
+def _checked_call(
+    kind: str | None, results: list[Path], out: Path | None
+) -> tuple[Kind, list[Path], Path]:
+    """Return what must be given, or say what is missing and how it looks."""
+    chosen = None if kind is None else _checked_kind(kind)
+    if chosen is None or not results or out is None:
+        needed = {
+            f"a kind, one of {', '.join(Kind)}": chosen,
+            "results": results,
+            "-o, the file to save": out,
+        }
+        example = chosen or Kind.RECALL
+        by = " --by weather" if example is Kind.CONDITION else ""
+        raise UsageError(
+            "plot needs " + "; and ".join(what for what, value in needed.items() if not value),
+            expected=f"such as `airzoo-bench plot {example} results/*/result.json{by} "
+            f"-o {example}.png`",
+        )
+    return chosen, results, out
 
 
 def _checked_kind(kind: str) -> Kind:
     if kind not in list(Kind):
+        from airzoo_bench.validation import nearest
+
         known = [one.value for one in Kind]
-        is_file = Path(kind).exists()
+        is_file = Path(kind).exists() or kind.endswith(".json")
         raise UsageError(
             f"{kind!r} is no kind of picture{nearest(kind.lower(), known)}",
             expected="one of " + ", ".join(known),
@@ -129,15 +161,3 @@ def _check_options(kind: Kind, given: dict[str, object]) -> None:
                 f"{option} does not go with the kind {kind.value!r}",
                 expected="the kind " + " or ".join(fitting.value for fitting in _FITS[option]),
             )
-
-
-def _checked_result(path: Path) -> Path:
-    if path.is_dir():
-        inside = path / "result.json"
-        raise UsageError(
-            "a folder, not a result",
-            where=path,
-            expected="a result.json",
-            mend=f"name {inside}" if inside.is_file() else "name the result.json that `eval` wrote",
-        )
-    return path

@@ -21,7 +21,7 @@ from airzoo_bench.tables.entries import Board
 if TYPE_CHECKING:
     from airzoo_bench.scores import Score
 
-__all__ = ["empty_board"]
+__all__ = ["empty_board", "published_benchmarks"]
 
 
 def empty_board(name: str, data: Path, *, every_score: bool) -> Board:
@@ -52,6 +52,15 @@ def empty_board(name: str, data: Path, *, every_score: bool) -> Board:
         {},
         (),
     )
+
+
+def published_benchmarks(track: str, *, by_scene: bool = False) -> list[str]:
+    """Return the benchmarks on which something is published in a track, and by scene if asked."""
+    from airzoo_bench.published import published_sources, read_source
+
+    tables = [table for path in published_sources().values() for table in read_source(path)]
+    fitting = [t for t in tables if t.track == track and (t.has_scenes or not by_scene)]
+    return list(dict.fromkeys(table.benchmark for table in fitting))
 
 
 def _scores(protocol: Protocol) -> list[Score]:

@@ -81,6 +81,13 @@ def table(
             show_default=False,
         ),
     ] = None,
+    rename: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="OLD=NEW: another name for a method, scene, benchmark or score, as the table "
+            "shows it; repeatable."
+        ),
+    ] = None,
     siunitx: Annotated[
         bool, typer.Option("--siunitx", help="LaTeX: align numbers at their points.")
     ] = False,
@@ -96,6 +103,7 @@ def table(
 
     Example: airzoo-bench table --published --protocol uav-visloc-retrieval --layout scenes
     """
+    from airzoo_bench.cli.table_making import make_table
     from airzoo_bench.tables.latex import LatexStyle
 
     request = TableRequest(
@@ -115,10 +123,11 @@ def table(
         queries=queries,
         average=average,
         per_block=per_block,
+        renamed=tuple(rename or ()),
     )
     for_latex = {"--siunitx": siunitx, "--standalone": standalone, "--cite": cite}
     odd = [name for name, given in for_latex.items() if given]
     if odd and form is not Format.LATEX:
         are = "is" if len(odd) == 1 else "are"
         raise UsageError(f"{' and '.join(odd)} {are} for LaTeX", mend="add --format latex")
-    show(request.answer(), form, LatexStyle(siunitx, standalone))
+    show(make_table(request), form, LatexStyle(siunitx, standalone))

@@ -8,19 +8,38 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.cli.table_request import Layout, TableRequest
+from airzoo_bench.comparable import find_scene
 from airzoo_bench.errors import UsageError
+from airzoo_bench.result import Result, ScoreColumn, read_result
+from airzoo_bench.result_files import result_paths
+from airzoo_bench.tables.entries import OVERALL, Board, board_of, with_published
+from airzoo_bench.tables.rename import rename
 from airzoo_bench.validation import nearest
 
 if TYPE_CHECKING:
-    from airzoo_bench.result import Result, ScoreColumn
-    from airzoo_bench.tables.entries import Board
     from airzoo_bench.tables.model import Table
 
-__all__ = ["Making"]
+__all__ = ["make_table"]
+
+
+def make_table(request: TableRequest) -> Table:
+    """Read the results that a request names and lay them out.
+
+    Raises
+    ------
+    UsageError
+        Options do not fit together, or name what is not there.
+    ResultError
+        A result cannot be read, or results cannot stand in one table.
+    """
+    # What is published needs no results, and where a protocol is named they are refused unread.
+    paths = () if request.protocol is not None else result_paths(request.results)
+    results = tuple(read_result(path) for path in paths)
+    return _TableMaker(request, request.checked_layout(results), paths, results).table()
 
 
 @dataclass(frozen=True)
-class Making:
+class _TableMaker:
     """A request, and what was read for it.
 
     Attributes
@@ -40,13 +59,7 @@ class Making:
 
     def table(self) -> Table:
         """Lay the results out and mark them."""
-        made = self._alone() if self.layout is Layout.RESULT else self._marked(self._laid_out())
-        if not any(cell.uncertainty for row in made.rows for cell in row.cells):
-            return made
-        from airzoo_bench.statistics.board_intervals import intervals_note
-        from airzoo_bench.statistics.samples import Plan
-
-        return replace(made, notes=(intervals_note(Plan()), *made.notes))
+        return self._alone() if self.layout is Layout.RESULT else self._marked(self._laid_out())
 
     def _alone(self) -> Table:
         from airzoo_bench.tables.build import POOLED, scenes_table
@@ -54,11 +67,14 @@ class Making:
         (board,) = self._boards()
         (entry,) = board.entries
         made = scenes_table(self.results[0], scores=board.scores, uncertainties=entry.uncertainties)
-        # Of the result's own notes the board says whose they are.
-        notes = board.notes[len(self.results[0].notes) :]
+        # The table has the result's own notes, and whose they are goes without saying.
+        notes, about = board.notes, board.about_intervals
         if self.request.intervals and made.rows[-1].cells[0].value == POOLED:
-            notes += (f"no interval for {POOLED}: they are of scenes and of the average over them",)
-        return replace(made, notes=(*notes, *made.notes))
+            pooled = f"no interval for {POOLED}: they are of scenes and of the average over them"
+            notes, about = (*notes, pooled), (*about, pooled)
+        return rename(
+            replace(made, notes=(*notes, *made.notes), legend=about), self.request.renamed
+        )
 
     def _laid_out(self) -> Table:
         from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
@@ -76,8 +92,6 @@ class Making:
 
     def _boards(self) -> list[Board]:
         """Return a board a protocol, with the scores to show, which one of several may lack."""
-        from airzoo_bench.tables.entries import board_of
-
         wanted = self.request.scores
         if self.request.protocol is not None:
             return [self._published_alone(self.request.protocol)]
@@ -118,21 +132,19 @@ class Making:
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
             for entry, place in zip(board.entries, places, strict=True)
         ]
-        return with_intervals(board, methods, Plan(), self._shown(board))
+        made = with_intervals(board, methods, Plan(), self._shown(board))
+        return replace(made, about_intervals=made.notes[len(board.notes) :])
 
     def _shown(self, board: Board) -> list[str]:
         """Return the scenes whose numbers stand in the table, and what stands for the average."""
-        from airzoo_bench.tables.entries import OVERALL
-        from airzoo_bench.tables.layouts import find_scene
-
         if self.layout in (Layout.RESULT, Layout.SCENES):
             return [*board.scenes, *[OVERALL] * self.request.average]
         scene = self.request.scene
-        return [OVERALL if scene is None else find_scene(board, scene)]
+        return [OVERALL if scene is None else find_scene(board.scenes, scene)]
 
     def _published_alone(self, protocol: str) -> Board:
-        from airzoo_bench.benchmark import data_root
-        from airzoo_bench.cli.published_board import empty_board
+        from airzoo_bench.cli.published_board import empty_board, published_benchmarks
+        from airzoo_bench.data_root import data_root
 
         wanted = self.request.scores
         every_score = self.request.every_score or bool(wanted)
@@ -143,7 +155,8 @@ class Making:
             raise UsageError(
                 f"nothing is published on {board.benchmark} ({board.track})",
                 where=f"--protocol {protocol}",
-                expected="a protocol of a benchmark of a paper's tables",
+                expected="a protocol of a benchmark of a paper's tables: "
+                + ", ".join(published_benchmarks(board.track)),
                 mend="see `airzoo-bench protocols`",
             )
         printed = {key for e in board.entries for part in e.values.values() for key in part}
@@ -165,12 +178,17 @@ class Making:
         return self._beside_published(board)
 
     def _beside_published(self, board: Board) -> Board:
+        from airzoo_bench.cli.published_board import published_benchmarks
         from airzoo_bench.published import published_tables
-        from airzoo_bench.tables.entries import with_published
 
-        by_scene = self.layout is Layout.SCENES or self.request.scene is not None
+        asked = self.request
+        by_scene = self.layout is Layout.SCENES or asked.scene is not None
         tables = published_tables(board.benchmark, board.track)
-        return with_published(board, tables, by_scene=by_scene)
+        average = asked.average and asked.scene is None
+        elsewhere = published_benchmarks(board.track, by_scene=by_scene)
+        return with_published(
+            board, tables, by_scene=by_scene, average=average, elsewhere=elsewhere
+        )
 
     def _marked(self, made: Table) -> Table:
         from airzoo_bench.tables.marks import add_gains, highlight, parse_baselines
@@ -181,8 +199,10 @@ class Making:
         rule = self._rule_of_marks(made)
         made = replace(made, notes=(*rule, *made.notes), legend=(*rule, *made.legend))
         made = highlight(made, asked.highlighted)
-        made = add_gains(made, parse_baselines(made, asked.baselines))
-        return self._cited(made) if asked.citations else made
+        baselines = parse_baselines(made, asked.baselines)
+        made = self._cited(made) if asked.citations else made
+        # Options go by the names of results, and what is said of gains by those of the table.
+        return add_gains(rename(made, asked.renamed), baselines)
 
     def _cited(self, made: Table) -> Table:
         from airzoo_bench.published import published_sources, read_source_file

@@ -1,4 +1,4 @@
-"""What a call of ``airzoo-bench table`` asks for, and the table that answers it."""
+"""What a call of ``airzoo-bench table`` asks for, and whether it can be had."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from airzoo_bench.errors import UsageError
 
 if TYPE_CHECKING:
     from airzoo_bench.result import Result
-    from airzoo_bench.tables.model import Table
 
 __all__ = ["Layout", "TableRequest"]
 
@@ -46,33 +45,28 @@ class TableRequest:
     queries: bool = False
     average: bool = True
     per_block: int | None = None
+    renamed: tuple[str, ...] = ()
 
-    def answer(self) -> Table:
-        """Read the results and lay them out.
+    def checked_layout(self, results: Sequence[Result]) -> Layout:
+        """Return the layout that was asked for, or the usual one, and hold all options to it.
+
+        Parameters
+        ----------
+        results : sequence of Result
+            Those of the files; none where only published numbers are asked for.
 
         Raises
         ------
         UsageError
-            Options do not fit together, or name what is not there.
-        ResultError
-            A result cannot be read, or results cannot stand in one table.
+            Options do not fit together.
         """
-        from airzoo_bench.cli.table_making import Making
-        from airzoo_bench.result import read_result
-        from airzoo_bench.result_files import result_paths
-
-        if self.protocol is not None or not self.results:
-            return self._of_published()
-        paths = result_paths(self.results)
-        results = [read_result(path) for path in paths]
+        if not self.results or self.protocol is not None:
+            return self._layout_of_published()
         layout = self.layout or self._usual_layout(results)
         self._check(layout, results)
-        return Making(self, layout, paths, tuple(results)).table()
+        return layout
 
-    def _of_published(self) -> Table:
-        """Lay out what is published on a protocol, without results."""
-        from airzoo_bench.cli.table_making import Making
-
+    def _layout_of_published(self) -> Layout:
         if self.results or self.protocol is None or not self.published:
             raise UsageError(
                 "results name their own protocol" if self.results else "nothing to lay out",
@@ -87,7 +81,7 @@ class TableRequest:
             raise UsageError(
                 f"layout {layout} is for results", mend="choose --layout methods or scenes"
             )
-        return Making(self, layout, (), ()).table()
+        return layout
 
     def _usual_layout(self, results: Sequence[Result]) -> Layout:
         if len({result.protocol.name for result in results}) > 1:
@@ -97,10 +91,10 @@ class TableRequest:
         return Layout.METHODS if by_method else Layout.RESULT
 
     def _check(self, layout: Layout, results: Sequence[Result]) -> None:
-        if layout is Layout.RESULT:
-            self._check_alone()
         from airzoo_bench.comparable import first_names
 
+        if layout is Layout.RESULT:
+            self._check_alone()
         names = dict.fromkeys(result.protocol.name for result in results)
         if layout in (Layout.METHODS, Layout.SCENES) and len(names) > 1:
             raise UsageError(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
 
+from airzoo_bench.tables.extent import PAGE, extent
 from airzoo_bench.tables.model import Row, Table
 
 __all__ = ["as_asked", "by_block", "by_count", "by_width", "leading_columns", "units"]
@@ -43,7 +44,7 @@ def by_count(table: Table) -> list[Table]:
     """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole.
 
     Unless their number is fixed there are fewer, down to one, where they would have more than
-    twelve columns: no page takes them.
+    twelve columns, or with what stands beside the numbers be wider than a page.
     """
     return [piece for part in by_block(table) for piece in _counted(part)]
 
@@ -55,6 +56,12 @@ def _counted(table: Table) -> list[Table]:
     step = table.groups_per_block
     if not table.fixed:
         step = max(1, min(step, _WIDEST // max(map(len, found))))
+        while step > 1 and max(map(extent, _abreast(table, found, step))) > PAGE:
+            step -= 1
+    return _abreast(table, found, step)
+
+
+def _abreast(table: Table, found: list[list[int]], step: int) -> list[Table]:
     return _pieces(table, [found[at : at + step] for at in range(0, len(found), step)])
 
 

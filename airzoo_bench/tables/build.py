@@ -14,9 +14,6 @@ __all__ = ["POOLED", "methods_table", "scenes_table"]
 POOLED = "Pooled"
 """The row of means over all queries, whatever their scene."""
 
-# What is counted beside the scores: the heading, and the key of a result's counts.
-_COUNTED = {"reconstruction": ("Points", "points")}
-
 
 def scenes_table(
     result: Result,
@@ -40,12 +37,13 @@ def scenes_table(
     if scores is None:
         scores = [c for c in result.columns if every_score or c.headline]
     beside = uncertainties or {}
-    heading, key = _COUNTED.get(result.track, ("Queries", "queries"))
+    # Where a scene is one query, their number says nothing.
+    counted = "points" if result.unit == "scene" else "queries"
     rows = []
     for scene, values in result.scenes.items():
         cells = _cells(scores, values, beside.get(scene))
         title = result.truth.scene_titles[scene]
-        rows.append(Row((Cell(title), Cell(result.counts[scene][key]), *cells)))
+        rows.append(Row((Cell(title), Cell(result.counts[scene].get(counted)), *cells)))
     total = sum(counts["queries"] for counts in result.counts.values())
     average = _cells(scores, result.overall, beside.get(OVERALL))
     rows.append(Row((Cell("Average"), Cell(None), *average), summary=True))
@@ -54,7 +52,7 @@ def scenes_table(
         rows.append(Row((Cell(POOLED), Cell(total), *pooled), summary=True))
     return Table(
         f"{result.predictions.method} on {result.protocol.name} v{result.protocol.version}",
-        (Column("Scene"), Column(heading), *map(score_column, scores)),
+        (Column("Scene"), Column(counted.capitalize()), *map(score_column, scores)),
         tuple(rows),
         (*result.notes, identity(result)),
     )

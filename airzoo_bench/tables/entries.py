@@ -24,7 +24,6 @@ __all__ = [
     "as_shown",
     "board_of",
     "identity",
-    "score_cell",
     "score_column",
     "with_published",
 ]
@@ -78,9 +77,14 @@ class Board:
     queries : mapping of str to int
         How many each scene has, where that is known.
     entries : tuple of Entry
+    method_notes : tuple of str
+        Of the results themselves; each says whose it is.
     notes : tuple of str
+        Of all together.
     legend : tuple of str
         Those of the notes without which reported numbers mislead.
+    about_intervals : tuple of str
+        Those that say how intervals were made, and where there is none; of the legend too.
     identity : str
         What the numbers depend on; see `identity`.
     """
@@ -92,14 +96,21 @@ class Board:
     scenes: Mapping[str, str]
     queries: Mapping[str, int]
     entries: tuple[Entry, ...]
+    method_notes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     legend: tuple[str, ...] = ()
+    about_intervals: tuple[str, ...] = ()
     identity: str = ""
 
     @property
     def all_notes(self) -> tuple[str, ...]:
-        """The notes, and last what the numbers depend on."""
-        return (*self.notes, *filter(None, [self.identity]))
+        """The notes of all and of methods, and last what the numbers depend on."""
+        return (*self.notes, *self.method_notes, *filter(None, [self.identity]))
+
+    @property
+    def whole_legend(self) -> tuple[str, ...]:
+        """The notes that LaTeX prints under the table."""
+        return (*self.legend, *self.about_intervals)
 
     def noted(self, *notes: str, legend: bool = False) -> Board:
         """Return the board with further notes, which may be of the legend."""
@@ -133,7 +144,6 @@ def board_of(
     first = results[0]
     # One that a method has no score for stays empty.
     scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
-    notes = [f"{n}: {note}" for n, r in zip(names, results, strict=True) for note in r.notes]
     return Board(
         f"{first.protocol.name} v{first.protocol.version}",
         first.truth.benchmark,
@@ -142,9 +152,19 @@ def board_of(
         first.truth.scene_titles,
         {scene: counts["queries"] for scene, counts in first.counts.items()},
         tuple(_entry(*pair) for pair in zip(names, results, strict=True)),
-        (*notes, *version_notes(names, results)),
+        method_notes=_by_note(names, results),
+        notes=tuple(version_notes(names, results)),
         identity=identity(first),
     )
+
+
+def _by_note(names: Sequence[str], results: Sequence[Result]) -> tuple[str, ...]:
+    """Return what results note, with the names of all that note the same."""
+    methods: dict[str, list[str]] = {}
+    for name, result in zip(names, results, strict=True):
+        for note in dict.fromkeys(result.notes):
+            methods.setdefault(note, []).append(name)
+    return tuple(f"{', '.join(who)}: {note}" for note, who in methods.items())
 
 
 def _entry(name: str, result: Result) -> Entry:
@@ -168,11 +188,6 @@ def score_column(score: ScoreColumn, group: str = "", block: str = "") -> Column
     return Column(score.title, unit, score.higher_is_better, group=group, block=block)
 
 
-def score_cell(score: ScoreColumn, value: float | None) -> Cell:
-    """Return the cell of a result's value."""
-    return Cell(None if value is None else as_shown(score, value))
-
-
 def identity(result: Result) -> str:
     """Return what a result's numbers depend on, in one line."""
     return (
@@ -181,7 +196,14 @@ def identity(result: Result) -> str:
     )
 
 
-def with_published(board: Board, tables: Sequence[PublishedTable], *, by_scene: bool) -> Board:
+def with_published(
+    board: Board,
+    tables: Sequence[PublishedTable],
+    *,
+    by_scene: bool,
+    average: bool = True,
+    elsewhere: Sequence[str] = (),
+) -> Board:
     """Put the rows of published tables before a board's own.
 
     A source may print an average twice and differently. An average alone is taken from the tables
@@ -195,6 +217,10 @@ def with_published(board: Board, tables: Sequence[PublishedTable], *, by_scene: 
         Of the board's benchmark and track; scores that the board lacks are left out.
     by_scene : bool
         Whether scenes are to be shown.
+    average : bool
+        Whether the average is to be shown: else nothing need be said of another one.
+    elsewhere : sequence of str
+        The benchmarks that something is published on, to be named where nothing is on this one.
     """
     scenic = [table for table in tables if table.has_scenes]
     plain = [table for table in tables if not table.has_scenes]
@@ -202,9 +228,11 @@ def with_published(board: Board, tables: Sequence[PublishedTable], *, by_scene: 
     if not chosen:
         what = "by scene " if by_scene else ""
         note = f"nothing is published {what}on {board.benchmark} ({board.track})"
-        return board.noted(note)
+        others = [name for name in elsewhere if name != board.benchmark]
+        return board.noted(note + (f", but on {', '.join(others)}" if others else ""))
     entries = tuple(entry for table in chosen for entry in _reported(board, table))
-    notes = [_disagreement(board, table, other) for table in chosen for other in tables]
+    pairs = [(table, other) for table in chosen for other in tables] if average else []
+    notes = [_disagreement(board, table, other) for table, other in pairs]
     board = replace(board, entries=(*entries, *board.entries))
     return board.noted(*filter(None, notes), legend=True)
 

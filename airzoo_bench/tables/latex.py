@@ -13,7 +13,8 @@ import textwrap
 from dataclasses import dataclass
 from itertools import groupby
 
-from airzoo_bench.tables.blocks import by_block, by_count, leading_columns
+from airzoo_bench.tables.blocks import by_block, by_count, leading_columns, units
+from airzoo_bench.tables.extent import COLUMN, PAGE, extent, text_extent
 from airzoo_bench.tables.latex_document import document
 from airzoo_bench.tables.latex_numbers import NumberFormat, beside, is_number, number_format
 from airzoo_bench.tables.latex_text import escape, math_minus
@@ -83,7 +84,10 @@ def latex(table: Table, style: LatexStyle | None = None) -> str:
     comments = [plain(table.title), *(note for note in table.notes if note not in table.legend)]
     head = "".join(f"% {plain(line)}\n" for line in comments) + _needs(table, chosen)
     tabulars = [_tabular(part, chosen) for part in by_block(table)]
-    return document(head, tabulars) if chosen.standalone else head + "\n".join(tabulars)
+    if chosen.standalone:
+        return document(head, tabulars)
+    uses = [_use(part, alone=len(tabulars) == 1) for part in by_block(table)]
+    return head + "\n\\medskip\n".join(map("".join, zip(uses, tabulars, strict=True)))
 
 
 def _needs(table: Table, style: LatexStyle) -> str:
@@ -94,6 +98,24 @@ def _needs(table: Table, style: LatexStyle) -> str:
     if style.siunitx:
         packages.append(r"\usepackage{siunitx}")
     return f"% needs {' '.join(packages)}\n" if len(packages) > 1 else ""
+
+
+def _use(table: Table, *, alone: bool) -> str:
+    """Say how to put a tabular into a paper, by its estimated width."""
+    pieces = by_count(table)
+    width = max(map(extent, pieces))
+    if width <= PAGE:
+        environment = "table" if width <= COLUMN else "table*"
+        inner = r"\input{table.tex}" if alone else r"... \input{table.tex}"
+        used = rf"\begin{{{environment}}}\centering {inner}\end{{{environment}}}"
+        return f"% about {width:.0f} em wide: {used}\n"
+    shrunk = r"\resizebox{\linewidth}{!}{\input{table.tex}}"
+    used = rf"\begin{{table*}}\centering {shrunk}\end{{table*}}"
+    if not alone:
+        used = r"put \resizebox{\linewidth}{!}{ before and } behind this tabular, in table*"
+    several = max(map(len, map(units, pieces))) > 1 and any(c.group for c in table.columns)
+    fewer = ", or --per-block 1" if several else ""
+    return f"% about {width:.0f} em wide, more than a page: {used}{fewer}\n"
 
 
 def _tabular(table: Table, style: LatexStyle) -> str:
@@ -162,8 +184,18 @@ def _types(
             formats[index] = number_format(cells, decimals)
             types.append(formats[index].column)
         else:
-            types.append(number if index >= leading else "r")
+            types.append(
+                ("c" if _has_wide_head(piece, index) else number) * (index >= leading) or "r"
+            )
     return types, formats
+
+
+def _has_wide_head(piece: Table, index: int) -> bool:
+    """Whether a column stands alone under the head of its group, and this is the wider."""
+    column = piece.columns[index]
+    alone = sum(one.group == column.group for one in piece.columns) == 1
+    head = text_extent(column.title, bold=True) + text_extent(column.beside_title)
+    return alone and bool(column.group) and text_extent(column.group, bold=True) > head
 
 
 def _group_heads(piece: _Piece) -> list[str]:
@@ -182,9 +214,15 @@ def _group_heads(piece: _Piece) -> list[str]:
 def _head(piece: _Piece) -> str:
     heads = []
     for index, column in enumerate(piece.table.columns):
-        text = _bold(escape(column.title)) + _beside_title(column)
+        text = _bold(escape(column.title)) + _beside_title(column) + _room(piece, index)
         heads.append(_spanned(piece, index, _braced(piece, index, text), "c"))
     return _line(piece, heads)
+
+
+def _room(piece: _Piece, index: int) -> str:
+    """Keep the room of what stands beside the numbers free, so that a head is above these."""
+    after = piece.formats[index].after if index in piece.formats else ""
+    return rf"\phantom{{{after}}}" if after else ""
 
 
 def _beside_title(column: Column) -> str:
@@ -226,7 +264,7 @@ def _braced(piece: _Piece, index: int, text: str) -> str:
 def _spanned(piece: _Piece, index: int, text: str, kind: str) -> str:
     if piece.span == 1 or index < piece.leading:
         return text
-    return rf"\multicolumn{{{piece.span}}}{{{kind if kind[0] in 'Sl' else 'c'}}}{{{text}}}"
+    return rf"\multicolumn{{{piece.span}}}{{{kind if kind[0] == 'S' else 'c'}}}{{{text}}}"
 
 
 def _bold(text: str) -> str:

@@ -16,8 +16,10 @@ _HEAD = r"""\documentclass{article}
 \pagestyle{empty}
 \setlength{\parindent}{0pt}
 \renewcommand{\arraystretch}{1.1}
-% Here is no bibliography: keys are printed instead of numbers.
-\renewcommand{\cite}[1]{[\detokenize{#1}]}
+% Here is no bibliography: keys are printed instead of numbers. The font has no underscore.
+{\catcode`\_=12
+\gdef\keyparts#1_#2\keyend{#1\ifx\relax#2\relax\else\_\keyparts#2\keyend\fi}
+\gdef\cite#1{[\expandafter\keyparts\detokenize{#1}_\keyend]}}
 """
 _BEGIN = r"""\newsavebox{\tablebox}
 \begin{document}

@@ -16,7 +16,7 @@ from airzoo_bench.tables.model import Cell
 
 __all__ = ["NumberFormat", "beside", "is_number", "number_format"]
 
-_GAP = r"\enspace{}"  # bold digits take some of it
+_GAP = r"\enspace{}"
 
 
 @dataclass(frozen=True)
@@ -52,17 +52,20 @@ class NumberFormat:
             return number + (f"{{{after}}}" if after else "")
         whole, point, decimal = number.partition(".")
         place = ("$-$" if self.signed else "") + "0" * self.digits
-        shown = self._marked(cell, place, _sign(whole), point + decimal)
-        room = rf"\rlap{{{after}}}" if after else ""
-        room += rf"\phantom{{{self.after}}}" if self.after else ""
+        # What stands beside begins where the digits end, and bold ones end later.
+        shown = self._marked(cell, place, _sign(whole), point + decimal, after)
+        room = rf"\phantom{{{self.after}}}" if self.after else ""
         return f"{{{shown}{room}}}"
 
-    def _marked(self, cell: Cell, place: str, whole: str, fraction: str) -> str:
+    def _marked(self, cell: Cell, place: str, whole: str, fraction: str, after: str) -> str:
+        behind = rf"\rlap{{{after}}}" if after else ""
         if cell.second:
-            return rf"\phantom{{{place}{fraction}}}\llap{{\underline{{{whole}{fraction}}}}}"
+            return rf"\phantom{{{place}{fraction}}}\llap{{\underline{{{whole}{fraction}}}}}{behind}"
         mark = r"\textbf{%s}" if cell.best else "%s"
         before = rf"\phantom{{{place}}}\llap{{{mark % whole}}}"
-        return before + rf"\rlap{{{mark % fraction}}}\phantom{{{fraction}}}" if fraction else before
+        if not fraction:
+            return before + behind
+        return before + rf"\rlap{{{mark % fraction}{after}}}\phantom{{{fraction}}}"
 
 
 def _sign(whole: str) -> str:

@@ -6,12 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
-from airzoo_bench.errors import ResultError
+from airzoo_bench.comparable import find_scene
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.tables.entries import OVERALL, Board, Entry, score_column
+from airzoo_bench.tables.heads import benchmark_heads
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-__all__ = ["benchmarks_layout", "find_scene", "methods_layout", "scenes_layout"]
+__all__ = ["benchmarks_layout", "methods_layout", "scenes_layout"]
 
 
 def methods_layout(board: Board, scene: str | None = None) -> Table:
@@ -26,13 +27,15 @@ def methods_layout(board: Board, scene: str | None = None) -> Table:
     Raises
     ------
     ResultError
-        There is no such scene.
+        There is no such scene, or several have that title.
     """
-    key = OVERALL if scene is None else find_scene(board, scene)
+    key = OVERALL if scene is None else find_scene(board.scenes, scene)
     columns = (Column("Method"), *map(score_column, board.scores))
     cells = [[entry.cell(key, score) for score in board.scores] for entry in board.entries]
-    title = f"{board.title}, {scene or 'average over scenes'}"
-    return Table(title, columns, _rows(board.entries, cells), board.all_notes, legend=board.legend)
+    title = f"{board.title}, {board.scenes.get(key, 'average over scenes')}"
+    return Table(
+        title, columns, _rows(board.entries, cells), board.all_notes, legend=board.whole_legend
+    )
 
 
 def scenes_layout(
@@ -64,7 +67,7 @@ def scenes_layout(
         (_units_note(board.scores), *board.all_notes),
         per_block or 2,
         fixed=per_block is not None,
-        legend=board.legend,
+        legend=board.whole_legend,
     )
 
 
@@ -83,8 +86,7 @@ def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) 
     """
     tracks = [board.track for board in boards]
     boards = sorted(boards, key=lambda board: tracks.index(board.track))
-    names = [board.benchmark for board in boards]
-    heads = [b.benchmark if names.count(b.benchmark) == 1 else b.title for b in boards]
+    heads = benchmark_heads(boards)
     numbered = [_numbered(board.entries) for board in boards]
     keys = list(dict.fromkeys(key for found in numbered for key in found))
     columns = [
@@ -94,45 +96,31 @@ def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) 
     ]
     rows = tuple(_across(key, boards, numbered) for key in keys)
     scores = [score for board in boards for score in board.scores]
-    notes = dict.fromkeys(note for board in boards for note in _notes_of(board, len(boards)))
+    said = _notes_of(boards)
     made_by = [f"{board.title}: {board.identity}" for board in boards if board.identity]
     title = "Averages over scenes: " + ", ".join(board.title for board in boards)
     columns = [Column("Method"), *columns]
-    legend = dict.fromkeys(note for board in boards for note in board.legend)
+    legend = dict.fromkeys(said[note] for board in boards for note in board.whole_legend)
     return Table(
         title,
         tuple(columns),
         rows,
-        (_units_note(scores), *notes, *made_by),
+        (_units_note(scores), *said.values(), *made_by),
         per_block or 4,
         fixed=per_block is not None,
         legend=tuple(legend),
     )
 
 
-def _notes_of(board: Board, boards: int) -> list[str]:
-    """Return a board's notes; of several boards they say of which they are."""
-    if boards == 1:
-        return list(board.notes)
-    return [note if note in board.legend else f"{board.title}: {note}" for note in board.notes]
-
-
-def find_scene(board: Board, scene: str) -> str:
-    """Return the id of a scene that is named by id or title.
-
-    Raises
-    ------
-    ResultError
-        There is no such scene.
-    """
-    by_title = {title: key for key, title in board.scenes.items()}
-    key = by_title.get(scene, scene)
-    if key not in board.scenes:
-        raise ResultError(
-            f"there is no scene {scene!r} in the results",
-            expected="one of " + ", ".join(board.scenes),
-        )
-    return key
+def _notes_of(boards: Sequence[Board]) -> dict[str, str]:
+    """Return what is said for each note of boards; what is not of all says of which it is."""
+    titles: dict[str, list[str]] = {}
+    for board in boards:
+        for note in (*board.notes, *board.method_notes):
+            titles.setdefault(note, []).append(board.title)
+    of_all = {note for board in boards for note in board.legend}
+    of_all |= {note for note, those in titles.items() if len(those) == len(boards)}
+    return {n: n if n in of_all else f"{', '.join(those)}: {n}" for n, those in titles.items()}
 
 
 def _rows(entries: Sequence[Entry], cells: Sequence[list[Cell]]) -> tuple[Row, ...]:

@@ -97,12 +97,12 @@ def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
             rows[number], cells=tuple(replace(cell, gain=gain) for cell, gain in cells)
         )
     over = [table.rows[baseline] for baseline in baselines.values()]
-    notes = {_gain_note(row): row.reported for row in over}
+    notes = dict.fromkeys(map(_gain_note, over))
     return replace(
         table,
         rows=tuple(rows),
         notes=(*table.notes, *notes),
-        legend=(*table.legend, *(note for note, reported in notes.items() if reported)),
+        legend=(*table.legend, *notes),
     )
 
 
@@ -120,7 +120,8 @@ def _is_printed(cell: Cell) -> bool:
 
 def _gain_note(baseline: Row) -> str:
     reported = ", whose numbers are reported, not re-scored" if baseline.reported else ""
-    return f"in brackets: difference from {baseline.cells[0].value}{reported}"
+    name = baseline.cells[0].value
+    return f"in brackets: difference from {name}{reported}, of the values as printed"
 
 
 def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = False) -> Table:
@@ -130,7 +131,8 @@ def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = Fals
     ----------
     table : Table
     keys : mapping of str to str
-        Keys of a bibliography, by method; several are separated by commas.
+        Keys of a bibliography, by method; several are separated by commas, blanks beside which
+        are left out.
     names_must_exist : bool
         Whether a name that no row has is a mistake.
 
@@ -140,12 +142,13 @@ def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = Fals
         A key is none that LaTeX takes as it is, or nothing has the name.
     """
     names = [str(row.cells[0].value) for row in table.rows]
+    keys = {name: ",".join(map(str.strip, key.split(","))) for name, key in keys.items()}
     for name, key in keys.items():
         if not _KEYS.fullmatch(key):
             raise UsageError(
                 f"{key[:80]!r} is no citation key",
                 where=f"--cite, {name[:80]}",
-                expected="letters, digits and any of : . _ / + -",
+                expected="letters a to z, digits, and behind the first any of : . _ / + -",
             )
         if names_must_exist and name not in names:
             raise _unknown(name, names, "--cite")

@@ -137,7 +137,7 @@ class Cell:
     def beside(self, decimals: int) -> list[str]:
         """Return what stands beside the value: uncertainty, then gain."""
         parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
-        return parts if self.gain is None else [*parts, f"({self.gain:+.{decimals}f})"]
+        return parts if self.gain is None else [*parts, f"({self.gain:+z.{decimals}f})"]
 
 
 @dataclass(frozen=True)
@@ -235,10 +235,13 @@ def share_to_percent(value: float) -> float:
 
 
 def show_number(value: float, decimals: int) -> str:
-    """Return a number with so many digits after the point, an infinite one as ``inf``."""
+    """Return a number with so many digits after the point, an infinite one as ``inf``.
+
+    What rounds to zero has no sign.
+    """
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
-    return f"{value:.{decimals}f}"
+    return f"{value:z.{decimals}f}"
 
 
 def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:

@@ -7,6 +7,7 @@ import html
 import io
 import json
 import math
+import re
 from collections.abc import Callable
 from itertools import groupby
 
@@ -28,6 +29,8 @@ from airzoo_bench.tables.terminal import TERMINAL_WIDTH, terminal
 __all__ = ["FORMATS", "render"]
 
 _GROUND = "#fff3bf"
+# Scores are called such as "@5m,10°": there is no operator in it and no function, thus no formula.
+_THRESHOLD = re.compile(r"@[0-9][\w.,° ±]*")
 
 
 def render(
@@ -65,11 +68,11 @@ def _csv(table: Table) -> str:
     kinds = [_beside_in_csv(table, index) for index in range(len(table.columns))]
     marked = any(row.reported for row in table.rows)
     titles = [
-        f"{column.group} {column.title}{kind}".strip()
+        plain(f"{column.group} {column.title}{kind}")
         for column, beside in zip(table.columns, kinds, strict=True)
         for kind in ("", *beside)
     ]
-    writer.writerow([*titles, *["Marked"] * marked])
+    writer.writerow([_defused(text) for text in [*titles, *["Marked"] * marked]])
     for row in table.rows:
         cells = zip(row.cells, table.columns, kinds, strict=True)
         texts = [text for given in cells for text in _csv_cells(*given)]
@@ -104,7 +107,8 @@ def _beside_numbers(cell: Cell) -> dict[str, float]:
 def _defused(text: str) -> str:
     # A spreadsheet would run a method's name that begins like a formula.
     is_number = text.removeprefix("-").replace(".", "", 1).isdigit() or text == "-inf"
-    return "'" + text if text[:1] in ("=", "+", "-", "@") and not is_number else text
+    is_harmless = is_number or _THRESHOLD.fullmatch(text)
+    return "'" + text if text[:1] in ("=", "+", "-", "@") and not is_harmless else text
 
 
 def _markdown(table: Table) -> str:

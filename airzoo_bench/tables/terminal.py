@@ -39,13 +39,13 @@ def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False)
     width : int
         Of the terminal, in characters.
     styled : bool
-        For eyes: bold, underlined and grey by escape sequences, and notes wrapped at the width.
-        Otherwise every note is one line.
+        For eyes: bold, underlined and grey by escape sequences, title and notes wrapped at the
+        width. Otherwise title and every note are one line.
     """
     from rich.console import Console
 
     room = width - 2 * _EDGE
-    shown = "".join(f"{line}\n" for line in _title(table))
+    shown = _text(plain(table.title), width, styled) if table.title else ""
     pieces = [
         piece
         for asked in as_asked(table)
@@ -59,26 +59,23 @@ def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False)
         )
         console.print(part.drawn())
         shown += out.getvalue()
-    return shown + "".join(_note(plain(note), width, styled) for note in table.all_notes)
+    notes = [_text(plain(note), width, styled, indent=_EDGE) for note in table.all_notes]
+    return shown + "".join(notes)
 
 
-def _note(text: str, width: int, wrapped: bool) -> str:
-    indented = f"{' ' * _EDGE}{text}"
+def _text(text: str, width: int, wrapped: bool, *, indent: int = 0) -> str:
+    first = " " * indent
     if not wrapped:
-        return f"{indented}\n"
-    hanging = " " * 2 * _EDGE
+        return f"{first}{text}\n"
     lines = textwrap.wrap(
-        indented,
+        text,
         max(width, 40),
-        subsequent_indent=hanging,
+        initial_indent=first,
+        subsequent_indent=first + " " * _EDGE,
         break_long_words=False,
         break_on_hyphens=False,
     )
     return "".join(f"{line}\n" for line in lines)
-
-
-def _title(table: Table) -> list[str]:
-    return [plain(table.title)] if table.title else []
 
 
 @dataclass(frozen=True)

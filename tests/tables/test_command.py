@@ -173,7 +173,7 @@ def test_benchmarks_side_by_side(files: list[Path], tmp_path: Path, show: Show) 
         ["Mine", "50.00", "30.00"],
         ["MegaLoc", "42.50", "–"],
     ]
-    assert list(rows[0]) == ["Method", "airzoo-real R@1", "b R@1"]
+    assert list(rows[0]) == ["Method", "AirZoo-Real R@1", "b R@1"]
 
 
 def test_scores_by_name(files: list[Path], show: Show) -> None:
@@ -311,7 +311,7 @@ def test_intervals(
     place = [column.get("group") for column in shown["columns"]].index("Scene east")
     low, high = (shown["uncertainties"][0][place][key] for key in ("low", "high"))
     assert 0 < low < shown["rows"][0][place] < high == 100
-    assert shown["notes"][0].startswith("in square brackets: 95 % intervals, 10000 resamples")
+    assert any(note.startswith("in square brackets: 95 % intervals") for note in shown["notes"])
     # Of one result, a row a scene.
     assert run_main("table", tmp_path / "out", "--intervals", "--format", "json") == 0
     own = json.loads(capsys.readouterr().out)

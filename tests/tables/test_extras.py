@@ -56,7 +56,7 @@ class TestMarks:
         made = add_gains(table(("a", 1.006, 5.0), ("b", 3.014, 2.0)), {1: 0})
         assert [made.rows[1].cells[i].gain for i in (1, 2)] == [2.0, -3.0]
         assert made.rows[0].cells[1].gain is None
-        assert made.notes == ("in brackets: difference from a",)
+        assert made.notes == ("in brackets: difference from a, of the values as printed",)
 
     def test_no_gain_without_two_numbers(self) -> None:
         made = add_gains(table(("a", None, math.inf), ("b", 1.0, 2.0)), {1: 0, 0: 1})

@@ -63,8 +63,8 @@ def test_benchmarks_are_the_usual_layout(
     files: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = list(csv.reader(io.StringIO(printed(capsys, *files, "--format", "csv"))))
-    heads = ["land-retrieval v1 R@1", "sea-retrieval v1 R@1"]
-    heads += ["land-matching v1 Error", "sea-matching v1 Error"]
+    heads = ["land, retrieval R@1", "sea, retrieval R@1"]
+    heads += ["land, matching Error", "sea, matching Error"]
     assert rows == [
         ["Method", *heads],
         ["Cat", "50.00", "–", "–", "9.00"],

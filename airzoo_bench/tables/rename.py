@@ -1,0 +1,94 @@
+"""Other names for methods, scenes, benchmarks and scores: those that a paper gives them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from airzoo_bench.errors import UsageError
+from airzoo_bench.tables.model import Column, Row, Table
+from airzoo_bench.validation import nearest
+
+__all__ = ["rename"]
+
+_NUMBER = re.compile(r" \(\d+\)$")  # of queries, behind a scene's title
+
+
+def rename(table: Table, given: Sequence[str]) -> Table:
+    """Give what a table names other names, in lists of names in its title and notes too.
+
+    Parameters
+    ----------
+    table : Table
+    given : sequence of str
+        Each ``OLD=NEW``, where OLD is a method, scene, benchmark or score as the table shows it.
+
+    Raises
+    ------
+    UsageError
+        One is none of these, nothing has the old name, or the new one is empty.
+    """
+    known = _known(table)
+    names: dict[str, str] = {}
+    for text in given:
+        old, new = _parsed(text, known)
+        if names.setdefault(old, new) != new:
+            raise UsageError(f"{old[:80]!r} has two new names", where=f"--rename {text[:80]}")
+    return _renamed(table, names) if names else table
+
+
+def _known(table: Table) -> list[str]:
+    rows = [str(row.cells[0].value) for row in table.rows]
+    groups = [column.group for column in table.columns if column.group]
+    bare = [_NUMBER.sub("", group) for group in groups]
+    return list(dict.fromkeys([*rows, *groups, *bare, *(c.title for c in table.columns)]))
+
+
+def _parsed(text: str, known: Sequence[str]) -> tuple[str, str]:
+    # A name may itself hold the sign.
+    splits = [(text[:i], text[i + 1 :].strip()) for i, c in enumerate(text) if c == "="]
+    where = f"--rename {text[:80]}"
+    if not splits:
+        raise UsageError("there is no new name", where=where, expected="OLD=NEW")
+    old, new = next((pair for pair in splits if pair[0] in known), splits[0])
+    if old not in known:
+        raise UsageError(
+            f"nothing in the table is called {old[:80]!r}{nearest(old[:80], list(known))}",
+            where=where,
+            expected="one of " + ", ".join(known[:30]),
+        )
+    if not new:
+        raise UsageError("the new name is empty", where=where, expected="OLD=NEW")
+    return old, new
+
+
+def _renamed(table: Table, names: Mapping[str, str]) -> Table:
+    old = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
+    # Only where it is one of a list of names: a method may be called like a word of a note.
+    listed = re.compile(rf"(?:(?<=^)|(?<=, )|(?<=; ))(?:{old})(?=$|, |: | in | on )")
+
+    def said(text: str) -> str:
+        return listed.sub(lambda found: names[found[0]], text)
+
+    return replace(
+        table,
+        title=said(table.title),
+        columns=tuple(_column(column, names) for column in table.columns),
+        rows=tuple(_row(row, names) for row in table.rows),
+        notes=tuple(map(said, table.notes)),
+        legend=tuple(map(said, table.legend)),
+    )
+
+
+def _column(column: Column, names: Mapping[str, str]) -> Column:
+    bare = _NUMBER.sub("", column.group)
+    number = column.group.removeprefix(bare)
+    group = names.get(column.group) or names.get(bare, bare) + number
+    return replace(column, title=names.get(column.title, column.title), group=group)
+
+
+def _row(row: Row, names: Mapping[str, str]) -> Row:
+    first = row.cells[0]
+    value = names.get(str(first.value), first.value)
+    return replace(row, cells=(replace(first, value=value), *row.cells[1:]))
