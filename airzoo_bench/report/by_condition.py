@@ -60,14 +60,35 @@ def draw_by_condition(
     width = sheet.wide(float(np.clip(usual, 6.4, _WIDEST_IN)))
     height = 3.4 if width >= 5 else 2.6
     figure = new_canvas(width, height)
-    infinite = np.isposinf(values)
-    axes, band = add_band(figure, "top" if infinite.any() else None)
+    axes, band = add_band(figure, "top" if np.isposinf(values).any() else None)
     slot_pt = (width - 0.9) * _POINTS / len(labels)
-    step = _SHARE_OF_GROUP / len(names)
+    _draw_methods((axes, band), names, values, limits, score, slot_pt)
+    _scale(axes, score, shown_value(score, values))
+    _draw_rules(axes, band, len(labels))
+    _label(axes, labels, counts, slot_pt, sheet.font(width) - 1)
+    axes.set(xlim=(-0.5, len(labels) - 0.5), xlabel=label_text(title))
+    axes.set_ylabel(wrapped(axis_label(score), height - 1.0, sheet.font(width)))
+    axes.grid(axis="y", alpha=0.3)
+    finish(figure, sheet, names, lines=False)
+    return figure
+
+
+def _draw_methods(
+    parts: tuple[Axes, Axes | None],
+    names: Sequence[str],
+    values: Floats,
+    limits: Floats | None,
+    score: ScoreColumn,
+    slot_pt: float,
+) -> None:
+    """Draw the marks of methods side by side in each group, infinite ones on the band."""
+    axes, band = parts
+    methods, groups = values.shape
+    step = _SHARE_OF_GROUP / methods
     size = float(np.clip(0.85 * step * slot_pt, 1.5, 6.0))
-    middles = np.arange(len(labels), dtype=np.float64)
-    for number in range(len(names)):
-        places: Floats = middles + step * (number - (len(names) - 1) / 2)
+    infinite = np.isposinf(values)
+    for number in range(methods):
+        places: Floats = np.arange(groups) + step * (number - (methods - 1) / 2)
         shown = shown_value(score, np.where(infinite[number], np.nan, values[number]))
         style = series_style(number) | {"linestyle": "none", "markersize": size}
         axes.plot(places, shown, label=names[number], clip_on=False, zorder=4, **style)
@@ -76,17 +97,13 @@ def draw_by_condition(
         if band is not None and infinite[number].any():
             there = places[infinite[number]]
             band.plot(there, np.zeros(len(there)), markerfacecolor="white", zorder=4, **style)
-    _scale(axes, score, shown_value(score, values))
-    for edge in middles[1:] - 0.5:
+
+
+def _draw_rules(axes: Axes, band: Axes | None, groups: int) -> None:
+    for edge in np.arange(1, groups) - 0.5:
         for part in (axes, band):
             if part is not None:
                 part.axvline(edge, color="0.85", linewidth=0.8, zorder=0)
-    _label(axes, labels, counts, slot_pt, sheet.font(width) - 1)
-    axes.set(xlim=(-0.5, len(labels) - 0.5), xlabel=label_text(title))
-    axes.set_ylabel(wrapped(axis_label(score), height - 1.0, sheet.font(width)))
-    axes.grid(axis="y", alpha=0.3)
-    finish(figure, sheet, names, lines=False)
-    return figure
 
 
 def _draw_whiskers(axes: Axes, places: Floats, limits: Floats, number: int) -> None:

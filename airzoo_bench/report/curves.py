@@ -28,6 +28,7 @@ __all__ = [
     "error_shares",
     "longest_list",
     "recall_curve",
+    "share_below",
     "shown_value",
     "threshold_scores",
 ]
@@ -113,12 +114,17 @@ def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | Non
     return figure
 
 
+def share_below(errors: Floats, limits: Floats) -> Floats:
+    """Return the share of errors strictly below each limit (L,), as protocols count; 0 of none."""
+    below: Floats = np.searchsorted(np.sort(errors), limits, side="left") / max(len(errors), 1)
+    return below
+
+
 def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
     """Return the share of queries with an error strictly below each limit, mean over scenes."""
     shares = []
     for _, rows in method.records.groupby("scene", sort=True):
-        errors = np.sort(rows[key].to_numpy(np.float64))
-        shares.append(np.searchsorted(errors, limits, side="left") / max(len(errors), 1))
+        shares.append(share_below(rows[key].to_numpy(np.float64), limits))
     mean: Floats = np.mean(shares, axis=0)
     return mean
 

@@ -27,7 +27,7 @@ from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import FEWEST, Interval, bootstrap
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.wording import INTERVAL_NAMES
+from airzoo_bench.statistics.wording import intervals_made, plural, resampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,6 +38,7 @@ __all__ = [
     "errors",
     "intervals",
     "kept_ranks",
+    "over_what",
     "recall",
     "scenes",
     "thresholds",
@@ -75,13 +76,18 @@ def kept_ranks(method: Scored) -> int:
     Raises
     ------
     UsageError
-        The results are of another track.
+        The results are of another track, or their settings do not say.
     """
-    kept = method.result.protocol.settings.get("scores", {}).get("ranks_kept")
-    if not isinstance(kept, int) or "first_hit_rank" not in method.records:
+    if "first_hit_rank" not in method.records:
         raise UsageError(
             f"results of the {method.result.track} track have no ranks",
             expected="results of the retrieval track",
+        )
+    kept = method.result.protocol.settings.get("scores", {}).get("ranks_kept")
+    if not isinstance(kept, int) or kept < 1:
+        raise UsageError(
+            "the protocol's settings do not say how many ranks were kept",
+            expected="a number above 0 as scores.ranks_kept",
         )
     return kept
 
@@ -130,16 +136,16 @@ def intervals(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None
     found = bootstrap(sample, plan, groups=False).overall
     values = np.array([method.result.overall[score.key] for method in methods])
     names = [method.name for method in methods]
-    within = " of queries within scenes" if sample.unit == "query" else " of scenes"
-    how = f"{INTERVAL_NAMES[plan.interval]}, {plan.resamples} resamples{within}, seed {plan.seed}"
-    some = any(not interval.reason for interval in found)
-    what = "; ".join([*_average(methods), *[f"bars: 95 % interval, {how}"] * some])
+    made = intervals_made(found, plan, resampled(methods[0].result.unit), "interval")
+    what = f"{over_what(methods)}; bars: {made}" if made else over_what(methods)
     noted = _noted(methods, sheet).noting(what, *_reasons(names, found))
     return draw_intervals(names, values, _limits(found), score, "", noted)
 
 
-def _average(methods: Sequence[Scored]) -> list[str]:
-    return ["average over scenes"] if len(methods[0].result.scenes) > 1 else []
+def over_what(methods: Sequence[Scored]) -> str:
+    """Say what an overall value is of: the average over scenes, or the one scene that there is."""
+    titles = list(methods[0].result.truth.scene_titles.values())
+    return "average over scenes" if len(titles) > 1 else f"scene {titles[0]}"
 
 
 def _limits(found: Sequence[Interval]) -> Floats:
@@ -188,12 +194,10 @@ def condition(
     values = np.array([method.records[score.key].to_numpy(np.float64) for method in methods])
     medians = np.full(len(methods), score.average == "median")
     averages = group_averages(values, medians, grouping.codes, len(grouping.labels))
-    plan = Plan()
-    unit = "scene" if methods[0].result.track == "reconstruction" else "query"
+    plan, unit = Plan(), methods[0].result.unit
     found = group_intervals(values, medians, grouping, plan, unit)
-    limits = np.stack([_limits(group) for group in found], axis=1)
-    infinite = int(np.isposinf(averages).sum())
     titles = methods[0].result.truth.scene_titles if by == "scene" else {}
+    over = f"over all {plural(unit)} of a group, whatever their scene"
     return draw_by_condition(
         [method.name for method in methods],
         averages,
@@ -201,27 +205,27 @@ def condition(
         grouping.counts.tolist(),
         score,
         condition_title(by),
-        limits,
+        np.stack([_limits(group) for group in found], axis=1),
         _noted(methods, sheet).noting(
-            f"over all {'scenes' if unit == 'scene' else 'queries'} of a group, whatever their "
-            f"scene; {_whiskers(found, plan, unit)}",
-            f"open: infinite, {infinite} of {averages.size} values" if infinite else "",
+            f"{over}; {_whiskers(found, plan, plural(unit))}", _open_marks(averages)
         ),
     )
 
 
-def _whiskers(found: Sequence[Sequence[Interval]], plan: Plan, unit: str) -> str:
+def _open_marks(averages: Floats) -> str:
+    infinite = int(np.isposinf(averages).sum())
+    return f"open: infinite, {infinite} of {averages.size} values" if infinite else ""
+
+
+def _whiskers(found: Sequence[Sequence[Interval]], plan: Plan, units: str) -> str:
     """Say what whiskers are, and why some groups have none."""
-    reasons = [interval.reason for group in found for interval in group]
-    plural = "queries" if unit == "query" else "scenes"
-    why = f"fewer than {FEWEST} {plural}, or all are alike"
-    if all(reasons):
+    every = [interval for group in found for interval in group]
+    why = f"fewer than {FEWEST} {units}, or all are alike"
+    made = intervals_made(every, plan, f"{units} within each group")
+    if not made:
         return f"no intervals: each group has {why}"
-    lacking = f", none where a group has {why}" if any(reasons) else ""
-    return (
-        f"whiskers: 95 % intervals, {INTERVAL_NAMES[plan.interval]}, {plan.resamples} resamples "
-        f"within each group, seed {plan.seed}{lacking}"
-    )
+    lacking = any(interval.reason for interval in every)
+    return f"whiskers: {made}{f', none where a group has {why}' if lacking else ''}"
 
 
 def _noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.report.figures import COLOURS, new_figure
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.report.curves import share_below
+from airzoo_bench.report.figures import COLOURS, new_figure, series_style
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,8 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_error_curves", "draw_matches", "draw_queries_on_map"]
 
-Floats = NDArray[np.float64]
-
 _MOST_LINES = 200
 _GAP = 1.02
 
@@ -26,7 +26,7 @@ _GAP = 1.02
 def draw_error_curves(
     records: pd.DataFrame, titles: dict[str, str], thresholds_m: Sequence[float]
 ) -> Figure:
-    """Draw, for each scene, the share of queries whose translation error is below a value.
+    """Draw, for each scene, the share of queries whose error is strictly below a value.
 
     Failures never come below any value, so that a curve ends at the share that was posed.
 
@@ -44,7 +44,7 @@ def draw_error_curves(
     right = max(2 * max(thresholds_m), 1.0)
     left = min(max(float(finite.min()) / 2, 1e-3) if len(finite) else 0.1, min(thresholds_m) / 2)
     for number, (scene, title) in enumerate(titles.items()):
-        errors = np.sort(records.loc[records["scene"] == scene, "error_m"].to_numpy(np.float64))
+        errors = records.loc[records["scene"] == scene, "error_m"].to_numpy(np.float64)
         _draw_steps(axes, errors, left, right, f"{title} (n = {len(errors)})", number)
     for limit in thresholds_m:
         axes.axvline(limit, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
@@ -61,14 +61,11 @@ def draw_error_curves(
 def _draw_steps(
     axes: Axes, errors: Floats, left: float, right: float, label: str, number: int
 ) -> None:
-    there = errors[np.isfinite(errors)]
-    share = 100 * np.arange(1, len(there) + 1) / max(len(errors), 1)
-    x = np.concatenate([[left], there, [right]])
-    y = np.concatenate([[0.0], share, share[-1:] if len(share) else [0.0]])
-    style = ("-", "--", "-.", ":")[number // len(COLOURS) % 4]
-    axes.step(
-        x, y, where="post", color=COLOURS[number % len(COLOURS)], linestyle=style, label=label
-    )
+    inside = errors[(errors > left) & (errors < right)]
+    x = np.concatenate([[left], np.unique(inside), [right]])
+    style = series_style(number) | {"marker": "none"}
+    # The share counts errors strictly below, so that it is the same up to and with the next error.
+    axes.step(x, 100 * share_below(errors, x), where="pre", label=label, **style)
 
 
 def draw_matches(

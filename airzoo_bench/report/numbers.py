@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.intervals import Interval, bootstrap
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.wording import INTERVAL_NAMES
+from airzoo_bench.statistics.wording import intervals_made, resampled
 
 __all__ = ["Intervals", "averages", "breakdowns", "intervals", "queries"]
 
@@ -27,6 +28,7 @@ _FEWEST_RESAMPLES = 1_000
 _WORK = 2.5e9  # resampled values: about five seconds
 
 
+@dataclass(frozen=True)
 class Intervals:
     """Intervals of a section.
 
@@ -40,12 +42,9 @@ class Intervals:
         How they were made, or why there are none.
     """
 
-    def __init__(
-        self, overall: dict[str, Limits], scenes: dict[str, dict[str, Limits]], note: str
-    ) -> None:
-        self.overall = overall
-        self.scenes = scenes
-        self.note = note
+    overall: dict[str, Limits]
+    scenes: dict[str, dict[str, Limits]]
+    note: str
 
 
 def averages(section: Section) -> dict[str, Any]:
@@ -75,19 +74,25 @@ def intervals(section: Section) -> Intervals:
     found = bootstrap(sample, plan)
     scenes = found.groups if sample.unit == "query" else {}
     every = [interval for part in [found.overall, *scenes.values()] for interval in part]
-    reasons = sorted({interval.reason for interval in every if interval.reason})
-    names = ", ".join(score.title for score in scores)
-    note = (
-        f"95 % intervals ({INTERVAL_NAMES[plan.interval]}) of {names}: {resamples:,} resamples of "
-        f"{'queries within scenes' if sample.unit == 'query' else 'scenes'}, seed {plan.seed}"
-    )
-    if len(scores) < len(section.headline):
-        note += "; of the other scores they would take too long"
     return Intervals(
         _by_score(section, scores, found.overall),
         {scene: _by_score(section, scores, part) for scene, part in scenes.items()},
-        "; none where ".join([note, " / ".join(reasons)]) if reasons else note,
+        _note(section, scores, every, plan),
     )
+
+
+def _note(
+    section: Section, scores: Sequence[ScoreColumn], every: Sequence[Interval], plan: Plan
+) -> str:
+    """Say how the intervals were made that there are, and why others are not."""
+    why = " / ".join(sorted({interval.reason for interval in every if interval.reason}))
+    names = ", ".join(score.title for score in scores)
+    made = intervals_made(every, plan, resampled(section.first.unit), f"intervals of {names}")
+    if not made:
+        return f"no intervals: {why}"
+    others = "; of the other scores they would take too long"
+    lacking = others if len(scores) < len(section.headline) else ""
+    return f"{made}{lacking}{f'; none where {why}' if why else ''}"
 
 
 def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 __all__ = ["draw_heat_map", "draw_intervals"]
 
@@ -149,40 +150,55 @@ def draw_heat_map(
     sheet = sheet or Sheet()
     shown = shown_value(score, values)
     width = sheet.wide(max(6.4, 2.9 + 0.58 * len(scenes)))
-    height = max(1.6, 0.9 + 0.33 * len(names))
-    figure = new_canvas(width, height)
+    size = sheet.font(width)
+    figure = new_canvas(width, max(1.6, 0.9 + 0.33 * len(names)))
     axes = figure.add_subplot()
+    image = _draw_cells(axes, shown, score)
+    longest = 48 if width >= 5 else 22
+    axes.set_yticks(range(len(names)), [_short(name, longest) for name in names])
+    axes.set_xticks(range(len(scenes)), [label_text(scene) for scene in scenes])
+    if np.isfinite(shown).any():
+        _add_bar(axes, image, score, size)
+    cell_pt = _cell_width(axes, len(scenes))
+    if max(map(len, scenes)) * _LETTER * size > cell_pt:
+        slant(axes, max(map(len, scenes)), cell_pt, size - 1)
+    left_out = _write_numbers(axes, shown, image.to_rgba(shown), cell_pt)
+    hatched = "" if np.isfinite(shown).all() else "; hatched: infinite"
+    finish(figure, sheet.noting(f"brighter is better{hatched}", left_out))
+    if cell_pt < _LINE * (size - 1):
+        axes.tick_params(axis="x", labelsize=max(_LEAST_FONT, cell_pt / _LINE))
+    return figure
+
+
+def _draw_cells(axes: Axes, shown: Floats, score: ScoreColumn) -> AxesImage:
     finite = np.isfinite(shown)
-    image = axes.imshow(
+    for row, column in np.argwhere(~finite):
+        _hatch(axes, int(row), int(column))
+    return axes.imshow(
         np.ma.masked_array(shown, ~finite),
         cmap=_COLOURS if score.higher_is_better else f"{_COLOURS}_r",
         norm=_norm(score, shown[finite]),
         aspect="auto",
         interpolation="nearest",
     )
-    for row, column in np.argwhere(~finite):
-        _hatch(axes, int(row), int(column))
-    longest = 48 if width >= 5 else 22
-    axes.set_yticks(range(len(names)), [_short(name, longest) for name in names])
-    axes.set_xticks(range(len(scenes)), [label_text(scene) for scene in scenes])
-    size = sheet.font(width)
-    if finite.any():
-        arrow = "↑" if score.higher_is_better else "↓"
-        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=max(8, 3 * len(names)))
-        bar.set_label(wrapped(f"{axis_label(score)} {arrow}", height - 0.7, size))
-        bar.ax.yaxis.set_major_formatter("{x:g}")
+
+
+def _add_bar(axes: Axes, image: AxesImage, score: ScoreColumn, size: float) -> None:
+    """Add the bar that tells which colour is which value."""
+    figure: Any = axes.get_figure(root=True)
+    arrow = "↑" if score.higher_is_better else "↓"
+    bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=max(8, 3 * len(axes.get_yticks())))
+    bar.set_label(wrapped(f"{axis_label(score)} {arrow}", figure.get_figheight() - 0.7, size))
+    bar.ax.yaxis.set_major_formatter("{x:g}")
+
+
+def _cell_width(axes: Axes, columns: int) -> float:
+    """Return how many points wide a cell is, once all that stands around it has its room."""
+    figure: Any = axes.get_figure(root=True)
     with any_letters():
         warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
         figure.draw_without_rendering()
-    cell_pt = axes.get_window_extent().width / figure.dpi * _POINTS / len(scenes)
-    if max(map(len, scenes)) * _LETTER * size > cell_pt:
-        slant(axes, max(map(len, scenes)), cell_pt, size - 1)
-    left_out = _write_numbers(axes, shown, image.to_rgba(shown), cell_pt)
-    hatched = "; hatched: infinite" if (~finite).any() else ""
-    finish(figure, sheet.noting(f"brighter is better{hatched}", left_out))
-    if cell_pt < _LINE * (size - 1):
-        axes.tick_params(axis="x", labelsize=max(_LEAST_FONT, cell_pt / _LINE))
-    return figure
+    return float(axes.get_window_extent().width / figure.dpi * _POINTS / columns)
 
 
 def _norm(score: ScoreColumn, finite: Floats) -> Normalize:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark, read_table
-from airzoo_bench.errors import BenchmarkError, UserError
+from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import from_lonlat
@@ -165,11 +165,19 @@ def _footprints(truth: MatchingTruth, benchmark: Benchmark) -> Floats:
     path = benchmark.scene_folder(truth.scene) / "retrieval" / "footprints.csv"
     if not path.is_file():
         return outlines
-    try:
-        table = read_table(path, ("id", *ANCHOR_COLUMNS)).set_index("id")
-    except UserError:  # made by another rule, without anchors: there are no outlines
+    table = read_table(path, ("id",)).set_index("id")
+    anchors = table[[name for name in ANCHOR_COLUMNS if name in table]]
+    if anchors.empty:  # made by another rule, without anchors: there are no outlines
         return outlines
-    corners = table.reindex(truth.queries["id"])[list(ANCHOR_COLUMNS)].to_numpy(np.float64)
+    numbers = all(kind.kind in "iuf" for kind in anchors.dtypes)
+    if anchors.shape[1] < len(ANCHOR_COLUMNS) or anchors.index.has_duplicates or not numbers:
+        raise BenchmarkError(
+            "it has not four corners, as numbers, of each footprint once",
+            where=path,
+            expected="id, " + ", ".join(ANCHOR_COLUMNS),
+            mend="prepare the benchmark again",
+        )
+    corners = anchors.reindex(truth.queries["id"]).to_numpy(np.float64)
     return _on_map(truth.dom, corners.reshape(-1, 4, 2))
 
 

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.breakdown import MEASURED, condition_names
+from airzoo_bench.benchmark_file import TRACKS
+from airzoo_bench.breakdown import condition_names, is_condition
 from airzoo_bench.records import Scored, read_records
 from airzoo_bench.result import Result, ScoreColumn, read_result
 from airzoo_bench.result_files import method_names, records_path, result_paths
+from airzoo_bench.retrieval.scores import RANKED_TILE
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
 from airzoo_bench.workers import spread
 
@@ -24,10 +26,8 @@ __all__ = ["Section", "read_sections", "tile_columns"]
 _Key = tuple[str, str, str]  # track, fingerprints of protocol and truth
 
 _KEPT = frozenset(("scene", "query", "first_hit_rank", "ranked", "failed"))
-_MEASURED = MEASURED | {"ranked"}
 _LARGE_BYTES = 16 << 20
-_TILE = "tile@"
-_FIRST_TILE = "first_tile"  # what records before the column tile@1 have
+_FIRST_TILE = "first_tile"  # of records from before there were the columns of `RANKED_TILE`
 _MOST_RANKS = 5
 _MOST_TILES = 2_000_000  # of all methods and queries: about 4 MB of the page
 
@@ -61,7 +61,7 @@ class Section:
     @property
     def by_query(self) -> bool:
         """Whether records are of queries, not of scenes."""
-        return self.track != "reconstruction"
+        return self.first.unit == "query"
 
     @property
     def headline(self) -> list[ScoreColumn]:
@@ -85,7 +85,7 @@ class Section:
     @property
     def conditions(self) -> list[str]:
         """Columns by which queries differ."""
-        return [name for name in condition_names(self.methods[0]) if _is_condition(name)]
+        return condition_names(self.methods[0])
 
     @property
     def left_out(self) -> str:
@@ -104,13 +104,9 @@ class Section:
         return f"{kept} shown: there are too many queries and methods for {_MOST_RANKS}"
 
 
-def _is_condition(name: str) -> bool:
-    return name not in _MEASURED and not name.startswith(_TILE)
-
-
 def tile_columns(columns: Container[str]) -> list[str]:
     """Return the columns of the first tiles of each list, best first."""
-    names = [f"{_TILE}{rank}" for rank in range(1, _MOST_RANKS + 1)]
+    names = [f"{RANKED_TILE}{rank}" for rank in range(1, _MOST_RANKS + 1)]
     found = [name for name in names if name in columns]
     return found or [name for name in (_FIRST_TILE,) if name in columns]
 
@@ -131,7 +127,8 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
     Returns
     -------
     list of Section
-        In the order in which their first results stand.
+        Benchmarks in the order in which their first results stand; of each its tracks in the order
+        of `TRACKS`.
 
     Raises
     ------
@@ -154,7 +151,17 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
         groups.setdefault(_key(result), []).append(Scored(name, result, rows))
     for methods in groups.values():
         check_comparable(methods)
-    return [Section(methods, ranks[key]) for key, methods in groups.items()]
+    return _in_order([Section(methods, ranks[key]) for key, methods in groups.items()])
+
+
+def _in_order(sections: list[Section]) -> list[Section]:
+    benchmarks = [section.first.truth.benchmark for section in sections]
+    places = {name: place for place, name in enumerate(dict.fromkeys(benchmarks))}
+    tracks = {name: place for place, name in enumerate(TRACKS)}
+    return sorted(
+        sections,
+        key=lambda s: (places[s.first.truth.benchmark], tracks.get(s.track, len(tracks))),
+    )
 
 
 def _key(result: Result) -> _Key:
@@ -182,7 +189,7 @@ def _shown_records(asked: tuple[Path, int]) -> pd.DataFrame:
         if name in _KEPT
         or name in tiles
         or (name in scores and _is_shown(scores[name]))
-        or (name not in scores and _is_condition(name))
+        or (name not in scores and is_condition(name))
     ]
     return read_records(path, result, kept)
 

@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 __all__ = [
     "MOST_IN_LEGEND",
     "Sheet",
+    "check_room",
     "finish",
     "new_canvas",
     "parse_width",
     "renderer_of",
+    "slant",
     "wrapped",
 ]
 
@@ -133,32 +135,34 @@ def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bo
     if len(names) > MOST_IN_LEGEND:
         sheet = sheet.noting(f"{len(names) - MOST_IN_LEGEND} more methods are not named")
     notes = _wrapped(figure, sheet.notes, _SMALL * size)
-    title = [label_text(sheet.title)] if sheet.title else []
     with any_letters():
         legend = _add_legend(figure, names[:MOST_IN_LEGEND], lines, size - 1)
         key = legend.get_window_extent(renderer_of(figure)).height / figure.dpi if legend else 0.0
     below = len(notes) * _SMALL * size * _LINE / _POINTS + (_GAP_IN if notes else 0.0)
-    above = len(title) * size * 1.6 / _POINTS + 0.5 * _GAP_IN
-    height = figure.get_figheight() + below + key + above
-    figure.set_figheight(height)
-    bottom = (below + key + (_GAP_IN if legend else 0.0)) / height
-    engine: Any = figure.get_layout_engine()
-    engine.set(rect=(0, bottom, 1, 1 - bottom - above / height))
+    above = (1.6 * size / _POINTS if sheet.title else 0.0) + 0.5 * _GAP_IN
+    _make_room(figure, below + key, above, _GAP_IN if legend else 0.0)
+    height = figure.get_figheight()
     if legend:
         legend.set_bbox_to_anchor((0.5, below / height), transform=figure.transFigure)
-    edge, gap = _GAP_IN / figure.get_figwidth(), 0.5 * _GAP_IN / height
+    _write(figure, label_text(sheet.title) if sheet.title else "", notes, size)
+
+
+def _make_room(figure: Figure, below: float, above: float, gap: float) -> None:
+    """Let the figure grow by so many inches, and keep its axes out of them and off the gap."""
+    height = figure.get_figheight() + below + above
+    figure.set_figheight(height)
+    bottom = (below + gap) / height
+    engine: Any = figure.get_layout_engine()
+    engine.set(rect=(0, bottom, 1, 1 - bottom - above / height))
+
+
+def _write(figure: Figure, title: str, notes: Sequence[str], size: float) -> None:
+    edge, gap = _GAP_IN / figure.get_figwidth(), 0.5 * _GAP_IN / figure.get_figheight()
+    small: Any = {"fontsize": _SMALL * size, "color": "0.3", "va": "bottom", "linespacing": 1.15}
     if notes:
-        figure.text(
-            edge,
-            gap,
-            "\n".join(notes),
-            fontsize=_SMALL * size,
-            color="0.3",
-            va="bottom",
-            linespacing=1.15,
-        )
+        figure.text(edge, gap, "\n".join(notes), **small)
     if title:
-        figure.text(0.5, 1 - gap, title[0], fontsize=size, va="top", ha="center")
+        figure.text(0.5, 1 - gap, title, fontsize=size, va="top", ha="center")
 
 
 def check_room(figure: Figure) -> None:

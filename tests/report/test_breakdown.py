@@ -17,9 +17,26 @@ from airzoo_bench.breakdown import (
     even_edges,
     group_averages,
     group_records,
+    is_condition,
+    number_texts,
 )
 from airzoo_bench.errors import UsageError
-from tests.report.made import reconstruction_method, retrieval_method, run, write_methods
+from airzoo_bench.records import Scored, read_records
+from airzoo_bench.result import Result, read_result
+from airzoo_bench.runner.matching import evaluate_matching
+from airzoo_bench.statistics.samples import Sample
+from tests.matching import world as matching_world
+from tests.reconstruction import world as clouds_world
+from tests.report.made import (
+    reconstruction_method,
+    retrieval_method,
+    run,
+    write_methods,
+    write_photo_results,
+)
+from tests.statistics.support import made_result
+
+NO_ALIGNMENT = {"method": "none"}
 
 RECORDS = pd.DataFrame(
     {
@@ -60,6 +77,53 @@ def test_categories_are_sorted_and_unknown_is_last() -> None:
     assert groups("weather") == {"foggy": [4], "rainy": [1, 5], "sunny": [0, 3], "unknown": [2]}
     assert groups("year") == {"2023": [1, 4], "2024": [0, 2, 3, 5]}
     assert groups("night") == {"False": [1, 4, 5], "True": [0, 2, 3]}
+
+
+@pytest.mark.parametrize(
+    ("values", "labels"),
+    [
+        ([20240116, 20240115, 20240116], ["20240115", "20240116"]),
+        # With an empty field they are read as floats.
+        ([20240116.0, 20240115.0, np.nan], ["20240115", "20240116", "unknown"]),
+        ([2**60, 2**60 + 1, 2**60], [str(2**60), str(2**60 + 1)]),
+        ([0.5, 0.25, 0.5], ["0.25", "0.5"]),
+        ([1 / 3, 2.0, 1 / 3], ["0.333333", "2"]),
+        ([100.0001, 100.0002, 100.0], ["100", "100.0001", "100.0002"]),
+        ([0.1, np.nextafter(0.1, 1.0), 0.1], ["0.1", "0.10000000000000002"]),
+        ([1.5e300, np.inf, 0.0], ["0", "1.5e+300", "inf"]),
+        (["unknown", None, "fog"], ["fog", "unknown"]),
+        (["unknown", "unknown", "fog"], ["fog", "unknown"]),
+        (["zebra", "unknown", "fog"], ["fog", "zebra", "unknown"]),
+        (["True", True, None], ["True", "unknown"]),
+    ],
+)
+def test_labels_are_all_different(values: list[object], labels: list[str]) -> None:
+    found = group_records(pd.DataFrame({"x": values}), "x")
+    assert list(found.labels) == labels
+    assert found.counts.sum() == len(values)
+    # Groups keep the order of their values.
+    known = [found.codes[place] for place in np.argsort(pd.Series(values).astype(str))]
+    assert set(known) == set(range(len(labels)))
+
+
+def test_labels_of_bins_are_all_different() -> None:
+    records = pd.DataFrame({"date": [20240114, 20240115, 20240116, 20240117]})
+    found = group_records(records, "date", [20240115, 20240116])
+    assert found.labels == ("below 20240115", "20240115 to 20240116", "20240116 and more")
+    assert found.counts.tolist() == [1, 1, 2]
+
+
+@given(st.sets(st.floats(allow_nan=False), max_size=20))
+def test_different_numbers_have_different_texts(values: set[float]) -> None:
+    texts = number_texts(sorted(values))
+    assert len(set(texts)) == len(values)
+    assert [float(text) for text in texts] == pytest.approx(sorted(values), rel=1e-5)
+
+
+def test_groups_of_one_name_are_refused() -> None:
+    values = (np.zeros((1, 6)), np.zeros((1, 6)))
+    with pytest.raises(ValueError, match="not all different"):
+        Sample("query", ("a", "a"), values, np.zeros(1, bool))
 
 
 @pytest.mark.parametrize(
@@ -113,6 +177,45 @@ def test_conditions_are_what_no_method_did() -> None:
     assert condition_title("altitude_m") == "altitude [m]"
     assert condition_title("pitch_deg") == "pitch [°]"
     assert condition_title("time_of_day") == "time of day"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["scene", "query", "first_hit_rank", "tile@1", "tile@10", "status", "inliers", "alignment"],
+)
+def test_what_a_method_did_is_no_condition(name: str) -> None:
+    assert not is_condition(name)
+
+
+def conditions_left(result: Result, records: pd.DataFrame) -> set[str]:
+    scores = {column.key for column in result.columns}
+    return {name for name in map(str, records) if is_condition(name) and name not in scores}
+
+
+def test_records_of_retrieval_hold_conditions_beside_what_is_declared(tmp_path: Path) -> None:
+    _, [path] = write_photo_results(tmp_path, ["one"])
+    records = read_records(path)
+    assert "tile@5" in records
+    assert conditions_left(read_result(path), records) == {"altitude_m", "pitch_deg"}
+
+
+def test_records_of_matching_hold_conditions_beside_what_is_declared(tmp_path: Path) -> None:
+    world = matching_world.make_world(tmp_path / "world")
+    for form in (world.matches(), world.poses()):
+        path = world.write(tmp_path / "method.npz", form)
+        found = evaluate_matching(path, data=world.root, memory_bytes=1 << 30).evaluation
+        assert conditions_left(found.result, found.records) == {"altitude_m", "pitch_deg"}
+
+
+@pytest.mark.parametrize("cameras", [True, False])
+def test_records_of_reconstruction_hold_what_is_declared(cameras: bool, tmp_path: Path) -> None:
+    world = clouds_world.make_world(tmp_path / "data")
+    clouds = {"lot": clouds_world.true_points("lot")}
+    path = clouds_world.predict_clouds(world, tmp_path / "p", clouds, cameras)
+    chosen = world.protocol(tmp_path / "c.toml", **({} if cameras else {"alignment": NO_ALIGNMENT}))
+    found = world.score(path, protocol=str(chosen)).evaluation
+    assert found.records.shape[1] > 20
+    assert conditions_left(found.result, found.records) == set()
 
 
 def test_one_result_gives_a_column_a_score(tmp_path: Path) -> None:
@@ -183,7 +286,8 @@ def test_the_best_is_that_of_its_score(tmp_path: Path) -> None:
 def test_an_infinite_median_is_shown_and_explained(tmp_path: Path) -> None:
     method = retrieval_method("mine", 0)
     method.records.loc[method.records["weather"] == "rainy", "error_m"] = np.inf
-    [path] = write_methods(tmp_path, [method])
+    remade = made_result(method.records, method.result.columns)
+    [path] = write_methods(tmp_path, [Scored("mine", remade, method.records)])
     done = run("breakdown", path, "--by", "weather", "--score", "Median", "-f", "markdown")
     rainy = next(line for line in done.stdout.splitlines() if line.startswith("| rainy"))
     assert " inf " in rainy

@@ -36,6 +36,7 @@ pytestmark = pytest.mark.skipif(
     BROWSER is None or DRIVER is None, reason="Chromium or ChromeDriver is not installed"
 )
 
+SCROLLED = "return window.scrollY"
 NAMES = ["first", "second", HOSTILE]
 FLAGS = (
     "--headless=new",
@@ -71,7 +72,8 @@ def far_method(name: str) -> Scored:
     made = retrieval_method(name, 0, truth="f" * 64)
     by = {"sunny": 0.7, "rainy": np.inf, None: 300.0}
     errors = np.array([by[None if pd.isna(w) else w] for w in made.records["weather"]])
-    records = made.records.assign(error_m=errors, altitude_m=50.0)
+    rolls = np.where(np.arange(len(errors)) % 2, -1e-6, -0.5)
+    records = made.records.assign(error_m=errors, altitude_m=50.0, roll_deg=rolls)
     settings = made.result.protocol.settings
     result = made_result(records, (HIT, ERROR), name, settings=settings, truth="f" * 64)
     return Scored(name, result, records)
@@ -198,6 +200,99 @@ def test_the_summary_filters_and_shows_all_scores(opened: Opened) -> None:
     assert len(opened.all("#part1-summary thead th")) > columns
     opened.one("#part1-summary input[type=search]").send_keys("SECO")
     assert opened.column("#part1-summary", 1) == ["second"]
+    opened.one("#part1-summary input[type=search]").send_keys("x")
+    assert [row.text for row in opened.all("#part1-summary tbody tr")] == ["no method matches"]
+
+
+def test_titles_of_scores_are_explained(opened: Opened) -> None:
+    said = "share of queries whose first tile answers"
+    assert opened.button("#part1-summary", "R@1").get_attribute("title").endswith(f": {said}")
+    opened.one("#part1-summary .glossary summary").click()
+    terms = [term.text for term in opened.all("#part1-summary .glossary dt")]
+    assert terms == ["R@1", "R@3", "R@5", "AP@5"]
+    assert opened.one("#part1-summary .glossary dd").text == said
+    opened.one("#part1-summary input[type=checkbox]").click()
+    assert len(opened.all("#part1-summary .glossary dt")) > len(terms)
+
+
+def test_an_overview_of_the_parts_stands_on_top(opened: Opened) -> None:
+    rows = [row.text.split("\n") for row in opened.all("#overview tbody tr")]
+    heads = [link.text for link in opened.all("#overview tbody th a")]
+    assert [head.split(" (")[0] for head in heads] == [
+        "park, retrieval",
+        *["made, retrieval"] * 2,
+        "made, reconstruction",
+    ]
+    assert len(set(heads)) == 4  # parts of the same benchmark and track are told apart
+    values = [max(map(float, opened.column(f"#part{n}-summary", 2))) for n in (1, 2)]
+    for row, value in zip(rows, values, strict=False):
+        assert f"{value:.2f}" in " ".join(row)
+    assert " to " in opened.one("#overview tbody tr .interval").text
+    opened.all("#overview tbody a")[2].click()
+    top = "return document.getElementById('part3').getBoundingClientRect().top"
+    opened.until(lambda: 0 <= opened.driver.execute_script(top) < 100)
+    assert opened.driver.current_url.endswith("#part3")
+
+
+def test_a_line_in_sight_says_which_part_it_is_and_leads_to_others(opened: Opened) -> None:
+    opened.go("#part2-queries")
+    name = opened.one("#part2 .parts summary")
+    opened.until(lambda: 0 <= name.location["y"] - opened.driver.execute_script(SCROLLED) < 30)
+    assert name.text.startswith("made, retrieval")
+    name.send_keys(webdriver.Keys.ENTER)
+    links = opened.until(lambda: [a for a in opened.all("#part2 .parts a") if a.is_displayed()])
+    current = [link.get_attribute("aria-current") for link in links]
+    assert current == [None, None, "true", None, None]
+    opened.press(webdriver.Keys.ESCAPE)
+    opened.until(lambda: not links[0].is_displayed())
+    assert opened.driver.switch_to.active_element == name
+    name.click()
+    links[4].click()
+    opened.until(lambda: opened.driver.current_url.endswith("#part4"))
+    assert not links[0].is_displayed()
+
+
+def test_back_leads_to_where_the_page_was_left(opened: Opened) -> None:
+    place = "return document.querySelector('#part1-hardest .card:nth-child(5)')"
+    opened.driver.execute_script(f"{place}.scrollIntoView({{block: 'center'}})")
+    left = opened.driver.execute_script(SCROLLED)
+    assert "#" not in opened.driver.current_url
+    opened.button("#part1-hardest .card:nth-child(5)", "Show it on the map").click()
+    opened.until(lambda: opened.all("#part1-map aside h4"))
+    assert opened.driver.execute_script(SCROLLED) < left - 500
+    at_map = opened.driver.execute_script(SCROLLED)
+    opened.driver.back()
+    opened.until(lambda: opened.driver.execute_script(SCROLLED) == pytest.approx(left, abs=2))
+    assert "#" not in opened.driver.current_url
+    assert opened.all("#part1-map aside h4") == []
+    opened.driver.forward()
+    opened.until(lambda: opened.driver.execute_script(SCROLLED) == pytest.approx(at_map, abs=2))
+    opened.until(lambda: opened.all("#part1-map aside h4"))
+
+
+def test_back_from_another_part_leads_to_the_same_place_with_an_address(opened: Opened) -> None:
+    opened.go("#part2-scenes")
+    opened.until(lambda: opened.driver.execute_script(SCROLLED) > 100)
+    opened.driver.execute_script("window.scrollBy(0, 567)")
+    left = opened.driver.execute_script(SCROLLED)
+    # The link is in sight whatever the place: it stands in the line of the part.
+    opened.one("#part2 .views a[href$=settings]").click()
+    opened.until(lambda: opened.driver.execute_script(SCROLLED) > left + 500)
+    opened.driver.back()
+    opened.until(lambda: opened.driver.execute_script(SCROLLED) == pytest.approx(left, abs=2))
+    assert opened.driver.current_url.endswith("#part2-scenes")
+    opened.driver.refresh()
+    opened.until(lambda: opened.status("#part1-queries") == "30 of 30 queries")
+    opened.until(lambda: opened.driver.execute_script(SCROLLED) == pytest.approx(left, abs=2))
+
+
+def test_a_value_that_rounds_to_zero_has_no_sign(opened: Opened) -> None:
+    opened.go("#part3-queries")
+    opened.until(lambda: opened.all("#part3-queries .grid-row"))
+    heads = [head.text for head in opened.all("#part3-queries .grid-head button")]
+    place = heads.index("roll [°]") + 1
+    cells = opened.all(f"#part3-queries .grid-row > :nth-child({place})")
+    assert {cell.text for cell in cells} == {"0.0000", "-0.5000"}
 
 
 def test_hostile_names_are_read_as_text(opened: Opened) -> None:
@@ -207,30 +302,31 @@ def test_hostile_names_are_read_as_text(opened: Opened) -> None:
 
 
 def test_a_scene_opens_and_leads_to_its_queries(opened: Opened) -> None:
-    opened.one("#part3-scenes tbody button").click()
-    assert opened.one("#part3-scene h4").text == "East: 20 queries"
-    opened.until(lambda: len(opened.all("#part3-scene table")) >= 3)
-    opened.button("#part3-scene", "List its queries").send_keys(webdriver.Keys.ENTER)
-    assert opened.driver.switch_to.active_element.get_attribute("id") == "part3-queries-h"
-    opened.until(lambda: opened.status("#part3-queries") == "20 of 40 queries")
-    opened.button("#part3-scene", "Close").send_keys(webdriver.Keys.ENTER)
-    assert opened.all("#part3-scene") == []
+    opened.one("#part2-scenes tbody button").click()
+    assert opened.one("#part2-scene h4").text == "East: 20 queries"
+    opened.until(lambda: len(opened.all("#part2-scene table")) >= 3)
+    opened.button("#part2-scene", "List its queries").send_keys(webdriver.Keys.ENTER)
+    assert opened.driver.switch_to.active_element.get_attribute("id") == "part2-queries-h"
+    opened.until(lambda: opened.status("#part2-queries") == "20 of 40 queries")
+    opened.button("#part2-scene", "Close").send_keys(webdriver.Keys.ENTER)
+    assert opened.all("#part2-scene") == []
 
 
 def test_conditions_show_a_table_and_a_chart(opened: Opened) -> None:
-    opened.choose("#part3-conditions", "Condition", "weather")
-    opened.until(lambda: opened.column("#part3-conditions", 1) == ["rainy", "sunny", "unknown"])
-    assert opened.all("#part3-conditions svg.chart path")
-    before = opened.column("#part3-conditions", 3)
-    opened.choose("#part3-conditions", "Scene", "West")
-    opened.until(lambda: opened.column("#part3-conditions", 3) != before)
+    opened.choose("#part2-conditions", "Condition", "weather")
+    opened.until(lambda: opened.column("#part2-conditions", 1) == ["rainy", "sunny", "unknown"])
+    assert opened.all("#part2-conditions svg.chart path")
+    before = opened.column("#part2-conditions", 3)
+    opened.choose("#part2-conditions", "Scene", "West")
+    opened.until(lambda: opened.column("#part2-conditions", 3) != before)
 
 
 def test_the_map_shows_hits_misses_and_tiles(opened: Opened) -> None:
     seen = [opened.pixels()]
-    opened.one("#part1-map label:nth-of-type(5) input").click()  # misses
+    _, misses, tiles = opened.all("#part1-map label.tick input")
+    misses.click()
     seen.append(opened.pixels())
-    opened.one("#part1-map label:nth-of-type(6) input").click()  # all first tiles
+    tiles.click()
     seen.append(opened.pixels())
     opened.button("#part1-map", "Zoom in").click()
     seen.append(opened.pixels())
@@ -288,10 +384,10 @@ def test_an_address_opens_what_it_names_and_back_and_escape_close_it(opened: Ope
     opened.until(lambda: opened.titles("#part1-query") == [name])
     address = opened.driver.current_url
     assert opened.driver.switch_to.active_element.text == name
-    opened.one("#part3-scenes tbody button").click()
-    assert opened.driver.current_url.endswith("#part3-scene=east")
+    opened.one("#part2-scenes tbody button").click()
+    assert opened.driver.current_url.endswith("#part2-scene=east")
     opened.driver.back()
-    opened.until(lambda: not opened.all("#part3-scene"))
+    opened.until(lambda: not opened.all("#part2-scene"))
     opened.until(lambda: opened.titles("#part1-query") == [name])
     opened.driver.back()
     opened.until(lambda: not opened.all("#part1-query"))
@@ -300,10 +396,10 @@ def test_an_address_opens_what_it_names_and_back_and_escape_close_it(opened: Ope
     opened.press(keys.ESCAPE)
     opened.until(lambda: not opened.all("#part1-query"))
     assert opened.driver.switch_to.active_element.get_attribute("role") == "grid"
-    opened.one("#part3-scenes tbody button").send_keys(keys.ENTER)
-    opened.until(lambda: opened.all("#part3-scene"))
+    opened.one("#part2-scenes tbody button").send_keys(keys.ENTER)
+    opened.until(lambda: opened.all("#part2-scene"))
     opened.press(keys.ESCAPE)
-    assert opened.all("#part3-scene") == []
+    assert opened.all("#part2-scene") == []
     assert opened.driver.switch_to.active_element.text == "East"
 
 
@@ -350,14 +446,14 @@ def test_queries_sort_filter_and_open_by_keyboard(opened: Opened) -> None:
 
 
 def test_queries_filter_by_condition(opened: Opened) -> None:
-    opened.one("#part3-queries summary").click()
-    low, high = opened.all("#part3-queries details input[type=number]")
+    opened.one("#part2-queries summary").click()
+    low, high = opened.all("#part2-queries details input[type=number]")
     low.send_keys("100")
-    opened.until(lambda: opened.status("#part3-queries") == "20 of 40 queries")
+    opened.until(lambda: opened.status("#part2-queries") == "20 of 40 queries")
     high.send_keys("120")
-    opened.until(lambda: opened.status("#part3-queries") == "5 of 40 queries")
-    opened.choose("#part3-queries details", "weather", "sunny")
-    opened.until(lambda: opened.status("#part3-queries") == "2 of 40 queries")
+    opened.until(lambda: opened.status("#part2-queries") == "5 of 40 queries")
+    opened.choose("#part2-queries details", "weather", "sunny")
+    opened.until(lambda: opened.status("#part2-queries") == "2 of 40 queries")
 
 
 def test_the_hardest_queries_have_pictures_that_load(opened: Opened) -> None:
@@ -394,6 +490,21 @@ def test_it_is_usable_at_400_pixels(opened: Opened) -> None:
     try:
         width = opened.driver.execute_script("return document.documentElement.scrollWidth")
         assert width == 400
+        # The map stands high enough for the panel of the chosen query to be in sight with it.
+        high = opened.driver.execute_script(
+            "const top = (s) => document.querySelector(s).getBoundingClientRect().top;"
+            "return ['canvas', 'aside'].map((s) => top('#part1-map ' + s) - top('#part1-map'))"
+        )
+        assert high[0] < 240
+        assert high[1] < 640
+        assert not opened.one("#part1-map .narrow label").is_displayed()
+        places = [field.rect for field in opened.all("#part1-queries .controls > label")[:2]]
+        assert places[0]["y"] == places[1]["y"]
+        cut = opened.driver.execute_script(
+            "return [...document.querySelectorAll('.views a')].filter((n) => {"
+            " const b = n.getBoundingClientRect(); return b.right > 400 || b.left < 0; }).length"
+        )
+        assert cut == 0
         outside = opened.driver.execute_script(
             "return [...document.querySelectorAll('button, select, input')].filter((n) => {"
             " const b = n.getBoundingClientRect();"
@@ -401,8 +512,8 @@ def test_it_is_usable_at_400_pixels(opened: Opened) -> None:
             ").map((n) => n.outerHTML)"
         )
         assert outside == []
-        opened.one("#part3-scenes tbody button").click()
-        assert opened.one("#part3-scene").is_displayed()
+        opened.one("#part2-scenes tbody button").click()
+        assert opened.one("#part2-scene").is_displayed()
         low = opened.driver.execute_script(
             "return [...document.querySelectorAll('main button, main select, main summary,"
             " main input:not([type=checkbox]), main label.tick, nav a')].filter((n) => {"
@@ -411,8 +522,8 @@ def test_it_is_usable_at_400_pixels(opened: Opened) -> None:
         )
         assert low == []
         first = opened.driver.execute_script(
-            "const at = (s) => document.querySelector('#part3-queries ' + s)"
-            ".getBoundingClientRect().left; const grid = document.querySelector('#part3-queries"
+            "const at = (s) => document.querySelector('#part2-queries ' + s)"
+            ".getBoundingClientRect().left; const grid = document.querySelector('#part2-queries"
             " .grid'); const was = [at('.grid-row > *'), at('.grid-head > *')];"
             " grid.scrollLeft = 150; return [grid.scrollLeft, ...was, at('.grid-row > *'),"
             " at('.grid-head > *'), at('.grid-row > :nth-child(2)')];"
@@ -440,22 +551,22 @@ def test_every_control_is_named_and_reached_by_tab(opened: Opened) -> None:
 def test_infinite_medians_are_drawn_and_errors_over_decades_are_logarithmic(
     opened: Opened,
 ) -> None:
-    opened.choose("#part3-conditions", "Condition", "weather")
-    opened.choose("#part3-conditions", "Score", "Median [m] ↓")
-    opened.until(lambda: "Median" in opened.one("#part3-conditions caption").text)
-    shown = opened.column("#part3-conditions", 3)
-    marks = opened.all("#part3-conditions svg.chart path")
+    opened.choose("#part2-conditions", "Condition", "weather")
+    opened.choose("#part2-conditions", "Score", "Median [m] ↓")
+    opened.until(lambda: "Median" in opened.one("#part2-conditions caption").text)
+    shown = opened.column("#part2-conditions", 3)
+    marks = opened.all("#part2-conditions svg.chart path")
     assert len(marks) == len(shown) == 3
-    opened.choose("#part4-conditions", "Score", "Median [m] ↓")
-    opened.until(lambda: "inf" in opened.column("#part4-conditions", 3))
-    values = opened.column("#part4-conditions", 3)
+    opened.choose("#part3-conditions", "Score", "Median [m] ↓")
+    opened.until(lambda: "inf" in opened.column("#part3-conditions", 3))
+    values = opened.column("#part3-conditions", 3)
     tops = opened.driver.execute_script(
-        "return [...document.querySelectorAll('#part4-conditions svg.chart path')].map((n) =>"
+        "return [...document.querySelectorAll('#part3-conditions svg.chart path')].map((n) =>"
         " n.getBoundingClientRect().top)"
     )
     assert len(tops) == len(values)
     assert values[tops.index(min(tops))] == "inf"
-    texts = [text.text for text in opened.all("#part4-conditions svg.chart text")]
+    texts = [text.text for text in opened.all("#part3-conditions svg.chart text")]
     assert "infinite" in texts
     assert {"1", "10", "100"} <= set(texts)
     assert any(text.endswith(", log") for text in texts)
@@ -500,7 +611,9 @@ def test_many_methods_fold_what_is_long_and_fit_a_phone(opened: Opened, crowded:
     names = opened.column("#part1-summary", 1)
     assert len(set(names)) == 20
     assert names[:2] == ["same (retrieval0)", "same (retrieval1)"]
-    assert opened.one("#part1-summary details summary").text == "Notes on methods (20)"
+    assert (
+        opened.one("#part1-summary details:not(.glossary) summary").text == "Notes on methods (20)"
+    )
     assert not opened.one("#part1-summary .notes").is_displayed()
     metrics = {"width": 400, "height": 800, "deviceScaleFactor": 1, "mobile": True}
     opened.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
@@ -536,6 +649,6 @@ def test_the_best_is_told_to_screen_readers_too(opened: Opened) -> None:
 
 
 def test_a_part_without_queries_has_no_table_of_them(opened: Opened) -> None:
-    assert opened.all("#part2-summary")
-    assert opened.all("#part2-scenes")
-    assert not opened.all("#part2-queries, #part2-map, #part2-hardest, #part2-conditions")
+    assert opened.all("#part4-summary")
+    assert opened.all("#part4-scenes")
+    assert not opened.all("#part4-queries, #part4-map, #part4-hardest, #part4-conditions")

@@ -241,10 +241,8 @@ def test_what_cannot_be_drawn(tmp_path: Path, ask: tuple[object, ...], said: str
     assert not list(tmp_path.glob("x.*"))
 
 
-def test_a_folder_and_a_kind_left_out_are_told_how_to_mend(tmp_path: Path) -> None:
+def test_a_kind_left_out_is_told_how_to_mend(tmp_path: Path) -> None:
     [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
-    done = run("plot", "recall", path.parent, "-o", tmp_path / "x.png")
-    assert f"name {path}" in str(done.exception)
     done = run("plot", path, path, "-o", tmp_path / "x.png")
     assert "name the kind before the results" in str(done.exception)
     blocked = tmp_path / "file"

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from rasterio import Affine
 
+from airzoo_bench.report.curves import share_below
 from airzoo_bench.report.figures import save_figure
 from airzoo_bench.report.matching import draw_error_curves, draw_matches, draw_queries_on_map
 from tests.matching.world import World, make_world
@@ -45,13 +46,27 @@ def test_error_curves_end_at_the_share_that_was_posed(tmp_path: Path) -> None:
     curves = {line.get_label(): line.get_xydata() for line in axes.lines[:1]}
     curves |= {x.get_label(): x.get_xydata() for x in axes.lines if "(n =" in str(x.get_label())}
     assert list(curves) == ["A (n = 5)", "B (n = 2)", "C (n = 2)"]
+    # Strictly below: each height holds up to and with the error where it stands.
     np.testing.assert_allclose(
-        curves["A (n = 5)"][1:], [[0.5, 20], [3, 40], [7, 60], [axes.get_xlim()[1], 60]]
+        curves["A (n = 5)"][1:], [[0.5, 0], [3, 20], [7, 40], [axes.get_xlim()[1], 60]]
     )
+    styles = {x.get_drawstyle() for x in axes.lines if "(n =" in str(x.get_label())}
+    assert styles == {"steps-pre"}
     assert [curve[-1, 1] for curve in curves.values()] == [60, 100, 0]
     marks = [x.get_xdata()[0] for x in axes.lines if "(n =" not in str(x.get_label())]
     assert marks == list(LIMITS)
     assert saved(draw(), tmp_path / "a.png") == saved(draw(), tmp_path / "b.png")
+
+
+def test_an_error_at_the_threshold_is_not_below_it() -> None:
+    [curve] = [
+        line.get_xydata()
+        for line in draw_error_curves(errors(a=[5.0, 5.0, 1.0]), {"a": "A"}, LIMITS).axes[0].lines
+        if "(n =" in str(line.get_label())
+    ]
+    at_limit = dict(curve.tolist())[5.0]
+    assert at_limit == pytest.approx(100 / 3)
+    assert share_below(np.array([5.0, 5.0, 1.0]), np.array([5.0])) == pytest.approx(1 / 3)
 
 
 @pytest.mark.parametrize("values", [[0.0], [np.inf], [1e-12, 1e9], [5.0, 5.0]])

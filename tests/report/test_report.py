@@ -16,11 +16,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark_file import write_benchmark_file
 from airzoo_bench.errors import BenchmarkError, ResultError, UsageError
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.protocol import (
+    MatchingProtocol,
+    RetrievalProtocol,
+    load_protocol,
+    shipped_protocols,
+)
+from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.records import Scored, read_scored
+from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest_rows, order_said
 from airzoo_bench.report.packing import Blobs, json_value, page_json, rounded
 from airzoo_bench.report.sections import Section, read_sections
+from airzoo_bench.result import score_columns
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
+from tests.matching.world import make_world
 from tests.report.made import (
     HOSTILE,
     reconstruction_method,
@@ -29,8 +44,8 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
-from tests.statistics.support import ERROR, made_result, write_method
-from tests.support import write_raster
+from tests.statistics.support import ERROR, HIT, made_result, write_method
+from tests.support import run_main, write_raster
 
 TYPES = {"<u1": np.uint8, "<u2": np.uint16, "<i2": np.int16, "<i4": np.int32}
 
@@ -113,21 +128,100 @@ def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
         assert west == pytest.approx([found.groups["west"][0].low, found.groups["west"][0].high])
 
 
-def test_other_protocols_are_parts_of_their_own(tmp_path: Path) -> None:
+def test_other_protocols_are_parts_of_their_own_benchmark_by_benchmark(tmp_path: Path) -> None:
     methods = [
-        retrieval_method("a", 0),
         reconstruction_method("cloud", 0),
+        of_benchmark(retrieval_method("x", 3, truth="x" * 64), "other"),
+        retrieval_method("a", 0),
         retrieval_method("b", 1),
-        retrieval_method("a", 2, truth="u" * 64),
+        retrieval_method("c", 2, truth="u" * 64),
+        of_track(retrieval_method("pose", 4, truth="m" * 64), "matching"),
     ]
     parts = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
+    assert [(part["truth"]["name"], part["track"]) for part in parts] == [
+        *[("made", "retrieval")] * 2,
+        ("made", "matching"),
+        ("made", "reconstruction"),
+        ("other", "retrieval"),
+    ]
     assert [[m["name"] for m in part["methods"]] for part in parts] == [
         ["a", "b"],
+        ["c"],
+        ["pose"],
         ["cloud"],
-        ["a"],
+        ["x"],
     ]
-    assert parts[1]["queries"] is None
-    assert parts[1]["hardest"] == []
+    assert [part["id"] for part in parts] == [f"part{number}" for number in range(1, 6)]
+    assert parts[3]["queries"] is None
+    assert parts[3]["hardest"] == []
+
+
+def of_benchmark(method: Scored, name: str) -> Scored:
+    truth = method.result.truth.model_copy(update={"benchmark": name})
+    result = method.result.model_copy(update={"truth": truth}).sealed()
+    return Scored(method.name, result, method.records)
+
+
+def of_track(method: Scored, track: str) -> Scored:
+    result = method.result.model_copy(update={"track": track}).sealed()
+    return Scored(method.name, result, method.records)
+
+
+def test_what_is_a_hit_is_told_by_the_score_not_by_its_values(tmp_path: Path) -> None:
+    made = retrieval_method("a", 0)
+    records = made.records.assign(**{"ap@5": 1.0})  # of values that a hit could have
+    ap = HIT.model_copy(update={"key": "ap@5", "title": "AP@5"})
+    settings = {"scores": {"ranks_kept": 5}}
+    method = Scored("a", made_result(records, (HIT, ap, ERROR), settings=settings), records)
+    [part] = made_page(tmp_path, *write_methods(tmp_path, [method])).sections
+    told = {score["key"]: score["isHit"] for score in part["scores"]}
+    assert told == {"recall@1": True, "ap@5": False, "error_m": False}
+
+
+def test_every_score_of_every_protocol_has_a_meaning() -> None:
+    for path in shipped_protocols().values():
+        protocol = load_protocol(path)
+        if isinstance(protocol, RetrievalProtocol):
+            scores = retrieval_scores(protocol.scores)
+        elif isinstance(protocol, MatchingProtocol):
+            scores = matching_scores(protocol.scores)
+        else:
+            scores = reconstruction_scores(protocol.scores, with_poses=True)
+        for score in score_columns(scores):
+            assert meaning(protocol.track, score), (protocol.name, score.key)
+    assert meaning("retrieval", ERROR) == meaning("", HIT) == ""
+    within = HIT.model_copy(update={"key": "within_5m_1deg"})
+    assert meaning("matching", within) == "share of queries posed within 5 m and 1°"
+
+
+def test_intervals_are_called_what_they_are(tmp_path: Path) -> None:
+    methods = [retrieval_method("a", 0)]
+    note = made_page(tmp_path, *write_methods(tmp_path, methods)).sections[0]["intervals"]["note"]
+    assert note.startswith("95 % intervals of R@1, Median, BCa, 10000 resamples of queries within")
+    # Of a median that one query more makes infinite there is no BCa.
+    errors = np.where(np.arange(40) % 4 < 2, np.inf, np.arange(40.0))
+    records = methods[0].records.assign(error_m=errors)
+    made = Scored("a", made_result(records, (ERROR,)), records)
+    note = made_page(tmp_path, *write_methods(tmp_path, [made])).sections[0]["intervals"]["note"]
+    assert note.startswith("95 % intervals of Median, percentile, 10000 resamples")
+
+
+def test_one_scene_has_no_intervals_and_no_average_over_scenes(tmp_path: Path) -> None:
+    paths = write_methods(tmp_path, [reconstruction_method("cloud", 0, scenes=1)])
+    [part] = made_page(tmp_path, *paths).sections
+    assert part["intervals"]["note"] == "no intervals: only 1 scene: an interval needs 5"
+    assert part["figures"][0]["title"] == "f1@1m [%], scene Scene0"
+
+
+def test_without_the_number_of_ranks_the_picture_of_recall_is_left_out(tmp_path: Path) -> None:
+    made = retrieval_method("a", 0)
+    method = Scored("a", made_result(made.records, (HIT, ERROR)), made.records)
+    done = run("report", *write_methods(tmp_path, [method]), "-o", tmp_path / "r.html")
+    assert done.exit_code == 0, done.exception
+    assert "no picture of recall over K for made: the protocol's settings do not say" in done.stderr
+    titles = [figure["title"] for figure in Page(tmp_path / "r.html").sections[0]["figures"]]
+    assert not any(title.startswith("Recall") for title in titles)
+    assert any(title.startswith("Share of queries below") for title in titles)
 
 
 def test_methods_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
@@ -313,10 +407,47 @@ def test_without_the_folder_there_are_no_maps_and_a_note(tmp_path: Path) -> None
 def test_a_folder_that_was_named_must_be_the_right_one(
     photos: tuple[Path, list[Path]], tmp_path: Path
 ) -> None:
-    paths = write_methods(tmp_path, [retrieval_method("a", 0)])
-    done = run("report", *paths, "--data", photos[0], "-o", tmp_path / "r.html")
-    assert isinstance(done.exception, BenchmarkError)
-    assert not (tmp_path / "r.html").exists()
+    methods = [retrieval_method("a", 0), reconstruction_method("b", 0)]
+    # Reconstruction has no maps, and so nothing to look for: its place must not decide.
+    other = of_benchmark(methods[1], "another")
+    for asked in (methods[:1], [*methods[:1], other], [other, *methods[:1]]):
+        paths = write_methods(tmp_path, asked)
+        done = run("report", *paths, "--data", photos[0], "-o", tmp_path / "r.html")
+        assert isinstance(done.exception, BenchmarkError), [method.name for method in asked]
+        assert not (tmp_path / "r.html").exists()
+
+
+def test_damaged_footprints_are_told_and_other_rules_have_no_outlines(tmp_path: Path) -> None:
+    world = make_world(tmp_path / "world")
+    poses = world.write(tmp_path / "m.npz", world.poses())
+    ask = ("eval", "matching", poses, "--data", world.root, "--out", tmp_path / "out")
+    assert run_main(*ask) == 0
+    file = Benchmark.open(world.folder).file
+    [home] = (world.folder / "scenes").iterdir()
+    (home / "retrieval").mkdir()
+    table = home / "retrieval" / "footprints.csv"
+    corners = dict.fromkeys(ANCHOR_COLUMNS, 7.0)
+    whole = pd.DataFrame({"id": world.ids, **corners})
+    made: list[tuple[pd.DataFrame, bool]] = [
+        (whole, True),
+        (whole[["id"]].assign(lon=7.0), True),
+        (whole.drop(columns=ANCHOR_COLUMNS[3]), False),
+        (pd.concat([whole, whole[:1]]), False),
+        (whole.astype({ANCHOR_COLUMNS[0]: object}).assign(**{ANCHOR_COLUMNS[0]: "x"}), False),
+    ]
+    for number, (written, fine) in enumerate(made):
+        written.to_csv(table, index=False)
+        write_benchmark_file(world.folder, file)
+        out = tmp_path / f"{number}.html"
+        done = run("report", tmp_path / "out" / "result.json", "--data", world.root, "-o", out)
+        if fine:
+            assert done.exit_code == 0, done.exception
+            [found] = Page(out).sections[0]["maps"]
+            outlines = Page(out).unpack(found["outlines"])
+            assert (outlines == found["nowhere"]).all() == (number == 1)
+        else:
+            assert isinstance(done.exception, BenchmarkError), number
+            assert "four corners" in str(done.exception)
 
 
 def test_a_photo_that_is_gone_is_left_out(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:

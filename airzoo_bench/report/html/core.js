@@ -33,7 +33,9 @@ function number(value) {
 
 function digits(value, count) {
   if (Number.isNaN(value)) return "–";
-  return Number.isFinite(value) ? value.toFixed(count) : value > 0 ? "inf" : "-inf";
+  if (!Number.isFinite(value)) return value > 0 ? "inf" : "-inf";
+  const text = value.toFixed(count);
+  return Number(text) === 0 ? text.replace("-", "") : text;
 }
 
 function shown(score, value) {
@@ -115,13 +117,14 @@ function missing(value) {
 }
 
 // A table whose columns sort. A column has a title, value(row) to sort by, show(row), and
-// perhaps bestFirst, "descending" or "ascending"; the first one heads its rows.
-function sortableTable(caption, columns, rows) {
+// perhaps bestFirst, "descending" or "ascending", and a hint; the first one heads its rows.
+// `none` is said where no row is left.
+function sortableTable(caption, columns, rows, none = "nothing matches") {
   const state = { column: null, descending: false, rows };
   const body = el("tbody", {});
   const heads = columns.map((column, index) =>
     el("th", { scope: "col", class: column.text ? "text" : null, "aria-sort": "none" },
-      el("button", { type: "button", class: column.title.length > 16 ? "long" : null, title: column.title, onclick: () => sortBy(index) }, column.title)));
+      el("button", { type: "button", class: column.title.length > 16 ? "long" : null, title: column.hint ? `${column.title}: ${column.hint}` : column.title, onclick: () => sortBy(index) }, column.title)));
   const node = el("div", { class: "scroll" },
     el("table", { class: columns.length > 10 ? "many" : null }, el("caption", {}, el("span", {}, caption)), el("thead", {}, el("tr", {}, heads)), body));
 
@@ -141,6 +144,7 @@ function sortableTable(caption, columns, rows) {
       sorted.sort((one, other) => compare(value(one), value(other), state.descending));
     }
     body.replaceChildren(...sorted.map((row) => el("tr", {}, columns.map((column, index) => cell(column, row, index)))));
+    if (!sorted.length) body.append(el("tr", { class: "none" }, el("td", { class: "text", colspan: columns.length }, none)));
   }
 
   function cell(column, row, index) {
@@ -203,6 +207,14 @@ function drillBox(id, title, close, ...children) {
     close();
   } }, head, ...children);
   return { box, head };
+}
+
+// Folded where the page is narrow; where it is wide the fold is not seen.
+function narrowFolded(title, ...children) {
+  const narrow = matchMedia("(max-width: 30rem)");
+  const node = el("details", { class: "narrow", open: !narrow.matches }, el("summary", {}, title), ...children);
+  narrow.addEventListener("change", () => { node.open = !narrow.matches; });
+  return node;
 }
 
 // Unfolds what is long.

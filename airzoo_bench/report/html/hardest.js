@@ -41,9 +41,8 @@ function hardestView(section) {
 
   function values(column, row) {
     const found = section.methods.map((method, number) => [method.name, valueOf(section, column, number, row)]);
-    const hit = isHit(column);
-    const said = found.map(([name, value]) => el("li", {}, el("span", {}, name), el("b", {}, hit ? saidHit(value) : shown(first, value))));
-    const head = hit ? `${first.title}: hit by ${found.filter(([, value]) => value === 1).length} of ${found.length} methods` : headingOfOne(first);
+    const said = found.map(([name, value]) => el("li", {}, el("span", {}, name), el("b", {}, first.isHit ? saidHit(value) : shown(first, value))));
+    const head = first.isHit ? `${first.title}: hit by ${found.filter(([, value]) => value === 1).length} of ${found.length} methods` : headingOfOne(first);
     return [el("p", {}, head), folded(found.length, 6, `Each of ${found.length} methods`, el("ul", { class: "values" }, said))];
   }
 

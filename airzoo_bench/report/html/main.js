@@ -1,5 +1,3 @@
-const TRACKS = { retrieval: "Aerial image retrieval", matching: "Cross-view matching", reconstruction: "Multi-view reconstruction" };
-
 function trackView(section) {
   section.queryScores = section.scores.filter((score) => score.ofQueries);
   section.open = {}; // by view: shows what has an id
@@ -13,21 +11,18 @@ function trackView(section) {
   if (section.hardest.length) views.push(["hardest", "Hardest queries", hardestView(section)]);
   views.push(["settings", "Settings", settingsView(section)]);
   const title = `${TRACKS[section.track] || section.track}: ${section.protocol.name} v${section.protocol.version}`;
-  const total = section.scenes.reduce((sum, scene) => sum + scene.queries, 0);
-  const facts = [`${section.methods.length} method${section.methods.length > 1 ? "s" : ""}`, `${section.scenes.length} scene${section.scenes.length > 1 ? "s" : ""}`,
-    ...(section.byQuery ? [`${total.toLocaleString("en")} ${total === 1 ? "query" : "queries"}`] : []), `protocol ${section.protocol.fingerprint.slice(0, 12)}`, `truth ${section.truth.fingerprint.slice(0, 12)}`];
+  const [methods, scenes] = [section.methods.length, section.scenes.length];
+  const facts = [`${methods} method${methods > 1 ? "s" : ""}`, `${scenes} scene${scenes > 1 ? "s" : ""}`,
+    ...(section.byQuery ? [`${queryCount(section).toLocaleString("en")} ${queryCount(section) === 1 ? "query" : "queries"}`] : []), `protocol ${section.protocol.fingerprint.slice(0, 12)}`, `truth ${section.truth.fingerprint.slice(0, 12)}`];
   return el("section", { class: "track", id: section.id, "aria-labelledby": `${section.id}-h` },
     el("h2", { id: `${section.id}-h` }, title), el("p", { class: "soft" }, facts.join(" · ")),
-    el("nav", { "aria-label": title }, el("ul", {}, views.map(([name, text]) => el("li", {}, el("a", { href: `#${section.id}-${name}`, onclick: follow }, text))))),
+    partLine(section, views),
     views.map(([, , view]) => view));
 }
 
 const content = document.getElementById("content");
+if (page.sections.length > 1) content.append(overviewTable());
 content.append(...page.sections.map(trackView));
-if (page.sections.length > 1) {
-  document.getElementById("page-nav").append(el("ul", {}, page.sections.map((section) =>
-    el("li", {}, el("a", { href: `#${section.id}`, onclick: follow }, `${TRACKS[section.track] || section.track}, ${section.protocol.name}`)))));
-}
 // What is folded away is printed too, and folded again.
 let unfolded = [];
 window.addEventListener("beforeprint", () => {
@@ -35,7 +30,10 @@ window.addEventListener("beforeprint", () => {
   unfolded.forEach((part) => { part.open = true; });
 });
 window.addEventListener("afterprint", () => unfolded.forEach((part) => { part.open = false; }));
-window.addEventListener("popstate", route);
 // Pictures and tables take their room first, so that what was asked for stays in sight.
 const pictures = [...document.querySelectorAll(".figures img")].map((picture) => picture.decode().catch(() => null));
-Promise.all([...pictures, ...drawn]).then(() => { if (location.hash) route(); });
+rememberSteps();
+Promise.all([...pictures, ...drawn]).then(async () => {
+  if (location.hash) await route();
+  if (history.state.top) window.scrollTo(0, history.state.top); // opened again, as by the reload button
+});

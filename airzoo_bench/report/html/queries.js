@@ -27,11 +27,6 @@ function valueOf(section, column, method, row) {
   return column.values[column.codes[method * section.queries.count + row]];
 }
 
-// Whether a score only says hit or miss.
-function isHit(column) {
-  return column.values.every((value) => value === 0 || value === 1);
-}
-
 function queriesView(section) {
   const state = { text: "", scene: -1, outcome: "all", show: null, sort: null, descending: false, limits: new Map(), selected: -1 };
   const status = el("p", { class: "note", role: "status" });
@@ -45,7 +40,7 @@ function queriesView(section) {
   let rows = new Int32Array(0);
 
   const scores = section.queryScores;
-  const hitScore = scores.find((score) => isHit(section.queries.scores[score.key]));
+  const hitScore = scores.find((score) => score.isHit);
   const shows = [
     ...(section.methods.length > 1 ? scores.map((score, index) => [`s${index}`, `${headingOfOne(score)} of all methods`]) : []),
     ...section.methods.map((method, index) => [`m${index}`, `All scores of ${method.name}`]),
@@ -56,7 +51,7 @@ function queriesView(section) {
   const show = choice("Columns", shows, (value) => { state.show = value; state.sort = null; refresh(); });
   const outcome = choice("Outcome", [["all", "All queries"]], (value) => { state.outcome = value; refresh(); });
   const more = el("details", { class: "no-print" }, el("summary", {}, "Filter by condition"));
-  section.listScene = (place) => { state.scene = place; scene.select.value = String(place); goTo(section, "queries"); visit(addressOf(section, "queries")); refresh(); };
+  section.listScene = (place) => { state.scene = place; scene.select.value = String(place); jump(addressOf(section, "queries")); goTo(section, "queries"); refresh(); };
   section.open.query = async (id) => {
     const loaded = await loadQueries(section);
     const row = loaded.ids.indexOf(id);
@@ -140,7 +135,7 @@ function queriesView(section) {
     for (const [title, score, method] of pairs) {
       const column = await loadScore(section, score);
       made.push({ title, width: widthOf(title, 8), number: true, bestFirst: score.higher, value: (row) => valueOf(section, column, method, row),
-        show: (row) => (isHitCached(column) ? saidHit(valueOf(section, column, method, row)) : shown(score, valueOf(section, column, method, row))) });
+        show: (row) => (score.isHit ? saidHit(valueOf(section, column, method, row)) : shown(score, valueOf(section, column, method, row))) });
     }
     for (const column of loaded.conditions) {
       const longest = column.numeric ? 7 : Math.max(...column.values.map((value) => value.length), 0);
@@ -155,11 +150,6 @@ function queriesView(section) {
   function widthOf(title, longest) {
     const word = Math.max(...title.split(" ").map((part) => part.length));
     return `${Math.min(16, Math.max(6, 0.62 * Math.max(word, longest) + 2.4))}rem`;
-  }
-
-  function isHitCached(column) {
-    if (column.hit === undefined) column.hit = isHit(column);
-    return column.hit;
   }
 
   function sortRows() {
@@ -251,8 +241,8 @@ function queriesView(section) {
   }
 
   function leave() {
-    detail.replaceChildren();
     visit(addressOf(section, "queries"));
+    detail.replaceChildren();
     reveal(grid, grid);
   }
 

@@ -17,6 +17,7 @@ function scoreColumns(section, wanted, at, limits, name = heading, marked = true
       show: (row) => [shown(score, at(row, index)), interval(score, limits(score, row))],
       mark: (row) => (marked && best.has(row.index) ? "best" : ""),
       bestFirst: score.higher ? "descending" : "ascending",
+      hint: score.meaning,
     };
   });
 }
@@ -44,7 +45,14 @@ function methodsTable(section, scope, every, caption) {
   const wanted = section.scores.flatMap((score, index) => (every || score.headline ? [index] : []));
   const columns = scoreColumns(section, wanted, (row, index) => number(values[row.index][index]),
     (score, row) => (limits[score.key] || [])[row.index]);
-  return sortableTable(caption, [methodColumn(), ...columns], methodRows(section));
+  return sortableTable(caption, [methodColumn(), ...columns], methodRows(section), "no method matches");
+}
+
+// What the titles of scores mean, for who does not know them.
+function glossary(section, every, open) {
+  const known = section.scores.filter((score) => (every || score.headline) && score.meaning);
+  return el("details", { class: "glossary", open }, el("summary", {}, "What the scores mean"),
+    el("dl", { class: "keys" }, known.flatMap((score) => [el("dt", {}, score.title), el("dd", {}, score.meaning)])));
 }
 
 function summaryView(section) {
@@ -60,6 +68,7 @@ function summaryView(section) {
     const title = scopes.find(([value]) => String(value) === String(state.scope))[1];
     table = methodsTable(section, state.scope, state.every, section.methods.length > 1 ? `${title}; ★ marks the best` : title);
     holder.replaceChildren(table.node);
+    meanings.replaceChildren(glossary(section, state.every, meanings.querySelector("[open]") !== null));
     filter();
   }
 
@@ -68,13 +77,15 @@ function summaryView(section) {
     table.update(methodRows(section).filter((row) => row.name.toLowerCase().includes(text)));
   }
 
+  const meanings = el("div", {});
+
   const scope = choice("Over", scopes, (value) => { state.scope = isNaN(value) ? value : Number(value); draw(); });
   const every = tick("All scores", false, (checked) => { state.every = checked; draw(); });
   const name = field("Methods that contain", "search", (text) => { state.filter = text; filter(); });
   draw();
   return panel(section, "summary", "Summary",
     el("div", { class: "controls" }, scope.node, name.node, every.node), holder,
-    el("p", { class: "note" }, section.intervals.note),
+    meanings, el("p", { class: "note" }, section.intervals.note),
     notesView(section));
 }
 
@@ -138,8 +149,8 @@ function scenesView(section) {
   }
 
   function leave() {
-    drill.replaceChildren();
     visit(addressOf(section, "scenes"));
+    drill.replaceChildren();
     const row = [...holder.querySelectorAll("tbody button")].find((button) => button.dataset.scene === shownId);
     if (row) reveal(row, row);
   }

@@ -1,0 +1,137 @@
+"""A part of the report: what its page shows of results that measure the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from airzoo_bench.files import canonical_json
+from airzoo_bench.report.figures import figure_bytes
+from airzoo_bench.report.glossary import meaning
+from airzoo_bench.report.hardest import hardest, order_said
+from airzoo_bench.report.labels import error_label
+from airzoo_bench.report.maps import maps
+from airzoo_bench.report.numbers import averages, breakdowns, intervals, queries
+from airzoo_bench.report.packing import Blobs, data_uri
+from airzoo_bench.report.part_figures import part_figures
+from airzoo_bench.report.places import Place
+from airzoo_bench.report.sections import Section
+from airzoo_bench.result import Result
+from airzoo_bench.statistics.significance import is_hit
+
+__all__ = ["make_part"]
+
+
+def make_part(
+    number: int,
+    section: Section,
+    places: Sequence[Place],
+    pictures: int,
+    blobs: Blobs,
+    notes: list[str],
+) -> dict[str, Any]:
+    """Return what the page's script reads of a section.
+
+    Parameters
+    ----------
+    number : int
+        From 0: where it stands on the page.
+    section : Section
+    places : sequence of Place
+        Of its scenes; empty without a benchmark folder.
+    pictures : int
+        How many of the hardest queries are shown.
+    blobs : Blobs
+        Takes what is large.
+    notes : list of str
+        Takes what was left out.
+    """
+    found = intervals(section)
+    figures = part_figures(section, found, notes)
+    return {
+        "id": f"part{number + 1}",
+        "byQuery": section.by_query,
+        **_names(section),
+        "scores": _scores(section),
+        "methods": [_method(method.name, method.result) for method in section.methods],
+        "notes": _notes(section),
+        "settings": list(_flat(section.first.protocol.settings)),
+        "averages": averages(section),
+        "intervals": {"overall": found.overall, "scenes": found.scenes, "note": found.note},
+        "breakdowns": breakdowns(section, blobs),
+        "queries": queries(section, blobs),
+        "figures": [
+            {"title": title, "src": data_uri(figure_bytes(figure, "svg"), "image/svg+xml")}
+            for title, figure in figures
+        ],
+        "maps": maps(section, places, blobs, notes),
+        "hardest": hardest(section, places, pictures, notes),
+        "hardestOrder": order_said(section) if section.by_query else "",
+        "tilesLeftOut": section.left_out if places else "",
+    }
+
+
+def _names(section: Section) -> dict[str, Any]:
+    first = section.first
+    used, truth = first.protocol, first.truth
+    return {
+        "track": section.track,
+        "protocol": {"name": used.name, "version": used.version, "fingerprint": used.fingerprint},
+        "truth": {
+            "name": truth.benchmark,
+            "version": truth.version,
+            "fingerprint": truth.fingerprint,
+        },
+        "scenes": [
+            {"id": scene, "title": title, "queries": first.counts[scene]["queries"]}
+            for scene, title in truth.scene_titles.items()
+        ],
+    }
+
+
+def _scores(section: Section) -> list[dict[str, Any]]:
+    shown = {score.key for score in section.query_scores}
+    return [
+        {
+            "key": score.key,
+            "title": score.title,
+            "unit": score.unit,
+            "higher": score.higher_is_better,
+            "headline": score.headline,
+            "meaning": meaning(section.track, score),
+            "ofOne": error_label(score),
+            "ofQueries": score.key in shown,
+            "isHit": is_hit(section.track, score),
+        }
+        for score in section.scores
+    ]
+
+
+def _notes(section: Section) -> list[dict[str, Any]]:
+    """Return what results note, once where several say the same, and which methods do."""
+    said: dict[str, list[str]] = {}
+    for method in section.methods:
+        for note in method.result.notes:
+            said.setdefault(note, []).append(method.name)
+    return [{"text": text, "methods": names} for text, names in said.items()]
+
+
+def _method(name: str, result: Result) -> dict[str, Any]:
+    used = result.predictions
+    return {
+        "name": name,
+        "file": used.file,
+        "kind": used.kind,
+        "sha256": used.sha256,
+        "versions": ", ".join(f"{name} {version}" for name, version in result.versions.items()),
+        "counts": result.counts,
+    }
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yield settings as pairs of a dotted key and a text."""
+    if isinstance(value, dict) and value:
+        for name, inner in value.items():
+            yield from _flat(inner, f"{key}.{name}" if key else str(name))
+    else:
+        yield key, value if isinstance(value, str) else canonical_json(value)
