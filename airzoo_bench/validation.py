@@ -17,6 +17,8 @@ __all__ = ["nearest", "read_toml", "validated", "validation_message"]
 M = TypeVar("M", bound=BaseModel)
 
 _SHOWN = 5
+_OFFERED = 3
+_SHORTEST_PART = 3  # letters; fewer are in too many names
 
 
 def read_toml(path: Path, kind: type[UserError], what: str) -> dict[str, Any]:
@@ -79,6 +81,8 @@ def _known_keys(model: type[BaseModel]) -> list[str]:
 
 
 def nearest(name: str, known: list[str]) -> str:
-    """Offer the known names that are most like a mistyped one, for messages."""
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    """Offer the known names that are most like a mistyped one, or hold it, for messages."""
+    near = difflib.get_close_matches(name, known, n=_OFFERED, cutoff=0.6)
+    if not near and len(name) >= _SHORTEST_PART:
+        near = [n for n in known if name.casefold() in n.casefold()][:_OFFERED]
     return f" (did you mean {' or '.join(repr(n) for n in near)}?)" if near else ""
