@@ -150,7 +150,7 @@ def group_records(
         Inner edges: below the first, from the first to below the second, ... Where left out, a
         number with more than 12 values is cut by `even_edges`.
     keep_empty : bool
-        Keep the `bins` that hold no record, instead of leaving them out.
+        Whether `bins` that hold no record are groups too.
 
     Raises
     ------
@@ -197,10 +197,8 @@ def _checked_bins(by: str, column: pd.Series[str], bins: Sequence[float]) -> tup
             mend="leave --bins out: every value is then a group",
         )
     if not all(map(math.isfinite, edges)) or list(edges) != sorted(set(edges)) or not edges:
-        raise UsageError(
-            f"--bins {','.join(f'{edge:.15g}' for edge in edges)} do not ascend",
-            expected="edges such as 50,100,200",
-        )
+        given = ",".join(f"{edge:.15g}" for edge in edges)
+        raise UsageError(f"--bins {given} do not ascend", expected="edges such as 50,100,200")
     return edges
 
 
@@ -252,10 +250,8 @@ def _by_category(by: str, column: pd.Series[str]) -> Grouping:
         missing = missing | (shown == UNKNOWN)  # who writes it means what an empty field does
     values = sorted(set(shown[~missing].tolist()))
     if len(values) > _MOST_GROUPS:
-        raise UsageError(
-            f"--by {by}: {len(values)} different values are no groups",
-            mend="choose a column with fewer values",
-        )
+        many = f"--by {by}: {len(values)} different values are no groups"
+        raise UsageError(many, mend="choose a column with fewer values")
     places = {value: place for place, value in enumerate(values)}
     codes = np.full(len(column), len(values), np.int64)
     codes[~missing] = [places[value] for value in shown[~missing].tolist()]
@@ -264,9 +260,8 @@ def _by_category(by: str, column: pd.Series[str]) -> Grouping:
 
 
 def _without_empty(grouping: Grouping, kept: int = 0) -> Grouping:
-    """Leave out empty groups, but for the first `kept`."""
     counts = grouping.counts
-    counts[:kept] = 1
+    counts[:kept] = 1  # these stay, empty or not
     left = np.flatnonzero(counts)
     codes = np.searchsorted(left, grouping.codes).astype(np.int64)
     return Grouping(grouping.by, tuple(grouping.labels[k] for k in left), codes, grouping.edges)

@@ -57,6 +57,8 @@ def test_other_names_say_enough() -> None:
     other = two.protocol.model_copy(update={"name": "else", "settings": {"k": 1}})
     found = refusal(one, two.model_copy(update={"protocol": other}))
     assert found.what.endswith(": made v1 against else v1")
+    # Nothing that was scored by one name can be scored again to be of the other.
+    assert found.mend == "name results of one protocol only; `airzoo-bench table` takes several"
 
 
 def test_truth() -> None:
@@ -97,7 +99,12 @@ def test_scenes_by_id_and_title() -> None:
 
 def test_what_is_no_scene_gets_a_hint() -> None:
     titles = {"field1": "City", "field2": "Rural"}
-    for wanted, hint in (("Citi", "'City'"), ("field3", "'field2' or 'field1'")):
+    for wanted, hint in (
+        ("Citi", "'City'"),
+        ("Cty", "'City'"),
+        ("RUR", "'Rural'"),
+        ("field3", "'field2' or 'field1'"),
+    ):
         with pytest.raises(ResultError) as error:
             find_scene(titles, wanted)
         assert f"there is no scene '{wanted}' in the results" in error.value.what

@@ -348,9 +348,12 @@ def test_bins_are_averages_of_their_queries(scored: Scored, run: Run) -> None:
     groups = np.searchsorted(edges, records[by], side="right")
     values = records.groupby(groups)[column.key]
     expected = values.median() if column.average == "median" else values.mean()
-    counts = values.size()
-    assert table.column(table.columns[1]) == counts.tolist()
-    for found, value in zip(table.column(table.columns[2]), expected, strict=True):
+    counts = values.size().reindex(range(len(edges) + 1), fill_value=0).tolist()
+    assert table.column(table.columns[1]) == counts
+    shown = table.column(table.columns[2])
+    assert [value is None for value in shown] == [count == 0 for count in counts]
+    filled = [value for value in shown if value is not None]
+    for found, value in zip(filled, expected, strict=True):
         assert same(found, as_shown(column, value))
 
 

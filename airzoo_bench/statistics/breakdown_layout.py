@@ -112,8 +112,7 @@ def breakdown_table(
             *about,
         ),
         leading=2,
-        # With intervals a page is full sooner.
-        groups_per_block=len(scores) if plan is None else 2,
+        groups_per_block=len(scores),  # where a page takes them
     )
     return table if len(methods) == 1 else _best_of_rows(table, shown)
 

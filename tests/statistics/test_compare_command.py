@@ -153,8 +153,38 @@ def test_wrong_calls(arguments: list[str], message: str, compare: Callable[..., 
 def test_options_that_one_result_cannot_take(
     files: list[Path], compare: Callable[..., str]
 ) -> None:
-    for option in (["--reference", "best"], ["--most-different", 3]):
+    for option in (["--reference", "best"], ["--method", "x"], ["--most-different", 3]):
         assert "two or more results" in compare(files[0], *option, code=2)
+
+
+def test_one_method_against_each_other(files: list[Path], compare: Callable[..., str]) -> None:
+    table = json.loads(compare(*files, "--method", "method02", "--score", "MRR", "-f", "json"))
+    titles = [column["title"] for column in table["columns"]]
+    rows = [dict(zip(titles, row, strict=True)) for row in table["rows"]]
+    assert {row["Against"] for row in rows} == {"method00", "method01"}
+    for row in rows:
+        assert row["Difference"] == pytest.approx(row["Value"] - row["Other"])
+        assert row["Verdict"] != "worse"
+        assert row["Win"] > row["Loss"]
+    both = ("--method", "method02", "--reference", "method01")
+    assert "--method and --reference exclude each other" in compare(*files, *both, code=2)
+    two = (*files[:2], "--most-different", 3, "--method")
+    assert "difference: method00 minus method01" in compare(*two, "method00")
+    assert "difference: method01 minus method00" in compare(*two, "method01")
+    ask = ("--most-different", 3, "--method", "method01")
+    assert "more than two results has no reference" in compare(*files, *ask, code=2)
+    assert "did you mean 'method01'" in compare(*files, "--method", "metod01", code=2)
+
+
+@pytest.mark.parametrize("ask", [(), ("--method", "method01")])
+def test_latex_is_one_block(
+    ask: tuple[str, ...], files: list[Path], compare: Callable[..., str]
+) -> None:
+    out = compare(*files, *ask, "-f", "latex", "--resamples", 200)
+    assert out.count(r"\toprule") == 1
+    assert out.count(r"\textbf{Score}") == 1
+    assert r"\textbf{Difference}" in out
+    assert r"\multicolumn{3}{l}" not in out
 
 
 def test_the_best_of_a_scene(tmp_path: Path, compare: Callable[..., str]) -> None:

@@ -151,3 +151,13 @@ def test_mcnemar_by_hand():
     # 5 against 0: both tails of 1/32. 6 against 2: 2 (1 + 8 + 28) / 256.
     found = mcnemar(np.array([5, 0, 6, 3, 0]), np.array([0, 5, 2, 3, 0]))
     assert found == pytest.approx([2 / 32, 2 / 32, 74 / 256, 1.0, 1.0], rel=1e-14)
+
+
+def test_mcnemar_is_the_fraction_that_it_is():
+    # 2 (1 + 9 + 36 + 84) / 2**9 and so on: the last digit shown must be that of the paired test.
+    for wins, losses in ((7, 3), (3, 8), (0, 20), (20, 1)):
+        values = [[1.0] * wins + [0.0] * losses, [0.0] * wins + [1.0] * losses]
+        paired = paired_permutation(sample(values), Plan(resamples=2**21), [(0, 1)])[0]
+        assert paired.exact
+        assert float(mcnemar(np.array(wins), np.array(losses))) == paired.p_value
+    assert 0 < float(mcnemar(np.array(0), np.array(900))) < 1e-200
