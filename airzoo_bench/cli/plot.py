@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["Kind", "plot"]
 
 
+_LETTERS_SAID = 10
+
+
 class Kind(StrEnum):
     """What is drawn."""
 
@@ -38,6 +41,7 @@ _FITS = {
     "--by": (Kind.CONDITION,),
     "--bins": (Kind.CONDITION,),
     "--up-to": (Kind.RECALL,),
+    "--scene": tuple(kind for kind in Kind if kind is not Kind.SCENES),
 }
 
 
@@ -68,7 +72,14 @@ def plot(
     width: Annotated[
         str | None, typer.Option(help="Such as 3.3in or 8.4cm (default: what the content needs).")
     ] = None,
+    height: Annotated[
+        str | None, typer.Option(help="Such as 2.4in (default: what the content needs).")
+    ] = None,
     title: Annotated[str, typer.Option(help="Written above (default: none).")] = "",
+    scene: Annotated[str | None, typer.Option(help="This scene only, by id or title.")] = None,
+    bare: Annotated[
+        bool, typer.Option("--bare", help="Say the small print on stderr, for the caption.")
+    ] = False,
 ) -> None:
     """Draw recall over K, error curves, precision and recall over d, intervals, scenes, conditions.
 
@@ -86,18 +97,30 @@ def plot(
     """
     from airzoo_bench.records import read_scored
     from airzoo_bench.report import draw
-    from airzoo_bench.report.figures import check_ending, save_figure
-    from airzoo_bench.report.sheet import Sheet, check_room, parse_width
+    from airzoo_bench.report.figures import check_ending, lacking_letters, save_figure
+    from airzoo_bench.report.lengths import parse_length
+    from airzoo_bench.report.sheet import Sheet, check_room
     from airzoo_bench.statistics.compatibility import check_comparable
 
     chosen_kind, given, file = _checked_call(kind, results or [], out)
-    _check_options(chosen_kind, {"--score": score, "--by": by, "--bins": bins, "--up-to": up_to})
+    _check_options(
+        chosen_kind,
+        {"--score": score, "--by": by, "--bins": bins, "--up-to": up_to, "--scene": scene},
+    )
     check_output(file, given)
     check_ending(file)
     edges = None if bins is None else parse_bins(bins)
-    sheet = Sheet(None if width is None else parse_width(width), title)
+    aside: list[str] = []
+    sheet = Sheet(
+        None if width is None else parse_length(width, "--width"),
+        title,
+        height_in=None if height is None else parse_length(height, "--height"),
+        aside=aside if bare else None,
+    )
     methods = read_scored(given)
     check_comparable(methods)
+    if scene is not None:
+        methods = draw.of_scene(methods, scene)
     drawing: dict[Kind, Callable[[Sequence[Scored], ScoreColumn], Figure]] = {
         Kind.RECALL: lambda these, _: draw.recall(these, up_to, sheet),
         Kind.ERRORS: lambda these, score: draw.errors(these, score, sheet),
@@ -111,7 +134,18 @@ def plot(
         figure = drawing[chosen_kind](methods, chosen)
         check_room(figure)
         save_figure(figure, file)
-    say(f"drew {file}")
+    say("\n".join([f"drew {file}", *aside]))
+    letters = "" if file.suffix.lower() == ".svg" else lacking_letters(figure)
+    if letters:
+        say(_no_glyphs(letters, file))
+
+
+def _no_glyphs(letters: str, file: Path) -> str:
+    shown = " ".join(letters[:_LETTERS_SAID]) + (" ..." if len(letters) > _LETTERS_SAID else "")
+    return (
+        f"{file}: boxes stand for what the font, DejaVu Sans, lacks: {shown}; other names, or an "
+        ".svg, which keeps letters for the reader's fonts, show them"
+    )
 
 
 def _checked_call(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.geometry_checks.depth_report import QUANTILES, DepthConsistency
+from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.report.figures import COLOURS, new_figure
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ _STEPS = 512
 _LEFT, _RIGHT = 1e-6, 1e1  # percent
 
 
+@default_style()
 def draw_depth_errors(scenes: dict[str, DepthConsistency]) -> Figure:
     """Draw the share of pixels whose relative depth error is below a value, for each scene.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.mini.trajectory import Trajectory, trajectory_poses
 from airzoo_bench.mini.world import CRS, Region
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_flight"]
 
 _ARROWS = 80
+_WHOLE = {"path.simplify": False}
 _LONGEST = 3_000  # points drawn; denser ones would show through each other
 
 
@@ -35,13 +37,11 @@ def draw_flight(trajectory: Trajectory, region: Region, path: Path, title: str) 
     path : Path
     title : str
     """
-    import matplotlib as mpl
-
     step = -(-len(trajectory) // _LONGEST)
     shown = trajectory.take(slice(None, None, step))
     poses = trajectory_poses(shown, CRS)
     place = poses.centres - (region.west, region.south, 0.0)
-    with mpl.rc_context({"path.simplify": False}):
+    with default_style(_WHOLE):
         figure, first = new_figure(11.0, 5.0)
         first.remove()
         layout = figure.add_gridspec(3, 2, width_ratios=(1.15, 1.0))
@@ -58,7 +58,7 @@ def draw_flight(trajectory: Trajectory, region: Region, path: Path, title: str) 
             axes.grid(alpha=0.3)
         axes.set_xlabel("time, s")
         figure.suptitle(title)
-        save_figure(figure, path)
+        save_figure(figure, path, _WHOLE)
 
 
 def _draw_map(axes: Axes, place: Floats, forward: Floats, region: Region) -> None:

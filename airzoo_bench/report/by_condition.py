@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.report.figures import label_text, series_style
 from airzoo_bench.report.labels import axis_label, shown_value
 from airzoo_bench.report.marks import add_band
@@ -27,6 +28,7 @@ _SHARE_OF_GROUP = 0.84
 _LETTER = 0.6
 
 
+@default_style()
 def draw_by_condition(
     names: Sequence[str],
     values: Floats,

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.records import Scored
-from airzoo_bench.report.figures import series_style
+from airzoo_bench.report.figures import name_text, series_style
 from airzoo_bench.report.labels import axis_label, error_label, over_scenes, shown_value, who
 from airzoo_bench.report.marks import draw_lines, draw_markers
 from airzoo_bench.report.sheet import Sheet, finish, new_canvas, wrapped
@@ -41,7 +42,6 @@ _LEAST_RATIO = 4.0
 _KS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
 _PERCENT = (-2.0, 102.0)
 _NEAR = 2.2
-_BUNCH_PT = 30.0
 _MARKS = 9
 _COUNTED = 6
 
@@ -73,6 +73,7 @@ def longest_list(method: Scored, up_to: int) -> int:
     return int(np.clip(method.records["ranked"].max(), 1, up_to))
 
 
+@default_style()
 def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | None = None) -> Figure:
     """Draw recall at K over K, each method's as far as its longest list goes.
 
@@ -101,7 +102,7 @@ def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | Non
             if k <= length and (k in ticks or k == length):
                 values[number, place] = curve[k - 1]
     axes.set(xscale="log", xlim=(0.9, max(2, last) * 1.13), ylim=_PERCENT)
-    draw_markers(axes, np.array(marked, np.float64), values, near=_NEAR, room_pt=_room(sheet))
+    draw_markers(axes, np.array(marked, np.float64), values, near=_near(sheet))
     label = f"R@K{over_scenes(methods)} [%]"
     axes.set(xlabel="K, number of tiles looked at", ylabel=label)
     axes.set_xticks(ticks, [f"{k}" for k in ticks])
@@ -129,6 +130,7 @@ def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
     return mean
 
 
+@default_style()
 def draw_error_curves(
     methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None
 ) -> Figure:
@@ -178,7 +180,8 @@ def _beyond(methods: Sequence[Scored], key: str, right: float, unit: str) -> str
         said = f"between {least} and {most} of each of {len(lacking)} methods"
         return f"off the axis, {total}: {said}, {infinite.sum()} infinite in all"
     counts = [
-        f"{methods[n].name} {_counted(int(infinite[n]), int(larger[n]))}" for n in lacking.tolist()
+        f"{name_text(methods[n].name)} {_counted(int(infinite[n]), int(larger[n]))}"
+        for n in lacking.tolist()
     ]
     return f"off the axis, {total}: {'; '.join(counts)}"
 
@@ -221,6 +224,7 @@ def threshold_scores(columns: Sequence[ScoreColumn]) -> dict[str, dict[float, st
     return {what: dict(sorted(keys.items())) for what, keys in found.items()}
 
 
+@default_style()
 def draw_threshold_curves(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
     """Draw precision, recall and F1 at the protocol's distances, the mean over scenes.
 
@@ -239,7 +243,7 @@ def draw_threshold_curves(methods: Sequence[Scored], sheet: Sheet | None = None)
     headline = methods[0].result.protocol.settings.get("scores", {}).get("headline_below_m")
     keys = threshold_scores(methods[0].result.columns)
     for axes, (what, at) in zip(panels, keys.items(), strict=True):
-        _draw_panel(axes, methods, at, headline, 22.0 if wide < 8 else 30.0)
+        _draw_panel(axes, methods, at, headline)
         title = {"f1": "F1"}.get(what, what)
         axes.set(title=title, ylim=_PERCENT)
     for axes in panels[-1:] if stacked else panels:
@@ -256,14 +260,14 @@ def draw_threshold_curves(methods: Sequence[Scored], sheet: Sheet | None = None)
 
 
 def _draw_panel(
-    axes: Axes, methods: Sequence[Scored], at: dict[float, str], headline: float | None, room: float
+    axes: Axes, methods: Sequence[Scored], at: dict[float, str], headline: float | None
 ) -> None:
     distances = np.array(list(at))
     values = [[100 * method.result.overall[key] for key in at.values()] for method in methods]
     is_log = distances[-1] >= _DECADE * distances[0]
     axes.set_xscale("log" if is_log else "linear")
     draw_lines(axes, [distances] * len(methods), [np.array(row) for row in values])
-    draw_markers(axes, distances, np.array(values), near=2 * _NEAR, room_pt=room, size=4.0)
+    draw_markers(axes, distances, np.array(values), near=2 * _NEAR, size=4.0)
     if headline:
         axes.axvline(headline, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)), zorder=0)
     axes.set_xticks(distances.tolist(), [f"{d:g}" for d in at])
@@ -275,5 +279,6 @@ def _height(sheet: Sheet) -> float:
     return 3.6 if sheet.wide(6.4) >= 5.0 else 2.3
 
 
-def _room(sheet: Sheet) -> float:
-    return _BUNCH_PT * sheet.wide(6.4) / 6.4
+def _near(sheet: Sheet) -> float:
+    """Return within how many percent markers cover each other: more in a lower picture."""
+    return _NEAR * 3.6 / _height(sheet)

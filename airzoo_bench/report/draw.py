@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airzoo_bench.breakdown import condition_title, group_averages, group_records
+from airzoo_bench.comparable import find_scene
 from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
@@ -38,6 +40,7 @@ __all__ = [
     "errors",
     "intervals",
     "kept_ranks",
+    "of_scene",
     "over_what",
     "recall",
     "scenes",
@@ -68,6 +71,29 @@ def choose_score(
     if not found:
         raise UsageError("these results have no errors in m or degrees")
     return found[0]
+
+
+def of_scene(methods: Sequence[Scored], wanted: str) -> list[Scored]:
+    """Return the methods as if one scene, named by id or title, were all that was measured.
+
+    Raises
+    ------
+    ResultError
+        There is no such scene, or several have that title.
+    """
+    titles = methods[0].result.truth.scene_titles
+    scene = find_scene(titles, wanted)
+    found = []
+    for method in methods:
+        values, truth = method.result.scenes[scene], method.result.truth
+        changes = {
+            "scenes": {scene: values},
+            "overall": values,
+            "truth": truth.model_copy(update={"scene_titles": {scene: titles[scene]}}),
+        }
+        records = method.records[method.records["scene"] == scene].reset_index(drop=True)
+        found.append(Scored(method.name, method.result.model_copy(update=changes), records))
+    return found
 
 
 def kept_ranks(method: Scored) -> int:
@@ -231,4 +257,4 @@ def _whiskers(found: Sequence[Sequence[Interval]], plan: Plan, units: str) -> st
 def _noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
     """Return the sheet with what the picture is of as the first line of its small print."""
     given = sheet or Sheet()
-    return Sheet(given.width_in, given.title, (small_print(methods), *given.notes))
+    return replace(given, notes=(small_print(methods), *given.notes))

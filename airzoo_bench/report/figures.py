@@ -13,6 +13,7 @@ import numpy as np
 
 from airzoo_bench.errors import UsageError
 from airzoo_bench.files import atomic_write
+from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ __all__ = [
     "check_ending",
     "figure_bytes",
     "label_text",
+    "lacking_letters",
+    "name_text",
     "new_figure",
     "save_figure",
     "series_style",
@@ -46,6 +49,9 @@ _PLACE_DIGITS = 5
 _LINES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LONGEST = 48
+_NO_NAME = "(no name)"
+# SVG keeps text as text, and names its parts by a fixed salt.
+_FILES = {"svg.hashsalt": "airzoo-bench", "svg.fonttype": "none", "pdf.fonttype": 42}
 # Neither the time of day nor the version of Matplotlib stands in the file.
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
@@ -54,6 +60,7 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 
 
+@default_style()
 def new_figure(width_in: float = 6.0, height_in: float = 4.0) -> tuple[Figure, Axes]:
     """Return a figure and its axes, without pyplot's global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -73,7 +80,22 @@ def any_letters() -> Iterator[None]:
         yield
 
 
-def figure_bytes(figure: Figure, form: str) -> bytes:
+def lacking_letters(figure: Figure) -> str:
+    """Return the letters of a picture's texts that its font lacks, each once.
+
+    Only Matplotlib's own font is asked: those of the machine would make other bytes elsewhere.
+    """
+    with default_style():
+        from matplotlib.font_manager import FontProperties, findfont, get_font
+        from matplotlib.text import Text
+
+        font = get_font(findfont(FontProperties()))
+        texts: list[Any] = figure.findobj(Text)
+    letters = dict.fromkeys(letter for text in texts for letter in text.get_text())
+    return "".join(c for c in letters if c != "\n" and not font.get_char_index(ord(c)))
+
+
+def figure_bytes(figure: Figure, form: str, settings: dict[str, Any] | None = None) -> bytes:
     """Render a figure.
 
     Parameters
@@ -81,15 +103,11 @@ def figure_bytes(figure: Figure, form: str) -> bytes:
     figure : Figure
     form : str
         One of `FORMATS`.
+    settings : dict, optional
+        Of Matplotlib, where they differ from its defaults.
     """
-    import matplotlib
-
     stream = io.BytesIO()
-    # SVG keeps text as text, and names its parts by a fixed salt.
-    style = matplotlib.rc_context(
-        {"svg.hashsalt": "airzoo-bench", "svg.fonttype": "none", "pdf.fonttype": 42}
-    )
-    with style, any_letters():
+    with default_style(_FILES | (settings or {})), any_letters():
         warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
         _settle(figure)
         figure.savefig(stream, format=form, dpi=_DPI, metadata=_METADATA[form])
@@ -127,15 +145,22 @@ def _settle(figure: Figure) -> None:
         axes.set_position((float(x), float(y), float(width), float(height)))
 
 
-def save_figure(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path, settings: dict[str, Any] | None = None) -> None:
     """Write a figure as its path ends, ``.png``, ``.svg`` or ``.pdf``, whole or not at all.
+
+    Parameters
+    ----------
+    figure : Figure
+    path : Path
+    settings : dict, optional
+        See `figure_bytes`.
 
     Raises
     ------
     UsageError
         It ends otherwise.
     """
-    content = figure_bytes(figure, check_ending(path))
+    content = figure_bytes(figure, check_ending(path), settings)
     with atomic_write(path) as stream:
         stream.write(content)
 
@@ -145,6 +170,11 @@ def label_text(name: str) -> str:
     line = plain(name)
     short = line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…"
     return short.replace("$", r"\$")
+
+
+def name_text(name: str) -> str:
+    """Return a method's name on one line; a blank one says that it is none."""
+    return plain(name) or _NO_NAME
 
 
 def series_style(number: int) -> dict[str, Any]:

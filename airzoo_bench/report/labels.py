@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from airzoo_bench.errors import first_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
+from airzoo_bench.report.figures import name_text
 from airzoo_bench.result import ScoreColumn
 
 __all__ = ["axis_label", "error_label", "over_scenes", "shown_value", "small_print", "who"]
@@ -52,7 +53,8 @@ def small_print(methods: Sequence[Scored]) -> str:
     """Say what a picture is of, wherever it is found: benchmark, protocol, queries, scenes."""
     result = methods[0].result
     truth, protocol = result.truth, result.protocol
-    scenes = _count(len(result.scenes), "scene", "scenes")
+    titles = list(truth.scene_titles.values())
+    scenes = f"scene {titles[0]}" if len(titles) == 1 else f"{len(titles)} scenes"
     measured = scenes
     if result.track != "reconstruction":
         measured = f"{_count(len(methods[0].records), 'query', 'queries')} in {scenes}"
@@ -66,4 +68,5 @@ def _count(number: int, one: str, several: str) -> str:
 
 def who(names: Sequence[str]) -> str:
     """List names, of many the first few."""
+    names = [name_text(name) for name in names]
     return ", ".join(names) if len(names) <= _NAMED else first_of(names)

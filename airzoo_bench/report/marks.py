@@ -1,4 +1,4 @@
-"""Marks of many methods in one picture: side by side where they meet, and what is infinite."""
+"""Marks of many methods in one picture: by turns where they meet, and what is infinite."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import series_style
@@ -14,9 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["add_band", "draw_lines", "draw_markers", "side_by_side"]
+__all__ = ["add_band", "draw_lines", "draw_markers", "take_turns"]
 
-_POINTS = 72.0
+_RING_PT = 3.0
 _BREAK: Any = {
     "marker": [(-1, -0.6), (1, 0.6)],
     "markersize": 7,
@@ -27,29 +28,28 @@ _BREAK: Any = {
 }
 
 
-def side_by_side(values: Floats, near: float) -> Floats:
-    """Shift marks that would cover each other.
+def take_turns(values: Floats, near: float) -> NDArray[np.bool_]:
+    """Choose which marks are drawn where marks would cover each other.
 
     Parameters
     ----------
-    values : (M,) array
-        Of marks at one place of the axis; NaN for none.
+    values : (M, X) array
+        Of M methods at X places; NaN for no mark.
     near : float
-        Marks no farther apart than this meet.
+        Marks at a place that are no farther apart than this cover each other.
 
     Returns
     -------
-    (M,) float64
-        Shifts in widths of a mark, around 0 for every bunch of marks that meet, in the order of
-        methods; 0 for one that stands alone.
+    (M, X) bool
+        At each place methods with the fewest marks so far come first, then in their order.
     """
-    shifts = np.zeros(len(values))
-    there = np.flatnonzero(np.isfinite(values))
-    order = there[np.argsort(values[there], kind="stable")]
-    bunches = np.split(order, np.flatnonzero(np.diff(values[order]) > near) + 1)
-    for bunch in bunches:
-        shifts[np.sort(bunch)] = np.arange(len(bunch)) - (len(bunch) - 1) / 2
-    return shifts
+    chosen = np.zeros(values.shape, np.bool_)
+    for place, column in enumerate(values.T):
+        there = np.flatnonzero(np.isfinite(column))
+        for method in there[np.argsort(chosen[there].sum(axis=1), kind="stable")]:
+            drawn = column[chosen[:, place]]
+            chosen[method, place] = not (np.abs(drawn - column[method]) <= near).any()
+    return chosen
 
 
 def draw_lines(
@@ -68,10 +68,11 @@ def _follows(one: Floats, other: Floats) -> bool:
     return bool(np.allclose(one[:common], other[:common], atol=0.3, rtol=0))
 
 
-def draw_markers(
-    axes: Axes, x: Floats, values: Floats, *, near: float, room_pt: float, size: float = 4.5
-) -> None:
-    """Draw markers of methods at places of the x-axis, side by side where they meet.
+def draw_markers(axes: Axes, x: Floats, values: Floats, *, near: float, size: float = 4.5) -> None:
+    """Draw markers of methods at places of the x-axis, each exactly at its place.
+
+    Where markers would cover each other, methods take turns; a method that has no turn at all is a
+    ring around another's marker.
 
     Parameters
     ----------
@@ -80,38 +81,26 @@ def draw_markers(
     values : (M, X) array
         NaN for no marker.
     near : float
-        See `side_by_side`.
-    room_pt : float
-        How wide a bunch may be.
+        See `take_turns`.
     size : float
-        Of a marker, in points; smaller where a bunch is large.
+        Of a marker, in points.
     """
-    for place, column in zip(x, values.T, strict=True):
-        shifts = side_by_side(column, near)
-        step = min(1.15 * size, room_pt / (2 * float(np.abs(shifts).max()) + 1))
-        for number in np.flatnonzero(np.isfinite(column)):
-            _draw_marker(axes, place, column[number], int(number), step * shifts[number], size)
+    chosen = take_turns(values, near)
+    for number, (row, drawn) in enumerate(zip(values, chosen, strict=True)):
+        edge = {"markeredgewidth": 0.4, "markeredgecolor": "white", "zorder": 4}
+        _draw_marks(axes, x[drawn], row[drawn], number, size, edge)
+    without = np.flatnonzero(np.isfinite(values).any(axis=1) & ~chosen.any(axis=1))
+    for rank, number in enumerate(without.tolist(), start=1):
+        last = np.flatnonzero(np.isfinite(values[number]))[-1:]
+        ring = {"markerfacecolor": "none", "markeredgewidth": 0.9, "zorder": 5}
+        _draw_marks(axes, x[last], values[number, last], number, size + _RING_PT * rank, ring)
 
 
-def _draw_marker(axes: Axes, x: float, y: float, number: int, shift_pt: float, size: float) -> None:
-    from matplotlib.transforms import ScaledTranslation
-
-    figure = axes.get_figure(root=True)
-    style = series_style(number) | {"linestyle": "none"}
-    shifted = axes.transData
-    if shift_pt and figure is not None:
-        shifted = shifted + ScaledTranslation(shift_pt / _POINTS, 0, figure.dpi_scale_trans)
-    axes.plot(
-        [x],
-        [y],
-        markersize=size,
-        markeredgewidth=0.4,
-        markeredgecolor="white",
-        clip_on=False,
-        zorder=4,
-        transform=shifted,
-        **style,
-    )
+def _draw_marks(
+    axes: Axes, x: Floats, y: Floats, number: int, size: float, edge: dict[str, Any]
+) -> None:
+    style = series_style(number) | {"linestyle": "none", "markersize": size} | edge
+    axes.plot(x, y, clip_on=False, **style)
 
 
 def add_band(figure: Figure, side: Literal["top", "right"] | None) -> tuple[Axes, Axes | None]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.report.curves import share_below
 from airzoo_bench.report.figures import COLOURS, new_figure, series_style
 
@@ -23,6 +24,7 @@ _MOST_LINES = 200
 _GAP = 1.02
 
 
+@default_style()
 def draw_error_curves(
     records: pd.DataFrame, titles: dict[str, str], thresholds_m: Sequence[float]
 ) -> Figure:
@@ -68,6 +70,7 @@ def _draw_steps(
     axes.step(x, 100 * share_below(errors, x), where="pre", label=label, **style)
 
 
+@default_style()
 def draw_matches(
     query: NDArray[np.uint8],
     crop: NDArray[np.uint8],
@@ -121,6 +124,7 @@ def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
     return rows[np.linspace(0, len(rows) - 1, _MOST_LINES).astype(np.intp)]
 
 
+@default_style()
 def draw_queries_on_map(
     dom: NDArray[np.uint8],
     extent: tuple[float, float, float, float],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -9,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import COLOURS, NO_ROOM, any_letters, label_text
+from airzoo_bench.matplotlib_loader import default_style
+from airzoo_bench.report.figures import COLOURS, NO_ROOM, any_letters, label_text, name_text
 from airzoo_bench.report.labels import axis_label, shown_value
 from airzoo_bench.report.marks import add_band
-from airzoo_bench.report.sheet import Sheet, finish, new_canvas, slant, wrapped
+from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, new_canvas, slant, wrapped
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.tables.model import Column, show_number
 
@@ -28,13 +30,14 @@ _COLOURS = "viridis"  # even steps of lightness, for print and colour-blind read
 _POINTS = 72.0
 _LETTER = 0.62
 _LINE = 1.15
-_LEAST_FONT, _MOST_FONT = 4.5, 8.0
+_MOST_FONT = 8.0
 _DARK = 0.18  # black and white have the same contrast on it (WCAG 2.2, relative luminance)
 _LEAST_SPAN = 10.0
 _LEAST_RATIO = 0.25
 _DECADES = 100.0
 
 
+@default_style()
 def draw_intervals(
     names: Sequence[str],
     values: Floats,
@@ -80,6 +83,7 @@ def draw_intervals(
 
 
 def _short(name: str, most: int) -> str:
+    name = name_text(name)
     return label_text(name if len(name) <= most else name[: most - 1] + "…")
 
 
@@ -123,6 +127,7 @@ def _draw_interval(
         band.plot([0], [place], "o", color=COLOURS[1], markerfacecolor="white", markersize=6)
 
 
+@default_style()
 def draw_heat_map(
     names: Sequence[str],
     scenes: Sequence[str],
@@ -164,10 +169,21 @@ def draw_heat_map(
         slant(axes, max(map(len, scenes)), cell_pt, size - 1)
     left_out = _write_numbers(axes, shown, image.to_rgba(shown), cell_pt)
     hatched = "" if np.isfinite(shown).all() else "; hatched: infinite"
-    finish(figure, sheet.noting(f"brighter is better{hatched}", left_out))
+    every = _name_some(axes, scenes, cell_pt)
+    finish(figure, sheet.noting(f"brighter is better{hatched}", left_out, every))
     if cell_pt < _LINE * (size - 1):
-        axes.tick_params(axis="x", labelsize=max(_LEAST_FONT, cell_pt / _LINE))
+        axes.tick_params(axis="x", labelsize=max(LEAST_PT, cell_pt / _LINE))
     return figure
+
+
+def _name_some(axes: Axes, scenes: Sequence[str], cell_pt: float) -> str:
+    """Name as many scenes as there is room for legible names; say so where that is not all."""
+    step = max(1, math.ceil(LEAST_PT / cell_pt))
+    for number, text in enumerate(axes.get_xticklabels()):
+        text.set_visible(number % step == 0)
+    if step == 1:
+        return ""
+    return f"too narrow for names: one scene of {step} is named, of {len(scenes)}"
 
 
 def _draw_cells(axes: Axes, shown: Floats, score: ScoreColumn) -> AxesImage:
@@ -234,7 +250,7 @@ def _write_numbers(axes: Axes, shown: Floats, rgba: Floats, cell_pt: float) -> s
     decimals = Column("").decimals
     texts = np.vectorize(lambda value: show_number(value, decimals), otypes=[object])(shown)
     size = min(_MOST_FONT, cell_pt / (_LETTER * (max(map(len, texts.ravel())) + 1)))
-    if size < _LEAST_FONT:
+    if size < LEAST_PT:
         return "too narrow for numbers: see the table"
     linear = np.where(rgba <= 0.04045, rgba / 12.92, ((rgba + 0.055) / 1.055) ** 2.4)
     luminance = linear[..., :3] @ (0.2126, 0.7152, 0.0722)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.matplotlib_loader import default_style, load_matplotlib
 from airzoo_bench.reconstruction.curves import Curve
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
 
@@ -25,6 +26,7 @@ _LEAST_CELLS, _MOST_CELLS = 40, 400
 _POINTS_A_CELL = 2
 
 
+@default_style()
 def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
     """Draw precision, recall and F1 over the distance below which points count as right.
 
@@ -53,6 +55,7 @@ def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
     save_figure(figure, path)
 
 
+@default_style()
 def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, title: str) -> None:
     """Draw the mean distance of points as seen from above, cut at a limit.
 
@@ -101,9 +104,9 @@ def error_colours(distances: Floats, limit: float) -> NDArray[np.uint8]:
     -------
     (N, 3) uint8 array
     """
-    import matplotlib
-
-    table = (matplotlib.colormaps[_MAP](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
+    table = (
+        (load_matplotlib().colormaps[_MAP](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
+    )
     steps = np.minimum(distances / limit * 256, 255).astype(np.intp)
     colours: NDArray[np.uint8] = table[steps]
     colours[distances >= limit] = _BEYOND
@@ -111,10 +114,9 @@ def error_colours(distances: Floats, limit: float) -> NDArray[np.uint8]:
 
 
 def _colours() -> Colormap:
-    import matplotlib
-
     red, green, blue = (band / 255 for band in _BEYOND)
-    return matplotlib.colormaps[_MAP].with_extremes(over=(red, green, blue))
+    colours: Colormap = load_matplotlib().colormaps[_MAP]
+    return colours.with_extremes(over=(red, green, blue))
 
 
 def _mean_by_cell(xy: Floats, values: Floats, low: Floats, high: Floats) -> Floats:

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
 import textwrap
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.errors import UsageError
-from airzoo_bench.report.figures import NO_ROOM, any_letters, label_text, series_style
+from airzoo_bench.matplotlib_loader import default_style
+from airzoo_bench.report.figures import (
+    NO_ROOM,
+    any_letters,
+    label_text,
+    name_text,
+    series_style,
+)
+from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,12 +27,12 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
 
 __all__ = [
+    "LEAST_PT",
     "MOST_IN_LEGEND",
     "Sheet",
     "check_room",
     "finish",
     "new_canvas",
-    "parse_width",
     "renderer_of",
     "slant",
     "wrapped",
@@ -34,13 +41,17 @@ __all__ = [
 MOST_IN_LEGEND = 40
 """More methods than these are drawn, but not named."""
 
+LEAST_PT = 6.0
+"""The smallest letters of a picture, as publishers ask for."""
+
 _NARROW_IN = 5.0
-_LEAST_IN, _MOST_IN = 2.0, 40.0
-_CM = 2.54
+_LEAST_PICTURE_IN = 0.7
 _POINTS = 72.0
 _GAP_IN = 0.06
 _LINE = 1.3
 _SMALL = 0.72
+_FEWEST = 10
+_LOWEST_IN = 0.15
 _LETTER = 0.53  # the mean width of a letter, in sizes of the font
 
 
@@ -56,11 +67,17 @@ class Sheet:
         Above the picture; empty for none.
     notes : tuple of str
         Small print below.
+    height_in : float, optional
+        Inches, of all that is drawn; where it is not given, what the content needs.
+    aside : list of str, optional
+        Takes the small print, which is then left out of the picture.
     """
 
     width_in: float | None = None
     title: str = ""
     notes: tuple[str, ...] = ()
+    height_in: float | None = None
+    aside: list[str] | None = None
 
     def wide(self, usual: float) -> float:
         """Return the width in inches: the one asked for, else the usual one of the content."""
@@ -73,29 +90,10 @@ class Sheet:
     def noting(self, *notes: str) -> Sheet:
         """Return the sheet with more small print; empty notes are none."""
         more = tuple(note for note in notes if note)
-        return Sheet(self.width_in, self.title, (*self.notes, *more))
+        return replace(self, notes=(*self.notes, *more))
 
 
-def parse_width(text: str) -> float:
-    """Turn ``8.4cm`` or ``3.3in`` into inches.
-
-    Raises
-    ------
-    UsageError
-        It is no width, or not between 2 and 40 inches.
-    """
-    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(cm|in)", text.strip().lower())
-    if not found:
-        raise UsageError(f"--width {text!r} is no width", expected="such as 3.3in or 8.4cm")
-    width = float(found[1]) / (_CM if found[2] == "cm" else 1.0)
-    if not _LEAST_IN <= width <= _MOST_IN:
-        raise UsageError(
-            f"--width {text} is too {'small' if width < _LEAST_IN else 'large'}",
-            expected=f"between {_LEAST_IN:g}in and {_MOST_IN:g}in",
-        )
-    return width
-
-
+@default_style()
 def new_canvas(width_in: float, height_in: float) -> Figure:
     """Return an empty figure, without pyplot's global state; `finish` adds to its height."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -134,37 +132,51 @@ def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bo
     _set_fonts(figure, size)
     if len(names) > MOST_IN_LEGEND:
         sheet = sheet.noting(f"{len(names) - MOST_IN_LEGEND} more methods are not named")
-    notes = _wrapped(figure, sheet.notes, _SMALL * size)
+    small = max(LEAST_PT, _SMALL * size)
+    notes = _wrapped(figure, sheet.notes, small) if sheet.aside is None else []
+    if sheet.aside is not None:
+        sheet.aside.extend(sheet.notes)
     with any_letters():
         legend = _add_legend(figure, names[:MOST_IN_LEGEND], lines, size - 1)
         key = legend.get_window_extent(renderer_of(figure)).height / figure.dpi if legend else 0.0
-    below = len(notes) * _SMALL * size * _LINE / _POINTS + (_GAP_IN if notes else 0.0)
-    above = (1.6 * size / _POINTS if sheet.title else 0.0) + 0.5 * _GAP_IN
-    _make_room(figure, below + key, above, _GAP_IN if legend else 0.0)
+    below = len(notes) * small * _LINE / _POINTS + (_GAP_IN if notes else 0.0)
+    title = _wrapped(figure, [sheet.title], size)
+    above = (_LINE * len(title) + 0.3 * bool(title)) * size / _POINTS + 0.5 * _GAP_IN
+    _make_room(figure, (below + key, above), _GAP_IN if legend else 0.0, sheet.height_in)
     height = figure.get_figheight()
     if legend:
         legend.set_bbox_to_anchor((0.5, below / height), transform=figure.transFigure)
-    _write(figure, label_text(sheet.title) if sheet.title else "", notes, size)
+    _write(figure, "\n".join(title), notes, size, small)
 
 
-def _make_room(figure: Figure, below: float, above: float, gap: float) -> None:
-    """Let the figure grow by so many inches, and keep its axes out of them and off the gap."""
-    height = figure.get_figheight() + below + above
+def _make_room(
+    figure: Figure, around: tuple[float, float], gap: float, wanted: float | None
+) -> None:
+    """Let the figure grow by inches below and above, or to a height; axes keep out of them."""
+    below, above = around
+    height = figure.get_figheight() + below + above if wanted is None else wanted
+    if height - below - above - gap < _LEAST_PICTURE_IN:
+        raise UsageError(
+            f"--height: {height:g} inches leave no room for the picture",
+            expected=f"at least {below + above + gap + _LEAST_PICTURE_IN:.1f}in",
+            mend="give a larger --height, or leave out the small print by --bare",
+        )
     figure.set_figheight(height)
     bottom = (below + gap) / height
     engine: Any = figure.get_layout_engine()
     engine.set(rect=(0, bottom, 1, 1 - bottom - above / height))
 
 
-def _write(figure: Figure, title: str, notes: Sequence[str], size: float) -> None:
+def _write(figure: Figure, title: str, notes: Sequence[str], size: float, small: float) -> None:
     edge, gap = _GAP_IN / figure.get_figwidth(), 0.5 * _GAP_IN / figure.get_figheight()
-    small: Any = {"fontsize": _SMALL * size, "color": "0.3", "va": "bottom", "linespacing": 1.15}
+    style: Any = {"fontsize": small, "color": "0.3", "va": "bottom", "linespacing": 1.15}
     if notes:
-        figure.text(edge, gap, "\n".join(notes), **small)
+        figure.text(edge, gap, "\n".join(notes), **style)
     if title:
         figure.text(0.5, 1 - gap, title, fontsize=size, va="top", ha="center")
 
 
+@default_style()
 def check_room(figure: Figure) -> None:
     """Refuse a picture whose labels leave no room for its axes.
 
@@ -177,11 +189,15 @@ def check_room(figure: Figure) -> None:
         with any_letters():
             warnings.filterwarnings("error", NO_ROOM, UserWarning)
             figure.draw_without_rendering()
+        lowest = min(axes.get_position().height for axes in figure.axes) * figure.get_figheight()
     except UserWarning:
+        lowest = 0.0
+    if lowest < _LOWEST_IN:
         raise UsageError(
-            f"{figure.get_figwidth():g} inches are too narrow for this picture's labels",
-            mend="give a larger --width, or fewer results",
-        ) from None
+            f"{figure.get_figwidth():g} by {figure.get_figheight():.2g} inches are too little for "
+            "this picture's labels",
+            mend="give a larger --width or --height, or fewer results",
+        )
 
 
 def wrapped(label: str, room_in: float, size: float) -> str:
@@ -220,10 +236,26 @@ def _set_fonts(figure: Figure, size: float) -> None:
 
 
 def _wrapped(figure: Figure, notes: Sequence[str], size: float) -> list[str]:
-    letters = int(figure.get_figwidth() * _POINTS / (size * _LETTER))
-    return [
-        line.replace("$", r"\$") for note in notes for line in textwrap.wrap(note, width=letters)
-    ]
+    """Break texts into lines that are no wider than the figure, dollars escaped."""
+    return [line for note in notes for line in _fitted(figure, plain(note), size)]
+
+
+def _fitted(figure: Figure, note: str, size: float) -> list[str]:
+    room = figure.get_figwidth() - 1.25 * _GAP_IN
+    letters = int(room * _POINTS / (size * _LETTER))
+    while True:
+        lines = [line.replace("$", r"\$") for line in textwrap.wrap(note, max(_FEWEST, letters))]
+        if letters <= _FEWEST or _width_in(figure, lines, size) <= room:
+            return lines
+        letters -= 1
+
+
+def _width_in(figure: Figure, lines: Sequence[str], size: float) -> float:
+    text = figure.text(0, 0, "\n".join(lines), fontsize=size)
+    with any_letters():
+        width = float(text.get_window_extent(renderer_of(figure)).width / figure.dpi)
+    text.remove()
+    return width
 
 
 def _add_legend(figure: Figure, names: Sequence[str], lines: bool, size: float) -> Legend | None:
@@ -241,7 +273,7 @@ def _add_legend(figure: Figure, names: Sequence[str], lines: bool, size: float) 
     for columns in range(min(4, len(names)), 0, -1):
         legend = figure.legend(
             handles,
-            [label_text(name) for name in names],
+            [label_text(name_text(name)) for name in names],
             loc="lower center",
             bbox_to_anchor=(0.5, 0.0),
             ncols=columns,

@@ -9,14 +9,22 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from airzoo_bench.errors import UsageError, UserError
 from airzoo_bench.records import Scored
 from airzoo_bench.report import draw
 from airzoo_bench.report.curves import error_shares, longest_list, recall_curve
-from airzoo_bench.report.figures import figure_bytes, label_text, save_figure, series_style
+from airzoo_bench.report.figures import (
+    figure_bytes,
+    label_text,
+    lacking_letters,
+    save_figure,
+    series_style,
+)
 from airzoo_bench.report.labels import axis_label
-from airzoo_bench.report.sheet import Sheet, parse_width
+from airzoo_bench.report.lengths import parse_length
+from airzoo_bench.report.sheet import Sheet, check_room
 from tests.report.made import HOSTILE, reconstruction_method, retrieval_method, run, write_methods
 from tests.statistics.support import CHAMFER, ERROR, HIT
 
@@ -127,10 +135,10 @@ def test_a_title_and_a_width_on_demand() -> None:
 )
 def test_a_width_is_in_inches_or_centimetres(text: str, inches: float | None) -> None:
     if inches is not None:
-        assert parse_width(text) == pytest.approx(inches)
+        assert parse_length(text) == pytest.approx(inches)
         return
     with pytest.raises(UsageError, match="no width"):
-        parse_width(text)
+        parse_length(text)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +146,139 @@ def test_a_width_is_in_inches_or_centimetres(text: str, inches: float | None) ->
 )
 def test_widths_that_cannot_be(text: str, said: str) -> None:
     with pytest.raises(UsageError, match=said):
-        parse_width(text)
+        parse_length(text)
+
+
+def test_the_height_asked_for_is_that_of_all_that_is_drawn() -> None:
+    methods = [retrieval_method("a", 0)]
+    sheet = Sheet(3.3, "Title", height_in=parse_length("5.08cm", "--height"))
+    for figure in (draw.recall(methods, None, sheet), draw.scenes(methods, HIT, sheet)):
+        assert figure.get_figheight() == pytest.approx(2.0)
+        assert figure.axes[0].get_position().height > 0.2
+    with pytest.raises(UsageError, match="--height: 1 inches leave no room") as caught:
+        draw.recall(methods, None, Sheet(3.3, height_in=1.0))
+    assert "--bare" in str(caught.value)
+    with pytest.raises(UsageError, match=r"--height 0\.5in is too small"):
+        parse_length("0.5in", "--height")
+
+
+@pytest.mark.parametrize("width", [2.5, 3.3, 6.4])
+def test_text_around_a_picture_stays_on_it(width: float) -> None:
+    methods = [retrieval_method("a method", 0), retrieval_method("b method", 1)]
+    sheet = Sheet(width, "A title of MANY WIDE WORDS, more than stand on a line of one column " * 2)
+    figure = draw.condition(methods, ERROR, "weather", None, sheet)
+    figure.draw_without_rendering()
+    for text in figure.texts:
+        extent = text.get_window_extent()
+        assert extent.x0 >= 0
+        assert extent.x1 <= figure.bbox.x1
+        assert extent.y1 <= figure.bbox.y1
+    assert sheet.title.split() == " ".join(figure.texts[-1].get_text().split()).split()
+
+
+def test_panels_that_a_height_squeezes_to_nothing_are_refused() -> None:
+    methods = [reconstruction_method("a", 0)]
+    with pytest.raises(UsageError, match="too little"):
+        check_room(draw.thresholds(methods, Sheet(3.3, height_in=1.9)))
+    check_room(draw.thresholds(methods, Sheet(3.3, height_in=4)))
+
+
+def test_small_print_left_out_is_handed_over() -> None:
+    aside: list[str] = []
+    figure = draw.errors([retrieval_method("a", 0)], ERROR, Sheet(3.3, aside=aside))
+    assert texts_of(figure) == ""
+    assert aside[0] == "made v1, protocol made v1: 40 queries in 2 scenes"
+    assert "off the axis" in aside[1]
+    assert figure.get_figheight() < draw.errors([retrieval_method("a", 0)], ERROR).get_figheight()
+
+
+def test_bare_says_the_small_print_on_stderr(tmp_path: Path) -> None:
+    paths = write_methods(tmp_path, [retrieval_method("a", 0)])
+    done = run("plot", "recall", *paths, "--bare", "-o", tmp_path / "x.svg")
+    assert "protocol made v1: 40 queries in 2 scenes" in done.stderr
+    assert "40 queries" not in (tmp_path / "x.svg").read_text()
+
+
+def test_one_scene_as_if_it_were_all() -> None:
+    methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
+    east = draw.of_scene(methods, "east")
+    figure = draw.recall(east)
+    ranks = methods[0].records.loc[methods[0].records["scene"] == "east", "first_hit_rank"]
+    assert figure.axes[0].lines[0].get_ydata()[0] == pytest.approx(100 * (ranks == 1).mean())
+    assert "mean over scenes" not in figure.axes[0].get_ylabel()
+    title = methods[0].result.truth.scene_titles["east"]
+    assert f"20 queries in scene {title}" in texts_of(figure)
+    assert f"scene {title}; bars" in texts_of(draw.intervals(east, HIT))
+    assert methods[0].result.overall["error_m"] != east[0].result.overall["error_m"]
+    with pytest.raises(UserError, match="no scene 'eats'"):
+        draw.of_scene(methods, "eats")
+
+
+def test_no_letters_of_a_narrow_picture_are_below_6_points() -> None:
+    methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
+    sheet = Sheet(3.3)
+    for figure in (
+        draw.recall(methods, None, sheet),
+        draw.errors(methods, ERROR, sheet),
+        draw.intervals(methods, HIT, sheet),
+        draw.scenes(methods, ERROR, sheet),
+        draw.condition(methods, ERROR, "weather", None, sheet),
+        draw.thresholds([reconstruction_method("a", 0)], sheet),
+    ):
+        figure.draw_without_rendering()
+        texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+        assert min(text.get_fontsize() for text in texts) >= 6
+
+
+def marks_at(figure: Figure) -> dict[float, int]:
+    """Return how many filled marks stand at each place."""
+    marks = [x for x in figure.axes[0].lines if x.get_markeredgecolor() == "white"]
+    places = [float(x) for line in marks for x in line.get_xdata()]
+    return {x: places.count(x) for x in places}
+
+
+def test_marks_stand_at_the_named_k_and_methods_that_agree_take_turns() -> None:
+    methods = [retrieval_method(name, 0) for name in ("a", "b", "c")]
+    figure = draw.recall(methods)
+    assert marks_at(figure) == {1: 1, 2: 1, 3: 1, 5: 1}
+    marked = [x for x in figure.axes[0].lines if x.get_markeredgecolor() == "white"]
+    assert [len(line.get_xdata()) for line in marked] == [2, 1, 1]
+    axes = figure.axes[0]
+    assert all(line.get_transform() == axes.transData for line in axes.lines)
+    apart = draw.recall([retrieval_method("a", 0), retrieval_method("b", 1)])
+    assert max(marks_at(apart).values()) == 2
+
+
+def test_a_method_without_a_turn_is_a_ring() -> None:
+    methods = [retrieval_method(name, 0) for name in ("a", "b", "c")]
+    lines = draw.recall(methods, 1).axes[0].lines
+    rings = [x for x in lines if x.get_markerfacecolor() == "none" and len(x.get_xdata())]
+    assert [float(ring.get_xdata()[0]) for ring in rings] == [1, 1]
+    assert rings[0].get_markersize() < rings[1].get_markersize()
+
+
+def test_letters_that_the_font_lacks_are_told(tmp_path: Path) -> None:
+    method = retrieval_method("数据 \N{ROCKET} é", 0)
+    assert lacking_letters(draw.recall([method])) == "数据\N{ROCKET}"
+    assert lacking_letters(draw.intervals([retrieval_method("é", 0)], HIT)) == ""
+    paths = write_methods(tmp_path, [method])
+    done = run("plot", "recall", *paths, "-o", tmp_path / "x.png")
+    assert "boxes stand for what the font, DejaVu Sans, lacks: 数 据" in done.stderr
+    done = run("plot", "recall", *paths, "-o", tmp_path / "x.svg")
+    assert "boxes" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["", " \t "])
+def test_a_blank_name_says_that_it_is_none(name: str) -> None:
+    method, other = retrieval_method(name, 0), retrieval_method("b", 1)
+    method.records["ranked"] = 3
+    figure = draw.recall([method, other])
+    [legend] = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["(no name)", "b"]
+    assert "lists end earlier: (no name) at 3" in texts_of(figure)
+    assert "(no name) " in texts_of(draw.errors([method], ERROR))
+    for drawn in (draw.intervals([method], HIT), draw.scenes([method], HIT)):
+        assert drawn.axes[0].get_yticklabels()[0].get_text() == "(no name)"
 
 
 def texts_of(figure: Figure) -> str:
@@ -230,6 +370,9 @@ def test_thresholds_are_of_reconstruction(tmp_path: Path) -> None:
         (("scenes", "--score", "recall@", "-o", "x.png"), "'recall@1'"),
         (("recal", "-o", "x.png"), "did you mean 'recall'"),
         (("recall", "--width", "wide", "-o", "x.png"), "no width"),
+        (("recall", "--height", "tall", "-o", "x.png"), "no height"),
+        (("recall", "--scene", "eats", "-o", "x.png"), "no scene 'eats'"),
+        (("scenes", "--scene", "east", "-o", "x.png"), "--scene does not go with"),
     ],
 )
 def test_what_cannot_be_drawn(tmp_path: Path, ask: tuple[object, ...], said: str) -> None:

@@ -15,7 +15,7 @@ from airzoo_bench.errors import UsageError
 from airzoo_bench.report import draw
 from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.figures import figure_bytes
-from airzoo_bench.report.marks import side_by_side
+from airzoo_bench.report.marks import take_turns
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, check_room
 from airzoo_bench.statistics.breakdown_layout import breakdown_table
@@ -202,9 +202,19 @@ def test_why_a_condition_has_no_intervals() -> None:
     assert "whiskers: 95 % intervals, BCa" in said
 
 
-def test_marks_that_meet_stand_side_by_side_in_the_order_of_methods() -> None:
-    shifts = side_by_side(np.array([50.0, 0.0, NAN, 1.0, 0.5, 51.0]), 2.0)
-    np.testing.assert_allclose(shifts, [-0.5, -1, 0, 0, 1, 0.5])
+def test_marks_that_meet_take_turns() -> None:
+    rows = np.array([[50.0, 50.0, 50.0], [51.0, 51.0, NAN], [10.0, NAN, NAN]])
+    wanted = [[True, False, True], [False, True, False], [True, False, False]]
+    np.testing.assert_array_equal(take_turns(rows, 2.0), wanted)
+    assert take_turns(rows, 0.5)[:2, :2].all()
+
+
+def test_of_many_scenes_in_a_narrow_picture_some_are_named() -> None:
+    scenes = [f"s{n}" for n in range(40)]
+    figure = draw_heat_map(["a"], scenes, np.full((1, 40), 0.5), HIT, Sheet(3.3))
+    named = [x.get_text() for x in figure.axes[0].get_xticklabels() if x.get_visible()]
+    assert named[:2] == ["s0", "s2"]
+    assert "one scene of 2 is named, of 40" in texts_of(figure)
 
 
 def test_many_hostile_long_and_narrow() -> None:
@@ -239,7 +249,7 @@ def test_places_are_round_numbers_whatever_the_solver_of_the_layout_finds() -> N
 def test_labels_that_leave_no_room_are_refused() -> None:
     names = ["a method with a rather long name"]
     figure = draw_heat_map(names, ["x"], np.array([[0.5]]), ERROR, Sheet(0.9))
-    with pytest.raises(UsageError, match="too narrow"):
+    with pytest.raises(UsageError, match="too little"):
         check_room(figure)
 
 
