@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, show
-from airzoo_bench.cli.table_request import Layout, TableRequest
+from airzoo_bench.cli.table_request import Layout, TableRequest, layout_named
 from airzoo_bench.errors import UsageError
 
 __all__ = ["table"]
@@ -22,9 +22,11 @@ def table(
     layout: Annotated[
         Layout | None,
         typer.Option(
+            parser=layout_named,
+            metavar=f"[{'|'.join(Layout)}]",
             help="result: a row a scene; methods: a row a method; scenes: methods by scenes side "
             "by side; benchmarks: methods by benchmarks (default: result for one, methods for "
-            "several of one protocol, else benchmarks)."
+            "several of one protocol, else benchmarks).",
         ),
     ] = None,
     scene: Annotated[

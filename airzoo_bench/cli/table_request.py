@@ -13,7 +13,7 @@ from airzoo_bench.errors import UsageError
 if TYPE_CHECKING:
     from airzoo_bench.result import Result
 
-__all__ = ["Layout", "TableRequest"]
+__all__ = ["Layout", "TableRequest", "layout_named"]
 
 
 class Layout(StrEnum):
@@ -23,6 +23,26 @@ class Layout(StrEnum):
     METHODS = "methods"
     SCENES = "scenes"
     BENCHMARKS = "benchmarks"
+
+
+def layout_named(text: str) -> Layout:
+    """Return the layout of a name.
+
+    Raises
+    ------
+    UsageError
+        There is none.
+    """
+    from airzoo_bench.validation import nearest
+
+    names = list(Layout)
+    if text not in names:
+        raise UsageError(
+            f"there is no layout {text[:80]!r}{nearest(text[:80], [*map(str, names)])}",
+            where="--layout",
+            expected="one of " + ", ".join(names),
+        )
+    return Layout(text)
 
 
 @dataclass(frozen=True)

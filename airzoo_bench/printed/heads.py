@@ -14,7 +14,8 @@ __all__ = ["Head", "is_summary_name", "names_summary", "read_heads"]
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]|(.*\w) (%)")
 _COUNTED = re.compile(r"(.*\S) \(([0-9]{1,9})\)")
-_VERSIONED = re.compile(r".* v[0-9]{1,4}")
+# What our own tables write above the columns of a benchmark.
+_BENCHMARK = re.compile(r".* v[0-9]{1,4}|.*, (?:retrieval|matching|reconstruction)")
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def _counted(head: Head) -> Head:
     found = _COUNTED.fullmatch(head.scene)
     if found:
         head = replace(head, scene=found[1], queries=found[2])
-    if _VERSIONED.fullmatch(head.scene):
+    if _BENCHMARK.fullmatch(head.scene):
         return replace(head, benchmark=head.scene, scene="overall")
     return head
 

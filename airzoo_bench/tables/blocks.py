@@ -12,6 +12,7 @@ from airzoo_bench.tables.model import Row, Table
 __all__ = ["as_asked", "by_block", "by_count", "by_width", "leading_columns", "units"]
 
 _WIDEST = 12  # columns of scores
+_PAPERS = 2  # groups abreast that a paper shrinks to its page
 
 
 def leading_columns(table: Table) -> int:
@@ -44,7 +45,8 @@ def by_count(table: Table) -> list[Table]:
     """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole.
 
     Unless their number is fixed there are fewer, down to one, where they would have more than
-    twelve columns, or with what stands beside the numbers be wider than a page.
+    twelve columns; and down to two, as papers have them, where with what stands beside the numbers
+    they would be wider than a page.
     """
     return [piece for part in by_block(table) for piece in _counted(part)]
 
@@ -56,7 +58,7 @@ def _counted(table: Table) -> list[Table]:
     step = table.groups_per_block
     if not table.fixed:
         step = max(1, min(step, _WIDEST // max(map(len, found))))
-        while step > 1 and max(map(extent, _abreast(table, found, step))) > PAGE:
+        while step > _PAPERS and max(map(extent, _abreast(table, found, step))) > PAGE:
             step -= 1
     return _abreast(table, found, step)
 
@@ -130,9 +132,13 @@ def _columns(table: Table, indices: list[int]) -> Table:
 
 
 def _with_numbers(table: Table, rows: tuple[Row, ...]) -> tuple[Row, ...]:
-    """Leave out the methods that have nothing in a piece; all rows where none has."""
+    """Leave out the methods that have something, but nothing in this piece."""
     if not any(column.group for column in table.columns):
         return rows
     leading = leading_columns(table)
-    filled = [row for row in rows if any(c.value is not None for c in row.cells[leading:])]
-    return tuple(filled) or rows
+
+    def is_empty(row: Row) -> bool:
+        return all(cell.value is None for cell in row.cells[leading:])
+
+    pairs = zip(table.rows, rows, strict=True)
+    return tuple(row for whole, row in pairs if is_empty(whole) or not is_empty(row)) or rows

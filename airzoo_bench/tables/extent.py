@@ -28,9 +28,16 @@ _LETTERS = {
 _LOWER, _UPPER = 0.47, 0.72
 
 
-def extent(table: Table) -> float:
-    """Estimate the width of a table in em, with the gaps between its columns."""
-    widest = [_column(table, index) for index in range(len(table.columns))]
+def extent(table: Table, *, aligned: bool = False) -> float:
+    """Estimate the width of a table in em, with the gaps between its columns.
+
+    Parameters
+    ----------
+    table : Table
+    aligned : bool
+        Whether heads stand above the numbers alone, and not above what stands beside them too.
+    """
+    widest = [_column(table, index, aligned) for index in range(len(table.columns))]
     for group in dict.fromkeys(column.group for column in table.columns if column.group):
         members = [i for i, column in enumerate(table.columns) if column.group == group]
         inner = sum(widest[i] for i in members) + _BETWEEN * (len(members) - 1)
@@ -44,14 +51,16 @@ def text_extent(text: str, *, bold: bool = False) -> float:
     return width * _BOLD if bold else width
 
 
-def _column(table: Table, index: int) -> float:
+def _column(table: Table, index: int, aligned: bool) -> float:
     column = table.columns[index]
     head = text_extent(column.title, bold=True) + text_extent(column.beside_title)
     cells = [_cell(row.cells[index], column) for row in table.rows]
-    return max([head, *cells])
+    if not aligned:
+        return max(head, *(value + beside for value, beside in cells), 0)
+    return max(head, *(value for value, _ in cells), 0) + max((b for _, b in cells), default=0)
 
 
-def _cell(cell: Cell, column: Column) -> float:
+def _cell(cell: Cell, column: Column) -> tuple[float, float]:
     value = text_extent(cell.text(column.decimals), bold=cell.best)
     beside = text_extent("".join(f" {part}" for part in cell.beside(column.decimals)))
-    return value + beside + _CITATION * bool(cell.cite)
+    return value + _CITATION * bool(cell.cite), beside

@@ -86,7 +86,7 @@ def latex(table: Table, style: LatexStyle | None = None) -> str:
     tabulars = [_tabular(part, chosen) for part in by_block(table)]
     if chosen.standalone:
         return document(head, tabulars)
-    uses = [_use(part, alone=len(tabulars) == 1) for part in by_block(table)]
+    uses = [_use(part, chosen, alone=len(tabulars) == 1) for part in by_block(table)]
     return head + "\n\\medskip\n".join(map("".join, zip(uses, tabulars, strict=True)))
 
 
@@ -100,10 +100,10 @@ def _needs(table: Table, style: LatexStyle) -> str:
     return f"% needs {' '.join(packages)}\n" if len(packages) > 1 else ""
 
 
-def _use(table: Table, *, alone: bool) -> str:
+def _use(table: Table, style: LatexStyle, *, alone: bool) -> str:
     """Say how to put a tabular into a paper, by its estimated width."""
     pieces = by_count(table)
-    width = max(map(extent, pieces))
+    width = max(extent(piece, aligned=style.siunitx) for piece in pieces)
     if width <= PAGE:
         environment = "table" if width <= COLUMN else "table*"
         inner = r"\input{table.tex}" if alone else r"... \input{table.tex}"
@@ -113,7 +113,8 @@ def _use(table: Table, *, alone: bool) -> str:
     used = rf"\begin{{table*}}\centering {shrunk}\end{{table*}}"
     if not alone:
         used = r"put \resizebox{\linewidth}{!}{ before and } behind this tabular, in table*"
-    several = max(map(len, map(units, pieces))) > 1 and any(c.group for c in table.columns)
+    in_groups = all(column.group for column in table.columns[leading_columns(table) :])
+    several = in_groups and max(map(len, map(units, pieces))) > 1
     fewer = ", or --per-block 1" if several else ""
     return f"% about {width:.0f} em wide, more than a page: {used}{fewer}\n"
 
@@ -185,17 +186,18 @@ def _types(
             types.append(formats[index].column)
         else:
             types.append(
-                ("c" if _has_wide_head(piece, index) else number) * (index >= leading) or "r"
+                ("c" if _stands_alone(piece, index) else number) * (index >= leading) or "r"
             )
     return types, formats
 
 
-def _has_wide_head(piece: Table, index: int) -> bool:
-    """Whether a column stands alone under the head of its group, and this is the wider."""
-    column = piece.columns[index]
-    alone = sum(one.group == column.group for one in piece.columns) == 1
-    head = text_extent(column.title, bold=True) + text_extent(column.beside_title)
-    return alone and bool(column.group) and text_extent(column.group, bold=True) > head
+def _stands_alone(piece: Table, index: int) -> bool:
+    """Whether a column is its whole group, and the head of such a one is wider than it."""
+    groups = [column.group for column in piece.columns]
+    lone = [c for c in piece.columns if c.group and groups.count(c.group) == 1]
+    return piece.columns[index] in lone and any(
+        text_extent(c.group, bold=True) > text_extent(c.heading, bold=True) for c in lone
+    )
 
 
 def _group_heads(piece: _Piece) -> list[str]:
@@ -205,7 +207,8 @@ def _group_heads(piece: _Piece) -> list[str]:
     heads, rules, at = [""] * piece.leading, [], piece.leading + 1
     for group, members in groupby(columns, key=lambda column: column.group):
         width = len(list(members)) * piece.span
-        heads.append(rf"\multicolumn{{{width}}}{{c}}{{{_bold(escape(group))}}}" if group else "")
+        named = rf"\multicolumn{{{width}}}{{c}}{{{_bold(escape(group))}}}"
+        heads += [named] if group else [""] * width
         rules += [rf"\cmidrule(lr){{{at}-{at + width - 1}}}"] if group else []
         at += width
     return [_line(piece, heads), "".join(rules)]

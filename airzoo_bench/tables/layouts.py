@@ -51,7 +51,7 @@ def scenes_layout(
         Write the number of queries behind a scene's title.
     per_block : int, optional
         How many scenes stand side by side where a format breaks the table; two by default, or one
-        where two are too wide.
+        where two would have more than twelve columns.
     """
     heads = {key: _head(board, key, queries) for key in board.scenes}
     heads |= {OVERALL: "Average"} if average else {}
@@ -96,7 +96,7 @@ def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) 
     ]
     rows = tuple(_across(key, boards, numbered) for key in keys)
     scores = [score for board in boards for score in board.scores]
-    said = _notes_of(boards)
+    said = _notes_of(boards, heads)
     made_by = [f"{board.title}: {board.identity}" for board in boards if board.identity]
     title = "Averages over scenes: " + ", ".join(board.title for board in boards)
     columns = [Column("Method"), *columns]
@@ -112,12 +112,12 @@ def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) 
     )
 
 
-def _notes_of(boards: Sequence[Board]) -> dict[str, str]:
+def _notes_of(boards: Sequence[Board], heads: Sequence[str]) -> dict[str, str]:
     """Return what is said for each note of boards; what is not of all says of which it is."""
     titles: dict[str, list[str]] = {}
-    for board in boards:
+    for board, head in zip(boards, heads, strict=True):
         for note in (*board.notes, *board.method_notes):
-            titles.setdefault(note, []).append(board.title)
+            titles.setdefault(note, []).append(head)
     of_all = {note for board in boards for note in board.legend}
     of_all |= {note for note, those in titles.items() if len(those) == len(boards)}
     return {n: n if n in of_all else f"{', '.join(those)}: {n}" for n, those in titles.items()}

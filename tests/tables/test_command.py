@@ -320,3 +320,8 @@ def test_intervals(
     assert rows["Scene east"][2] == shown["uncertainties"][0][place]
     assert rows["Pooled"] == [None] * len(own["columns"])
     assert any(note.startswith("no interval for Pooled") for note in own["notes"])
+    assert run_main("table", tmp_path / "out", "--intervals", *LATEX) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (legend,) = [line for line in lines if "footnotesize" in line]
+    assert "in square brackets: 95 \\% intervals, BCa" in legend.replace(r"\\ ", "")
+    assert "no interval for Pooled" in legend.replace(r"\\ ", "")

@@ -150,7 +150,7 @@ def test_notes_say_of_which_benchmark_they_are(
     files: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = printed(capsys, *files)
-    assert "  sea-retrieval v1: Cow: A note.\n" in text
+    assert "  sea, retrieval: Cow: A note.\n" in text
     assert "  land-matching v1: protocol " in text
 
 

@@ -145,13 +145,16 @@ def test_notes_do_not_stretch_their_table(
         assert places[0] == pytest.approx(places[1], abs=0.5), option
 
 
-def test_a_gain_over_a_method_that_was_scored_here_goes_without_saying(
+def test_what_brackets_mean_stands_under_the_table(
     files: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_main("table", *files, "--baseline", "MegaLoc", "--format", "latex") == 0
     out = capsys.readouterr().out
-    assert "% in brackets: difference from MegaLoc\n" in out
-    assert "footnotesize" not in out
+    assert "% in brackets" not in out
+    (legend,) = [line for line in out.splitlines() if "footnotesize" in line]
+    said = legend.replace(r"\\ ", "")
+    assert "in brackets: difference from MegaLoc, of the values as printed" in said
+    assert "reported" not in legend
 
 
 def scored(name: str, values: dict[str, Sequence[float]]) -> Scored:

@@ -1,0 +1,170 @@
+"""How LaTeX tables fit a paper: widths, where heads and numbers stand, what is printed below."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.tables.blocks import by_count
+from airzoo_bench.tables.entries import board_of
+from airzoo_bench.tables.extent import extent
+from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.layouts import benchmarks_layout
+from airzoo_bench.tables.marks import add_gains
+from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
+from tests.tables.test_extras import grouped
+from tests.tables.typeset import typeset, words
+from tests.test_result import result
+
+SPAN = Between(12.34, 56.78)
+
+
+def scored(kind: str, groups: int = 2) -> Table:
+    """Return two methods with four scores in each group, and what stands beside these."""
+    columns = [Column(f"R@{s}", "%", True, group=f"G{g}") for g in range(groups) for s in range(4)]
+    lower = tuple(Cell(12.34) for _ in columns)
+    upper = tuple(Cell(56.78, best=True) for _ in columns)
+    rows = (Row((Cell("NetVLAD"), *lower)), Row((Cell("MegaLoc (Ours)"), *upper)))
+    made = Table("T", (Column("Method"), *columns), rows)
+    if kind == "gains":
+        return add_gains(made, {1: 0})
+    if kind == "intervals":
+        spans = [
+            Row((row.cells[0], *(replace(c, uncertainty=SPAN) for c in row.cells[1:])))
+            for row in rows
+        ]
+        return replace(made, rows=tuple(spans))
+    return made
+
+
+@pytest.mark.parametrize(("kind", "blocks"), [("alone", 1), ("gains", 2), ("intervals", 2)])
+def test_what_stands_beside_numbers_takes_room(
+    kind: str, blocks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("airzoo_bench.tables.blocks.PAGE", 70)
+    table = replace(scored(kind, 3), groups_per_block=3)
+    assert len(by_count(table)) == blocks
+    assert len(by_count(replace(table, fixed=True))) == 1
+    # Two abreast are the paper's, and made to fit by it.
+    assert len(by_count(scored(kind, 2))) == 1
+
+
+@pytest.mark.parametrize("siunitx", [False, True])
+@pytest.mark.parametrize("kind", ["alone", "gains", "intervals"])
+def test_the_estimate_is_near_the_width(kind: str, siunitx: bool, tmp_path: Path) -> None:
+    if shutil.which("pdflatex") is None:
+        pytest.skip("pdflatex is not installed")
+    table = scored(kind)
+    document = latex(table, LatexStyle(siunitx, standalone=True))
+    shown = document.replace(r"\end{lrbox}", r"\end{lrbox}\typeout{WIDTH \the\wd\tablebox}")
+    (tmp_path / "table.tex").write_text(shown, encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "table.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=120)
+    found = re.search(rb"WIDTH ([\d.]+)pt", done.stdout)
+    assert found, done.stdout[-1000:]
+    (piece, *_) = by_count(table)
+    assert 10 * extent(piece, aligned=siunitx) == pytest.approx(float(found[1]), rel=0.06)
+
+
+def test_how_a_tabular_is_used_stands_above_it() -> None:
+    assert r": \begin{table*}\centering \input{table.tex}\end{table*}" in latex(scored("alone"))
+    wide = latex(scored("gains"))
+    assert r"\resizebox{\linewidth}{!}{\input{table.tex}}\end{table*}, or --per-block 1" in wide
+    assert r": \begin{table}\centering \input{table.tex}" in latex(grouped(1))
+    assert "table.tex" not in latex(scored("gains"), LatexStyle(standalone=True))
+
+
+def test_tracks_stand_apart() -> None:
+    columns = tuple(Column("A", "", True, group=g, block=g) for g in ("one", "two"))
+    made = latex(Table("T", (Column("M"), *columns), (Row((Cell("m"), Cell(1.0), Cell(2.0))),)))
+    assert made.count("\\end{tabular}\n\n\\medskip\n% about ") == 1
+    assert made.count(r"\begin{tabular}") == made.count("% about ") == 2
+
+
+def test_a_lone_score_stands_under_its_long_head() -> None:
+    column = Column("F1", "", True, group="A benchmark with a long title")
+    short = replace(column, group="B")
+    for head, kind in ((column, "lc"), (short, "lr")):
+        made = latex(Table("T", (Column("M"), head), (Row((Cell("m"), Cell(1.0))),)))
+        assert rf"\begin{{tabular}}{{{kind}}}" in made
+
+
+@pytest.mark.parametrize("kind", ["gains", "intervals"])
+def test_heads_stand_above_numbers_not_above_what_is_beside(kind: str, tmp_path: Path) -> None:
+    typeset(latex(scored(kind, 1), LatexStyle(siunitx=True, standalone=True)), tmp_path)
+    places = words(tmp_path)
+    (head,) = [x for word, x in places if word == "R@2"]
+    numbers = [x for word, x in places if word.startswith("12.34")]
+    # A head is longer by its arrow, which is as wide as half of the number.
+    assert min(abs(head - x) for x in numbers) < 12
+
+
+def test_what_is_beside_is_as_near_to_every_mark(tmp_path: Path) -> None:
+    marks = ({}, {"best": True}, {"second": True})
+    rows = [Row((Cell("base"), Cell(10.0)))]
+    rows += [Row((Cell(f"m{i}"), Cell(77.77, **mark))) for i, mark in enumerate(marks)]
+    table = Table("T", (Column("M"), Column("A", "", True)), tuple(rows))
+    made = add_gains(table, dict.fromkeys((1, 2, 3), 0))
+    source = latex(made, LatexStyle(siunitx=True, standalone=True))
+    typeset(source, tmp_path)
+    gains = [x for word, x in words(tmp_path) if word.startswith("(+67")]
+    assert len(gains) == 3
+    plain, bold, underlined = gains
+    assert underlined == pytest.approx(plain, abs=0.2)
+    # Bold digits are wider by 0.75 pt each, and two follow the point.
+    assert bold == pytest.approx(plain + 1.8, abs=0.5)
+
+
+def test_a_stretched_block_centres_words() -> None:
+    table = grouped(3)
+    rows = [Row((*row.cells[:-1], Cell("some words"))) for row in table.rows]
+    made = latex(replace(table, rows=tuple(rows)))
+    assert r"\multicolumn{2}{l}" not in made
+    assert r"\multicolumn{2}{c}{some words}" in made
+
+
+def test_columns_of_no_group_keep_those_of_groups_in_place() -> None:
+    columns = (
+        Column("M"),
+        Column("A", "", True),
+        Column("B", "", True),
+        Column("P", "", True, group="G"),
+    )
+    cells = (Cell("m"), Cell(1.0), Cell(2.0), Cell(3.0))
+    made = latex(Table("T", columns, (Row(cells),), groups_per_block=3))
+    assert r" &  &  & \multicolumn{1}{c}{\textbf{G}} \\" in made
+    assert r"\cmidrule(lr){4-4}" in made
+
+
+def test_benchmarks_go_by_their_titles() -> None:
+    board = board_of([result("m")])
+    tracks = [("airzoo-mini", "matching"), ("airzoo-mini", "retrieval"), ("lake", "retrieval")]
+    boards = [
+        replace(board, benchmark=name, track=track, title=f"{name}-{track} v1")
+        for name, track in tracks
+    ]
+
+    def heads(*numbers: int) -> list[str]:
+        made = benchmarks_layout([boards[i] for i in numbers])
+        return list(dict.fromkeys(column.group for column in made.columns if column.group))
+
+    assert heads(1, 2) == ["AirZoo-Mini", "lake"]
+    assert heads(0, 1, 2) == ["AirZoo-Mini, matching", "AirZoo-Mini, retrieval", "lake"]
+    variants = [boards[0], replace(boards[0], title="other v1")]
+    found = {column.group for column in benchmarks_layout(variants).columns}
+    assert found == {"", "airzoo-mini-matching v1", "other v1"}
+
+
+def test_of_which_benchmark_there_is_no_interval_is_said_below() -> None:
+    board = board_of([result("m")])
+    notes = ("in square brackets: all", "no interval for the average: few")
+    first = replace(board.noted(*notes), benchmark="a", about_intervals=notes)
+    second = replace(board.noted(notes[0]), benchmark="b", about_intervals=notes[:1])
+    made = benchmarks_layout([first, second])
+    assert made.legend == (notes[0], f"a: {notes[1]}")
+    assert set(made.legend) <= set(made.notes)

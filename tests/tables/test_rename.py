@@ -1,0 +1,97 @@
+"""``--rename``: other names for methods, scenes, benchmarks and scores; and what is named wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.result import write_result
+from airzoo_bench.tables.render import FORMATS
+from tests.support import run_main
+from tests.tables.test_command import made
+
+NAMES = ("--rename", "MegaLoc=Old Loc", "--rename", "City=Town", "--rename", "R@1=First")
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[Path]:
+    for name in ("Mine", "MegaLoc"):
+        scenes = {"City": {"recall@1": 0.5}, "Rural": {"recall@1": 0.25}}
+        write_result(tmp_path / f"{name}.json", made(name, scenes))
+    return [tmp_path / f"{name}.json" for name in ("Mine", "MegaLoc")]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_format_shows_new_names(
+    form: str, files: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--layout", "scenes", "--queries", "--baseline", "MegaLoc", "--format", form)
+    assert run_main("table", *files, *options, *NAMES) == 0
+    out, said = capsys.readouterr()
+    for new in ("Old Loc", "Town (161)", "First"):
+        assert new in out
+    for old in ("MegaLoc", "City", "R@1"):
+        assert old not in out + said
+    assert "difference from Old Loc, of the values as printed" in (out + said).replace(r" \\ ", " ")
+
+
+def test_notes_of_methods_go_by_new_names(
+    files: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("table", *files, "--rename", "MegaLoc=Other", "--rename", "Mine=A") == 0
+    assert "  A, Other: A note.\n" in capsys.readouterr().out
+
+
+def test_scenes_of_one_result(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("table", files[0], "--rename", "City=Town", "--rename", "Average=Mean") == 0
+    out = capsys.readouterr().out
+    assert "  Town " in out
+    assert "  Mean " in out
+    assert "City" not in out
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("MegaLok=X", ["called 'MegaLok'", "did you mean 'MegaLoc'?"]),
+        ("MegaLoc", ["no new name", "OLD=NEW"]),
+        ("MegaLoc=", ["new name is empty"]),
+    ],
+)
+def test_what_is_no_renaming(
+    text: str, fragments: list[str], files: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("table", *files, "--rename", text) == 2
+    message = capsys.readouterr().err
+    for fragment in ["--rename", *fragments]:
+        assert fragment in message
+
+
+def test_two_new_names(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    options = ("--rename", "Mine=A", "--rename", "Mine=B")
+    assert run_main("table", *files, *options) == 2
+    assert "'Mine' has two new names" in capsys.readouterr().err
+
+
+def test_names_may_be_swapped(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    options = ("--rename", "Mine=MegaLoc", "--rename", "MegaLoc=Mine", "--format", "csv")
+    assert run_main("table", *files, *options) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.partition(",")[0] for row in rows[1:]] == ["MegaLoc", "Mine"]
+
+
+def test_a_mistyped_layout(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("table", *files, "--layout", "scene") == 2
+    assert "did you mean 'scenes'?" in capsys.readouterr().err
+
+
+def test_what_is_published_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one = made("Mine", {"City": {"recall@1": 0.5}, "Rural": {"recall@1": 0.5}})
+    truth = one.truth.model_copy(update={"benchmark": "lake"})
+    write_result(tmp_path / "r.json", one.model_copy(update={"truth": truth}).sealed())
+    assert run_main("table", tmp_path / "r.json", "--published") == 0
+    out = capsys.readouterr().out
+    assert "nothing is published on lake (retrieval), but on " in out
+    assert "airzoo-real" in out
+    assert "lake," not in out
