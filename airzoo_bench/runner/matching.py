@@ -188,7 +188,8 @@ def _notes(records: pd.DataFrame, predictions: MatchingPredictions) -> list[str]
     if len(failed):
         reasons = failed["status"].value_counts().sort_index()
         listed = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
-        notes.append(f"{len(failed)} answered queries have no pose ({listed}): infinite errors")
+        who = "1 answered query has" if len(failed) == 1 else f"{len(failed)} answered queries have"
+        notes.append(f"{who} no pose ({listed}): infinite errors")
     if "lifted" in records.columns:
         notes += _lifting_notes(records)
     return notes
