@@ -17,8 +17,9 @@ _EDGE = re.compile(rf"\\(begin|end)\{{(?:{_TABULARS})\}}")
 _LABEL = re.compile(r"\\label\{([^}]*)\}")
 _FLOAT = re.compile(r"\\end\{(?:table|wraptable|longtable)\*?\}")
 _COMMENT = re.compile(r"(?<!\\)%.*")
-_ROW = re.compile(r"(?<!\\)&.*\\\\")
-_OPTION, _ARGUMENT = r"(?:\s*\[[^]]*\])", r"\s*\{[^{}]*\}"
+_FIELD_END = re.compile(r"(?<!\\)&")
+# An option ends at the next bracket of either kind: a file of open ones is read in linear time.
+_OPTION, _ARGUMENT = r"(?:\s*\[[^][]*\])", r"\s*\{[^{}]*\}"
 # What stands between rows, or before the first field of one, and is no part of it.
 _RULES = re.compile(
     rf"\\(?:(?:toprule|midrule|bottomrule|addlinespace|morecmidrules){_OPTION}?"
@@ -53,7 +54,12 @@ class Line:
 
 def looks_like_latex(text: str) -> bool:
     """Whether a text holds rows of a LaTeX table."""
-    return bool(_BEGIN.search(text) or _ROW.search(text))
+    return bool(_BEGIN.search(text)) or any(map(_is_row, text.split("\n")))
+
+
+def _is_row(line: str) -> bool:
+    found = _FIELD_END.search(line)
+    return found is not None and r"\\" in line[found.end() :]
 
 
 def latex_tables(path: Path, text: str) -> list[tuple[str, list[Line]]]:
@@ -122,9 +128,11 @@ def _group_end(text: str, at: int) -> int:
 def without_macro(text: str, name: str) -> str:
     r"""Remove a macro with its argument, whatever is nested in it, such as ``\phantom{..}``."""
     start = re.compile(rf"\\{name}(?![a-zA-Z])")
-    while found := start.search(text):
-        text = text[: found.start()] + text[_group_end(text, found.end()) :]
-    return text
+    kept, at = [], 0
+    while found := start.search(text, at):
+        kept.append(text[at : found.start()])
+        at = _group_end(text, found.end())
+    return "".join(kept) + text[at:]
 
 
 def _lines(path: Path, text: str, start: int, end: int) -> Iterator[Line]:
@@ -132,7 +140,7 @@ def _lines(path: Path, text: str, start: int, end: int) -> Iterator[Line]:
     body = _RULES.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text[start:end])
     before = text.count("\n", 0, start)
     depth, at, fields = 0, 0, []
-    parts = re.compile(r"\\\\\*?(?:\s*\[[^]]*\])?|\\tabularnewline\b|\\.|[{}&]", re.DOTALL)
+    parts = re.compile(r"\\\\\*?(?:\s*\[[^][]*\])?|\\tabularnewline\b|\\.|[{}&]", re.DOTALL)
     begun = 0
     for found in parts.finditer(body):
         sign = found[0]

@@ -1,0 +1,42 @@
+"""Files made to take long: what is read in time that grows with the square would never end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.errors import ResultError
+from airzoo_bench.printed.latex import looks_like_latex, without_macro
+from airzoo_bench.printed.table import read_published
+
+MANY = 200_000
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("a & b \\\\", True),
+        ("a \\& b \\\\", False),
+        ("a & b", False),
+        ("a \\\\ & b", False),
+        ("a,b\n1,2\nx & y \\\\ \\hline", True),
+        ("&" * MANY, False),
+    ],
+)
+def test_rows_of_latex(text: str, found: bool) -> None:
+    assert looks_like_latex(text) is found
+
+
+def test_a_macro_is_taken_out_wherever_it_stands() -> None:
+    assert without_macro("a\\phantom{b{c}}d\\phantom{}e\\phantoms{f}", "phantom") == (
+        "ade\\phantoms{f}"
+    )
+    assert without_macro("\\phantom{0}1" * MANY, "phantom") == "1" * MANY
+
+
+def test_rules_that_never_close(tmp_path: Path) -> None:
+    path = tmp_path / "open.tex"
+    path.write_text("\\begin{tabular}{l}\n" + "\\cmidrule[" * MANY + "\n\\end{tabular}")
+    with pytest.raises(ResultError):
+        read_published(path)
