@@ -59,8 +59,8 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         poses_of(asked, PRIOR_COLUMNS),
         inputs.dom,
         inputs.dsm,
-        margin=crop.margin,
-        max_range_m=crop.max_range_m,
+        crop=crop,
+        plane_height_m=inputs.plane_height_m,
     )
     kept = windows.status == CropStatus.CROPPED
     reasons = np.full(len(photos), _NO_PRIOR, dtype=object)

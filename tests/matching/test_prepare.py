@@ -17,7 +17,17 @@ from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS
 from airzoo_bench.scene_inputs import SceneInputs
 from tests.matching.world import MAP_PX, made_inputs
 
-CROP = Crop(margin=0.1, max_range_m=500.0)
+
+def crop_rule(margin: float, max_range_m: float) -> Crop:
+    return Crop(
+        margin=margin,
+        max_range_m=max_range_m,
+        missing_heights="nearest",
+        nearest_of_px=10_000,
+    )
+
+
+CROP = crop_rule(0.1, 500.0)
 METADATA, TRUTH = Prior(source="metadata"), Prior(source="truth")
 
 
@@ -99,8 +109,8 @@ def test_truth_as_prior_by_name(inputs: SceneInputs) -> None:
 
 
 def test_margin_and_range_come_from_the_protocol(inputs: SceneInputs) -> None:
-    wide = build_truth(inputs, Crop(margin=0.3, max_range_m=500.0), METADATA)
-    near = build_truth(inputs, Crop(margin=0.1, max_range_m=50.0), METADATA)
+    wide = build_truth(inputs, crop_rule(0.3, 500.0), METADATA)
+    near = build_truth(inputs, crop_rule(0.1, 50.0), METADATA)
     usual = built(inputs, inputs.photos)
     assert (wide.crops[:, 2:] > usual.crops[:, 2:]).all()
     assert (near.crops[:, 2:] < usual.crops[:, 2:]).all()
