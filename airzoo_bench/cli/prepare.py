@@ -193,8 +193,15 @@ def _threshold(base: float | None, rule: Rule | None, given: float | None) -> fl
 
 
 def _report(prepared: Prepared, out: Path | None) -> None:
+    from airzoo_bench.datasets.facts_lines import fact_lines
+    from airzoo_bench.datasets.suspicions import suspicions
+
     put(f"{prepared.folder}\n")
+    for line in fact_lines(prepared.facts):
+        put(f"  {line}\n")
     _report_tracks(prepared.truths)
+    for sentence in suspicions(prepared.facts):
+        say(f"warning: {sentence}")
     if prepared.without_pose:
         say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
     _suggest(prepared.protocols, out and prepared.folder)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,19 +17,23 @@ from airzoo_bench.datasets.folder import (
     write_scene,
 )
 from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.datasets.raster_checks import check_map, check_tile_count, surveyed
+from airzoo_bench.datasets.scene_facts import Cameras3D, SceneFacts, camera_facts, scene_facts
 from airzoo_bench.datasets.sources import (
     PhotoSources,
     check_names,
     check_target,
     metric_crs,
     photo_sizes,
+    vertical_unit_m,
 )
+from airzoo_bench.datasets.suspicions import check_above_surface, check_map_scale
 from airzoo_bench.datasets.tiles import write_crops, write_tiles
 from airzoo_bench.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.files import atomic_folder, sha256_of
+from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.progress import Progress, silent
@@ -86,12 +90,15 @@ class Prepared:
         None for matching where no photo has a prior, for reconstruction without a cloud.
     without_pose : tuple of str
         Photos that the pose file lacks.
+    facts : SceneFacts
+        What the sources say of each other.
     """
 
     folder: Path
     protocols: tuple[str, ...]
     truths: SceneTruths
     without_pose: tuple[str, ...]
+    facts: SceneFacts
 
 
 def prepare_photos(
@@ -133,8 +140,13 @@ def prepare_photos(
     scene = protocols.retrieval.scenes[0]
     check_target(sources, folder, replace=replace)
     sizes = photo_sizes(sources.images, progress)
-    inputs = _inputs(sources, scene.id, sizes, progress)
+    read = _read(sources, scene.id, sizes, progress)
+    inputs = read.inputs
+    check_above_surface(read.cameras, sources.dsm)
+    check_map_scale(inputs)
+    check_tile_count(inputs.dom, protocols.retrieval.gallery)
     truths = _truths(inputs, protocols, sources)
+    facts = read.facts(truths)
     served = protocols.served(truths)
     images = tuple(inputs.photos["image"])
     with atomic_folder(folder, replace=replace) as staged:
@@ -156,7 +168,7 @@ def prepare_photos(
             **places,
         )
         write_folder_files(staged, served, [entry])
-    return Prepared(folder, tuple(p.name for p in served), truths, inputs.unposed)
+    return Prepared(folder, tuple(p.name for p in served), truths, inputs.unposed, facts)
 
 
 def _truths(inputs: SceneInputs, protocols: PhotoProtocols, sources: PhotoSources) -> SceneTruths:
@@ -192,19 +204,37 @@ def _check_cloud(cloud: Path, inputs: SceneInputs) -> None:
         )
 
 
-def _inputs(
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """The sources, read and measured."""
+
+    inputs: SceneInputs
+    survey: HeightSurvey
+    metadata: dict[str, PhotoPrior]
+    cameras: Cameras3D
+
+    def facts(self, truths: SceneTruths) -> SceneFacts:
+        retrieval = None if truths.retrieval is None else truths.retrieval.truth
+        rest = (self.survey, self.cameras, self.metadata)
+        return scene_facts(self.inputs, *rest, retrieval, truths.matching)
+
+
+def _read(
     sources: PhotoSources, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
-) -> SceneInputs:
+) -> _Read:
     photos = read_poses(sources.poses, sizes)
     check_names(photos.names, sources.images)
     crs = metric_crs(sources, photos).to_string()
-    dom = open_info(sources.dom)
+    centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(sources, photos))
+    poses = replace(photos.poses, centres=centres)
+    dom, survey = check_map(sources.dom), surveyed(sources.dsm)
     plane = median_height(sources.dsm)
     shown = progress(photos.names, "metadata", len(photos.names))
-    priors = _priors({name: read_prior(sources.images / name) for name in shown}, crs)
-    table = photo_table(scene, photos.names, photos.cameras, photos.poses, priors, plane)
+    metadata = {name: read_prior(sources.images / name) for name in shown}
+    table = photo_table(scene, photos.names, photos.cameras, poses, _priors(metadata, crs), plane)
     unposed = tuple(sorted(set(sizes) - set(photos.names)))
-    return SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
+    inputs = SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
+    return _Read(inputs, survey, metadata, camera_facts(table, sources.dsm, metadata))
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
