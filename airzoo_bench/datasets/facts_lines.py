@@ -17,6 +17,7 @@ def fact_lines(facts: SceneFacts) -> list[str]:
         ("priors", _priors(facts.priors)),
         ("map", _map(facts)),
         ("surface", _surface(facts)),
+        ("cloud", _cloud(facts.cloud_over_surface_m)),
         ("crops", _crops(facts)),
         ("chance", _chance(facts)),
     ]
@@ -66,6 +67,12 @@ def _surface(facts: SceneFacts) -> str:
         f"{survey.valid_share:.0%} of its pixels have a height, {survey.low:.1f} to "
         f"{survey.high:.1f} m, median {facts.inputs.plane_height_m:.1f} m"
     )
+
+
+def _cloud(above_m: float | None) -> str:
+    if above_m is None or math.isnan(above_m):
+        return ""
+    return f"{above_m:+.2f} m from the surface in height"
 
 
 def _crops(facts: SceneFacts) -> str:

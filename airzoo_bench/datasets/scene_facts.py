@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.datasets.dji import PhotoPrior
+from airzoo_bench.datasets.map_shift import MapShift, map_shift
 from airzoo_bench.datasets.prior_errors import Turned, prior_errors, turned_priors
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.blocks import HeightSurvey, blocked_heights
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
 from airzoo_bench.geometry.frames import from_lonlat
@@ -20,7 +21,7 @@ from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.missing_heights import nearest_heights
 from airzoo_bench.geometry.planes import change_of_plane
 from airzoo_bench.geometry.poses import rays_to_world
-from airzoo_bench.geometry.rasters import gsd_m
+from airzoo_bench.geometry.rasters import gsd_m, open_info
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.queries import PRIOR_COLUMNS, cameras_of, poses_of
@@ -86,7 +87,7 @@ class GpsFacts:
     Attributes
     ----------
     photos, with_angles : int
-        Photos that have a position; and those that have gimbal angles with it.
+        Photos that have a position; and those that have altitude and gimbal angles with it.
     distance_m, height_m : float
         Median horizontal distance, and median of pose less GPS in height (NaN without altitudes).
     offset_m : tuple of float
@@ -134,6 +135,10 @@ class SceneFacts:
         Share of the map that each query's crop takes.
     positive_shares : (Q,) array or None
         Share of the gallery that answers each query.
+    cloud_over_surface_m : float or None
+        Median height of the true cloud above the surface model; NaN where they do not meet.
+    shift : MapShift or None
+        Of the map against the surface model, where one can be shown.
     """
 
     inputs: SceneInputs
@@ -147,6 +152,8 @@ class SceneFacts:
     map_gsd_m: tuple[float, float]
     crop_shares: Floats | None
     positive_shares: Floats | None
+    cloud_over_surface_m: float | None
+    shift: MapShift | None
 
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""
@@ -179,6 +186,10 @@ class SceneFacts:
             "corners_on_map": _json(self.on_map),
             "surface_valid_share": self.survey.valid_share,
             "surface_m": [self.survey.low, self.inputs.plane_height_m, self.survey.high],
+            "cloud_over_surface_m": _json(math.nan)
+            if self.cloud_over_surface_m is None
+            else _json(self.cloud_over_surface_m),
+            "map_shift_px": None if self.shift is None else list(self.shift.pixels),
             "crop_share": _json(_mean(self.crop_shares)),
             "chance_of_positive": _json(_mean(self.positive_shares)),
         }
@@ -207,22 +218,25 @@ def camera_facts(photos: pd.DataFrame, dsm: Path, metadata: Mapping[str, PhotoPr
 
 def scene_facts(
     inputs: SceneInputs,
-    survey: HeightSurvey,
-    cameras: Cameras3D,
     metadata: Mapping[str, PhotoPrior],
     retrieval: RetrievalTruth | None,
     matching: MatchingTruth | None,
+    *,
+    survey: HeightSurvey,
+    cameras: Cameras3D,
+    cloud_over_surface_m: float | None,
 ) -> SceneFacts:
     """Compare the parts of a scene with each other.
 
     Parameters
     ----------
-    inputs, survey, cameras
-        The scene, and what was measured of it before.
+    inputs : SceneInputs
     metadata : mapping of str to PhotoPrior
         By file name; photos without an entry have none.
     retrieval, matching
         The truths, where there are.
+    survey, cameras, cloud_over_surface_m
+        What was measured before.
     """
     gsd, footprint, on_map = footprints_of(inputs)
     area = inputs.dom.width * inputs.dom.height
@@ -239,6 +253,8 @@ def scene_facts(
         gsd_m(inputs.dom),
         None if matching is None else matching.crops[:, 2] * matching.crops[:, 3] / area,
         shares,
+        cloud_over_surface_m,
+        map_shift(inputs.dom, open_info(inputs.dsm)),
     )
 
 
@@ -269,7 +285,7 @@ def _gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFa
     east, north = (_median(apart[placed, axis]) for axis in (0, 1))
     return GpsFacts(
         int(placed.sum()),
-        sum(row is not None and row.is_complete for row in rows),
+        int((placed & _with_prior(inputs.photos)).sum()),
         _median(np.hypot(apart[placed, 0], apart[placed, 1])),
         _median(apart[placed, 2]),
         (east, north),
@@ -277,10 +293,7 @@ def _gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFa
 
 
 def _prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
-    columns = list(PRIOR_COLUMNS)
-    if not set(columns) <= set(photos.columns):
-        return None
-    there = photos[np.isfinite(photos[columns].to_numpy(np.float64)).all(axis=1)]
+    there = photos[_with_prior(photos)]
     if there.empty:
         return None
     priors, poses = poses_of(there, PRIOR_COLUMNS), poses_of(there)
@@ -293,6 +306,12 @@ def _prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
         _median(errors.rotation_deg),
         tuple((one.what, _ids(there, one)) for one in turned_priors(priors, poses)),
     )
+
+
+def _with_prior(photos: pd.DataFrame) -> Bools:
+    if not set(PRIOR_COLUMNS) <= set(photos.columns):
+        return np.zeros(len(photos), dtype=bool)
+    return np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
 
 
 def _ids(photos: pd.DataFrame, turned: Turned) -> tuple[str, ...]:

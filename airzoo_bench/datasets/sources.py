@@ -54,6 +54,8 @@ class PhotoSources:
         CRS of the poses, where their file does not name it.
     cloud : Path or None
         The true cloud, in the CRS of the poses, for the reconstruction track.
+    priors : Path or None
+        Table of what stands in for the photos' metadata; see `prior_file`.
     """
 
     images: Path
@@ -62,6 +64,7 @@ class PhotoSources:
     dsm: Path
     crs: str | None = None
     cloud: Path | None = None
+    priors: Path | None = None
 
     @property
     def kept(self) -> dict[str, Path]:

@@ -16,10 +16,11 @@ from airzoo_bench.datasets.scene_facts import (
     footprints_of,
 )
 from airzoo_bench.errors import BenchmarkError, RasterError, first_of
+from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.rasters import gsd_m
 from airzoo_bench.scene_inputs import SceneInputs
 
-__all__ = ["check_above_surface", "check_map_scale", "suspicions"]
+__all__ = ["check_above_surface", "check_map_scale", "often_lowest", "suspicions"]
 
 # Receivers without correction are good to 5 m in plan; altitudes to 10 m.
 _FAR_M = 10.0
@@ -30,6 +31,7 @@ _LIKELY_CHANCE = 0.5
 _FEW_PIXELS = 32
 _LOWEST_SHARE = 0.01
 _FOOT_M = 0.3048
+_CLOUD_M = 5.0  # a cloud also holds what lies below roofs and crowns
 
 
 def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
@@ -72,7 +74,7 @@ def check_map_scale(inputs: SceneInputs) -> None:
     pixel, (_, footprint, _) = max(gsd_m(inputs.dom)), footprints_of(inputs)
     if 0.0 < footprint < pixel:
         raise RasterError(
-            f"a pixel is {pixel:,.4g} m wide on the ground, and a photo sees {footprint:,.4g} m",
+            f"a pixel is {pixel:,.1f} m wide on the ground, and a photo sees {footprint:,.1f} m",
             where=inputs.dom.path,
             expected="a map of about the photos' resolution",
             mend="look at the geotransform and the CRS of the map",
@@ -81,19 +83,37 @@ def check_map_scale(inputs: SceneInputs) -> None:
 
 def suspicions(facts: SceneFacts) -> list[str]:
     """Return what is suspect in a scene, a sentence each; none where nothing is."""
-    found = [*_of_surface(facts), *_of_heights(facts.cameras, facts.gps)]
+    found = [
+        *_of_surface(facts),
+        *_of_cloud(facts.cloud_over_surface_m),
+        *_of_heights(facts.cameras, facts.gps),
+    ]
     found += _of_gps(facts.gps, len(facts.inputs.photos)) if facts.gps else []
     found += _of_priors(facts.priors) if facts.priors else []
-    return found + [*_of_map(facts), *_of_crops(facts), *_of_positives(facts)]
+    return [*found, *_of_map(facts), *_of_crops(facts), *_of_positives(facts)]
 
 
 def _of_surface(facts: SceneFacts) -> Iterator[str]:
-    survey = facts.survey
-    share = survey.at_low / survey.valid
-    if share > _LOWEST_SHARE and survey.low < survey.high:
+    if often_lowest(facts.survey):
+        share = facts.survey.at_low / facts.survey.valid
         yield (
-            f"{share:.0%} of the surface model's heights are exactly {survey.low:.10g} m, its "
-            "lowest: unless that is water, tag it as missing (gdal_edit.py -a_nodata)"
+            f"{share:.0%} of the surface model's heights are exactly {facts.survey.low:.10g} m, "
+            "its lowest: unless that is water, tag it as missing (gdal_edit.py -a_nodata)"
+        )
+
+
+def often_lowest(survey: HeightSurvey) -> bool:
+    """Whether the lowest height stands so often that it may stand for a missing one."""
+    return survey.low < survey.high and survey.at_low > _LOWEST_SHARE * survey.valid
+
+
+def _of_cloud(above_m: float | None) -> Iterator[str]:
+    if above_m is not None and math.isnan(above_m):
+        yield "the true cloud has no point over a height of the surface model"
+    elif above_m is not None and abs(above_m) > _CLOUD_M:
+        yield (
+            f"the true cloud is {above_m:+.1f} m from the surface model in height (median): they "
+            "may have different vertical datums (ellipsoid and geoid) or units"
         )
 
 
@@ -164,6 +184,13 @@ def _of_priors(priors: PriorFacts) -> Iterator[str]:
 
 
 def _of_map(facts: SceneFacts) -> Iterator[str]:
+    if facts.shift is not None:
+        across, down = (round(value, 1) + 0.0 for value in facts.shift.pixels)
+        yield (
+            f"the map lies {facts.shift.metres:.2f} m beside the surface model, by "
+            f"{facts.shift.by}: moved by {across:+.1f} columns and {down:+.1f} rows of its pixels "
+            "it would fit; look at the georeference of both"
+        )
     if facts.on_map < 0.5:
         yield (
             f"only {facts.on_map:.0%} of the photos' corners lie on the map: look at the CRS of "
@@ -179,10 +206,10 @@ def _of_crops(facts: SceneFacts) -> Iterator[str]:
         return
     share, whole = float(facts.crop_shares.mean()), int((facts.crop_shares >= 1.0).sum())
     if share > _LARGE_CROP:
+        all_of_it = f", {whole} of {len(facts.crop_shares)} all of it" if whole else ""
         yield (
-            f"crops take {share:.0%} of the map on average, {whole} of {len(facts.crop_shares)} "
-            "all of it: little is left to be found; take a larger map, or look at the priors' "
-            "heights and angles"
+            f"crops take more than half of the map on average ({share:.1%}{all_of_it}): priors "
+            "narrow the search by little; take a larger map, or look at their heights and angles"
         )
 
 
