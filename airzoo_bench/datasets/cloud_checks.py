@@ -20,7 +20,8 @@ from airzoo_bench.geometry.rasters import check_same_crs
 from airzoo_bench.geometry.units import vertical_m
 from airzoo_bench.readers.clouds.formats import open_cloud
 from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
-from airzoo_bench.reconstruction.prepared import Box, box_of
+from airzoo_bench.reconstruction.prepared import box_of
+from airzoo_bench.reconstruction.regions import Box
 from airzoo_bench.scene_inputs import SceneInputs
 
 __all__ = ["check_cloud", "check_cloud_crs"]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rasterio.enums import Resampling
 
 from airzoo_bench.geometry.arrays import Bools, Floats
@@ -74,11 +75,13 @@ def _by_masks(dom: RasterInfo, dsm: RasterInfo) -> MapShift | None:
     best, still = float(fits[down, across]), float(fits[_REACH, _REACH])
     if best < _ALIKE or best - still < _LEAD:
         return None
-    moved = np.array((across - _REACH, down - _REACH)) * scale
+    moved = np.array((across - _REACH, down - _REACH), dtype=np.float64) * scale
     return _shift(dom, moved, "their empty pixels", _LEAST * scale)
 
 
-def _shift(dom: RasterInfo, pixels: Floats, by: str, least_px: float) -> MapShift | None:
+def _shift(
+    dom: RasterInfo, pixels: NDArray[np.floating[Any]], by: str, least_px: float
+) -> MapShift | None:
     if np.abs(pixels).max() < least_px:
         return None
     metres = float(np.hypot(*(pixels * gsd_m(dom))))
@@ -112,9 +115,10 @@ def _with_height(dsm: RasterInfo, dom: RasterInfo, shape: tuple[int, ...]) -> Bo
     thin = tuple(max(1, round(side / scale)) for side in (dsm.height, dsm.width))
     with opened(dsm.path) as dataset:
         heights = _decimated(dataset, [1], (1, *thin))[0]
-        valid = (dataset.dataset_mask(out_shape=thin) > 0) & np.isfinite(heights)
+        mask = dataset.dataset_mask(out_shape=thin)
+    valid = (mask > 0) & np.isfinite(heights)
     place = pixels / (dsm.width, dsm.height) * thin[::-1]
-    inside = ((place >= 0) & (place < thin[::-1])).all(axis=-1)
+    inside: Bools = np.asarray(((place >= 0) & (place < thin[::-1])).all(axis=-1))
     column, row = np.where(inside[..., None], place, 0).astype(np.int64).transpose(2, 0, 1)
     known: Bools = inside & valid[row, column]
     return known

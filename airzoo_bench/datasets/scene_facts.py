@@ -311,7 +311,8 @@ def _prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
 def _with_prior(photos: pd.DataFrame) -> Bools:
     if not set(PRIOR_COLUMNS) <= set(photos.columns):
         return np.zeros(len(photos), dtype=bool)
-    return np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
+    whole: Bools = np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
+    return whole
 
 
 def _ids(photos: pd.DataFrame, turned: Turned) -> tuple[str, ...]:

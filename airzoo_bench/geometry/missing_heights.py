@@ -21,14 +21,15 @@ HeightAt = Callable[[Floats], Floats]
 # Rounding of a hit on the surface; one further below it has gone through a hole.
 _SUNK_M = 1e-3
 _ROWS_PX = 1 << 16
-_TIES = 4  # so many pixels of a grid can be equally near
+_TIE_M = 1e-6
 
 
 def nearest_heights(field: HeightField, most_px: int) -> HeightAt:
     """Return what finds the height of the valid pixel that is nearest to a place.
 
     Of every k-th pixel of every k-th row, beginning with k // 2, where k is the least whole number
-    that leaves at most `most_px`. Of equally near ones the first in row-major order counts.
+    that leaves at most `most_px`. Of those that are equally near, to a
+    micrometre, the first in row-major order counts.
 
     Parameters
     ----------
@@ -54,9 +55,9 @@ def nearest_heights(field: HeightField, most_px: int) -> HeightAt:
         known = np.isfinite(places).all(axis=-1)
         found = np.full(places.shape[:-1], np.nan)
         if heights.size and known.any():
-            away, row = tree.query(places[known] - origin, k=np.arange(1, _TIES + 1))
-            row = np.where(away <= away[:, :1], row, len(heights))
-            found[known] = heights[row.min(axis=1)]
+            near, _ = tree.query(places[known] - origin)
+            tied = tree.query_ball_point(places[known] - origin, near + _TIE_M)
+            found[known] = heights[[min(rows) for rows in tied]]
         return found
 
     return height

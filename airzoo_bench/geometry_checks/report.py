@@ -85,10 +85,8 @@ class SceneGeometry:
     def notes(self) -> list[str]:
         """What was not checked, and other things to know."""
         notes = []
-        if self.sources is None:
-            notes.append(
-                "poses not held against GPS, priors and maps: no benchmark folder with map"
-            )
+        if self.sources is None and self.scene.benchmark is not None:
+            notes.append("poses not held against GPS and maps: map or surface model are not there")
         if self.chain is None:
             notes.append("frame chain not checked: the CRS of the poses is not known (--crs)")
         if self.depth is None:

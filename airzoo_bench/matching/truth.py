@@ -199,7 +199,8 @@ def _windows(crops: pd.DataFrame, dom: RasterInfo, path: Path) -> NDArray[np.int
     _refuse_cells((values < (0, 0, 1, 1)) | (values > far), crops, "not inside the map", path)
     over = values[:, :2] + values[:, 2:] > (dom.width, dom.height)
     _refuse_cells(np.hstack((np.zeros_like(over), over)), crops, "beyond the map's edge", path)
-    return values.astype(np.int64)
+    windows: NDArray[np.int64] = values.astype(np.int64)
+    return windows
 
 
 def _refuse_cells(bad: NDArray[np.bool_], crops: pd.DataFrame, what: str, path: Path) -> None:
