@@ -71,18 +71,19 @@ def turned_priors(priors: Poses, poses: Poses) -> list[Turned]:
     """Find mistakes of convention that explain priors turned by more than 45 degrees.
 
     Of the mistakes that leave less than 20 degrees, the one that explains the most priors comes
-    first, then the one that explains the most of the others, and so on.
+    first, then the one that explains the most of the others, and so on; one that explains less
+    than a third may do so by chance, and explains nothing.
     """
     wrong = rotation_angle_deg(priors.rotation, poses.rotation) > _WRONG_DEG
     explained = {
         what: wrong & (rotation_angle_deg(mended, poses.rotation) < _EXPLAINED_DEG)
         for what, mended in _mended(priors).items()
     }
-    found = []
+    least, found = wrong.sum() / 3, []
     while wrong.any():
         what = max(explained, key=lambda name: int((explained[name] & wrong).sum()))
         rows = explained[what] & wrong
-        if not rows.any():
+        if rows.sum() < least:
             found.append(Turned("rotation is more than 45 degrees off", wrong))
             break
         found.append(Turned(what, rows))

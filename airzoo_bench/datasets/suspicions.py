@@ -140,7 +140,7 @@ def _height_cause(cameras: Cameras3D, off: float, gps: GpsFacts | None) -> str:
     in_feet = cameras.heights_m + cameras.surface_m * (1.0 - _FOOT_M) - cameras.relative_m
     left = float(np.nanmedian(in_feet))
     if abs(left) < _FAR_SHARE * abs(off):
-        return f"in feet, the surface model would fit to {left:+.1f} m; name its unit"
+        return f"in feet, the surface model would fit to {abs(left):.1f} m; name its unit"
     if gps is not None and abs(gps.height_m - off) < 0.5 * abs(off):
         return "poses are off in height from GPS by as much; look at their vertical datum"
     return (
