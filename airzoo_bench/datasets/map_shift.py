@@ -21,7 +21,7 @@ from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened
 __all__ = ["MapShift", "map_shift"]
 
 # Cells a side of the pictures that are compared, and how far they are moved against each other.
-_CELLS, _REACH = 1024, 128
+_CELLS, _REACH = 2048, 128
 # Correlation of the best shift, its lead over none, and its least length in cells.
 _ALIKE, _LEAD, _LEAST = 0.6, 0.1, 1.5
 
@@ -49,7 +49,8 @@ def map_shift(dom: RasterInfo, dsm: RasterInfo) -> MapShift | None:
 
     Two proofs are tried. Grids of the same size and pixels, in one CRS, are one grid, and one of
     them was moved where their corners differ. Otherwise, where both have empty pixels, their
-    masks are correlated (normalised, over shifts of up to 128 of 1,024 cells): the map is shifted
+    masks are correlated (normalised, over shifts of up to 128 of at most
+    2,048 cells): the map is shifted
     where another shift than none fits clearly better.
     """
     return _by_grids(dom, dsm) or _by_masks(dom, dsm)
@@ -90,7 +91,7 @@ def _shift(
 
 def _scale(info: RasterInfo) -> float:
     """Pixels of the map along a cell."""
-    return max(max(info.width, info.height) / _CELLS, 1.0)
+    return float(-(-max(info.width, info.height) // _CELLS))
 
 
 def _coloured(dom: RasterInfo) -> Bools:

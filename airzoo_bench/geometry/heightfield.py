@@ -287,5 +287,5 @@ def _check_size(info: RasterInfo, window: Window, itemsize: int, limit_bytes: in
             f"heights of {window.width} x {window.height} px need {size / _GIB:.2f} GiB",
             where=info.path,
             expected=f"at most {limit_bytes / _GIB:.2f} GiB",
-            mend="read a part by bounds, raise the limit, or resample the raster",
+            mend="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
         )
