@@ -5,24 +5,70 @@ import sys
 
 __all__ = ["main"]
 
+_MESSAGE = "airzoo-bench: stopped; nothing was left half-written\n"
 _STOPPED = 130
+_TERMINATED = 143
 _PATIENCE_S = 0.5
+# A library that does not come back from Ctrl-C within this time is not waited for.
+_UNWINDING_S = 1.0
 
 
 def main() -> None:
     """Import the command line and run it; Ctrl-C while it is imported is no fault either."""
     try:
         _open_closed_streams()
+        _obey_signals()
         from airzoo_bench.cli.main import main as run
 
         run()
     except KeyboardInterrupt:
-        sys.stderr.write("airzoo-bench: stopped; nothing was left half-written\n")
-        _leave_at_once()
+        sys.stderr.write(_MESSAGE)
+        _leave_at_once(_STOPPED)
     except SystemExit as done:
         if done.code == _STOPPED:
-            _leave_at_once()
+            _leave_at_once(_STOPPED)
+        if done.code == _TERMINATED:
+            sys.stderr.write(_MESSAGE)
+            _leave_at_once(_TERMINATED)
         raise
+
+
+def _obey_signals() -> None:
+    """Unwind at SIGTERM as at Ctrl-C, and end a run that does neither in time.
+
+    Python looks at signals between its own steps only: a solver that runs for minutes is told
+    nothing. A thread that sleeps until a signal comes then ends the process.
+    """
+    import signal
+    from threading import Thread
+
+    signal.signal(signal.SIGTERM, _terminate)
+    if sys.platform == "win32":
+        return
+    ear, mouth = os.pipe()
+    os.set_blocking(mouth, False)
+    signal.set_wakeup_fd(mouth, warn_on_full_buffer=False)
+    Thread(target=_end_in_time, args=(ear,), daemon=True).start()
+
+
+def _terminate(*_: object) -> None:
+    sys.exit(_TERMINATED)
+
+
+def _end_in_time(ear: int) -> None:
+    import signal
+    import time
+
+    codes = {signal.SIGINT: _STOPPED, signal.SIGTERM: _TERMINATED}
+    code = None
+    while code is None:
+        code = codes.get(signal.Signals(os.read(ear, 1)[0]))
+    time.sleep(_UNWINDING_S)
+    sys.stderr.write(_MESSAGE)
+    from airzoo_bench.temporaries import remove_own
+
+    remove_own()
+    _leave_at_once(code)
 
 
 def _open_closed_streams() -> None:
@@ -39,7 +85,7 @@ def _open_closed_streams() -> None:
             setattr(sys, name, stream)
 
 
-def _leave_at_once() -> None:
+def _leave_at_once(code: int) -> None:
     """End without waiting for worker processes that were stopped in the middle of something."""
     from multiprocessing import active_children
 
@@ -51,7 +97,7 @@ def _leave_at_once() -> None:
         process.kill()
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(_STOPPED)
+    os._exit(code)
 
 
 if __name__ == "__main__":

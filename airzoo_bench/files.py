@@ -5,10 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
-import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -17,14 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import UsageError, UserError
+from airzoo_bench.exchange import exchange
 from airzoo_bench.output_places import (
     cannot_write,
     check_output_file,
     check_output_folder,
     followed,
 )
+from airzoo_bench.temporaries import (
+    clear_abandoned,
+    set_aside,
+    temporary_file,
+    temporary_folder,
+)
 
 __all__ = [
+    "atomic_entries",
     "atomic_folder",
     "atomic_write",
     "canonical_json",
@@ -41,8 +47,6 @@ __all__ = [
 _CHUNK_BYTES = 1 << 20
 _MARK = "benchmark.toml"
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
-# Of a name, in that of the file or folder beside it: systems allow 255 bytes, with what is added.
-_KEPT_LETTERS = 40
 
 
 @contextmanager
@@ -72,20 +76,15 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     check_output_file(path)
     target = followed(path)
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
-    temporary: str | None = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=_prefix(target), dir=target.parent)
-        with os.fdopen(handle, mode, **text) as stream:
-            yield stream
-        _give_usual_permissions(temporary)
-        Path(temporary).replace(target)
+        with temporary_file(target) as (handle, temporary):
+            with os.fdopen(handle, mode, **text) as stream:
+                yield stream
+            _give_usual_permissions(temporary, 0o666)
+            temporary.replace(target)
     except OSError as error:
-        _forget(temporary)
         raise cannot_write(path, error) from error
-    except BaseException:
-        _forget(temporary)
-        raise
 
 
 @contextmanager
@@ -112,19 +111,66 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
         It cannot be written.
     """
     check_new_folder(path, replace=replace)
-    temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=_prefix(path), dir=path.parent))
-        yield temporary
-        temporary.chmod(0o777 & ~_umask())
-        _swap(temporary, path)
+        with temporary_folder(path.parent, path.name) as temporary:
+            yield temporary
+            _give_usual_permissions(temporary, 0o777)
+            if path.exists():
+                exchange(temporary, path)
+            else:
+                temporary.replace(path)
     except OSError as error:
-        _forget_folder(temporary)
         raise cannot_write(path, error) from error
-    except BaseException:
-        _forget_folder(temporary)
-        raise
+
+
+@contextmanager
+def atomic_entries(folder: Path, names: Collection[str]) -> Iterator[Path]:
+    """Fill a folder whose entries replace those of another that have these names, all or none.
+
+    A folder with nothing else in it is exchanged in one step. One that holds other files too, or
+    that cannot be renamed (the working folder, the place of a disk), keeps its place: its entries
+    are exchanged, and put back where that fails or, by the next run, where the process was killed.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is missing.
+    names : collection of str
+        Of files and folders; all that are there go, those that were filled in come.
+
+    Yields
+    ------
+    Path
+        An empty folder.
+
+    Raises
+    ------
+    UserError
+        It cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        clear_abandoned(folder)
+        whole = _is_ours_alone(folder, names)
+        home = folder.parent if whole else folder
+        with temporary_folder(home, folder.name) as temporary:
+            yield temporary
+            if whole:
+                temporary.chmod(folder.stat().st_mode)
+                exchange(temporary, folder)
+                return
+            with set_aside(folder, names):
+                for entry in sorted(temporary.iterdir()):
+                    entry.replace(folder / entry.name)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def _is_ours_alone(folder: Path, names: Collection[str]) -> bool:
+    stays = folder.is_symlink() or folder.is_mount() or folder.samefile(Path.cwd())
+    writable = os.access(folder.parent, os.W_OK | os.X_OK)
+    return writable and not stays and {entry.name for entry in folder.iterdir()} <= set(names)
 
 
 def check_new_folder(path: Path, *, replace: bool) -> None:
@@ -230,41 +276,12 @@ def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 1
         ) from error
 
 
-def _prefix(path: Path) -> str:
-    return f".{path.name[:_KEPT_LETTERS]}."
-
-
 def _umask() -> int:
     current = os.umask(0)
     os.umask(current)
     return current
 
 
-def _give_usual_permissions(path: str) -> None:
-    # mkstemp makes files private to their owner; a result is meant to be shared.
-    Path(path).chmod(0o666 & ~_umask())
-
-
-def _swap(new: Path, path: Path) -> None:
-    if not path.exists():
-        new.replace(path)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f"{_prefix(path)}old.", dir=path.parent))
-    path.replace(old / "old")
-    try:
-        new.replace(path)
-    except BaseException:
-        (old / "old").replace(path)
-        old.rmdir()
-        raise
-    shutil.rmtree(old)
-
-
-def _forget(path: str | None) -> None:
-    if path is not None:
-        Path(path).unlink(missing_ok=True)
-
-
-def _forget_folder(path: Path | None) -> None:
-    if path is not None:
-        shutil.rmtree(path, ignore_errors=True)
+def _give_usual_permissions(path: Path, usual: int) -> None:
+    # What is temporary is private to its owner; a result is meant to be shared.
+    path.chmod(usual & ~_umask())

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from airzoo_bench.errors import ResultError, UsageError
 from airzoo_bench.result import Result
+from airzoo_bench.temporaries import clear_abandoned
 
 __all__ = ["method_names", "records_path", "result_paths"]
 
@@ -28,6 +29,7 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
     """
     paths = tuple(path / _FILE if path.is_dir() else path for path in given)
     for folder, path in zip(given, paths, strict=True):
+        clear_abandoned(path.parent)
         if folder != path and not path.is_file():
             inside = sorted(folder.glob(f"*/{_FILE}"))
             raise ResultError(

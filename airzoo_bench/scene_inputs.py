@@ -73,6 +73,8 @@ def photo_table(
 ) -> pd.DataFrame:
     """Lay out a scene's photos, sorted by id, with altitude and pitch as conditions.
 
+    Poses and priors are those of the truth from here on, see `Poses.rounded`.
+
     Parameters
     ----------
     scene : str
@@ -85,6 +87,7 @@ def photo_table(
         Altitudes are above it.
     """
     ids = [photo_id(scene, name) for name in images]
+    poses, priors = poses.rounded(), None if priors is None else priors.rounded()
     axis_z = poses.rotation[:, 2, 2]
     below_horizon = np.degrees(np.arcsin(np.clip(-axis_z, -1, 1)))
     table = query_table(ids, images, cameras, poses, priors).assign(

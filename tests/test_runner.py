@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.result import read_result
+from airzoo_bench.result import Result, read_result, write_result
 from airzoo_bench.runner.common import Evaluation, save
 from airzoo_bench.runner.retrieval import evaluate_retrieval
 from airzoo_bench.runner.templates import write_template
-from tests.support import MadeScene, write_predictions
+from tests.statistics.support import made_method, write_method
+from tests.support import MadeScene, files_below, run_main, write_predictions
 
 MEMORY = 1 << 30
 
@@ -188,3 +190,25 @@ def test_a_template_scores(data: Path, tmp_path: Path, *, descriptors: bool) -> 
     result = score(out, data).result
     assert result.counts["west"]["missing"] == 0
     assert 0 <= result.overall["recall@5"] <= 1
+
+
+def test_a_run_replaces_one_of_another_track_and_says_so(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "mymethod"
+    before = write_method(out, made_method({"east": {"recall@1": [1.0]}}))
+    left = json.loads(before.read_text()) | {"track": "matching"}
+    write_result(before, Result.model_validate(left).sealed())
+    for name in ("timings.csv", "notes.txt"):
+        (out / name).touch()
+    (out / "figures").mkdir()
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
+    assert "holds a run of the matching track; result.json, records.csv, timings.csv, figures " in (
+        capsys.readouterr().err
+    )
+    assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
+    assert read_result(out / "result.json").predictions.method == "mymethod"
+    assert run_main("eval", "retrieval", path, "--data", data, "--out", out, "--method", "M") == 0
+    assert "holds a run" not in capsys.readouterr().err
+    assert read_result(out / "result.json").predictions.method == "M"

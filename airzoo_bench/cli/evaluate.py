@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +31,8 @@ __all__ = ["app"]
 
 OutOption = Annotated[Path | None, typer.Option(help="Folder for result.json and records.csv.")]
 MethodOption = Annotated[
-    str | None, typer.Option(help="The method's name in tables (default: the file's name).")
+    str | None,
+    typer.Option(help="The method's name in tables (default: the name of --out, else the file's)."),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 
@@ -57,12 +59,10 @@ def retrieval(
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."""
-    from airzoo_bench.files import check_output_folder
     from airzoo_bench.runner.common import save
     from airzoo_bench.runner.retrieval import evaluate_retrieval
 
-    if out is not None:
-        check_output_folder(out, ("result.json", "records.csv"))
+    method = _named_after(out, method, "retrieval")
     evaluation = evaluate_retrieval(
         predictions,
         data=resolve_data(data),
@@ -99,14 +99,12 @@ def matching(
 ) -> None:
     """Score cross-view matching: translation and pose recall, median error, for each scene."""
     from airzoo_bench.errors import UsageError
-    from airzoo_bench.files import check_output_folder
     from airzoo_bench.runner.common import save
     from airzoo_bench.runner.matching import evaluate_matching, save_timings
 
     if figures and out is None:
         raise UsageError("--figures needs a folder to draw into", mend="add --out DIR")
-    if out is not None:
-        check_output_folder(out, ("result.json", "records.csv", "timings.csv"))
+    method = _named_after(out, method, "matching")
     scored = evaluate_matching(
         predictions,
         data=resolve_data(data),
@@ -117,8 +115,7 @@ def matching(
         progress=progress,
     )
     if out is not None:
-        save(scored.evaluation, out)
-        save_timings(scored, out)
+        save(scored.evaluation, out, partial(save_timings, scored))
     if out is not None and figures:
         from airzoo_bench.runner.matching_figures import draw_figures
 
@@ -156,14 +153,12 @@ def reconstruction(
 ) -> None:
     """Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."""
     from airzoo_bench.errors import UsageError
-    from airzoo_bench.files import check_output_folder
     from airzoo_bench.runner.common import save
     from airzoo_bench.runner.reconstruction import evaluate_reconstruction
 
     if (figures or clouds) and out is None:
         raise UsageError("--figures and --clouds need a folder", mend="add --out DIR")
-    if out is not None:
-        check_output_folder(out, ("result.json", "records.csv", "alignment.json"))
+    method = _named_after(out, method, "reconstruction")
     scored = evaluate_reconstruction(
         predictions,
         data=resolve_data(data),
@@ -181,8 +176,7 @@ def reconstruction(
             write_clouds,
         )
 
-        save(scored.evaluation, out)
-        save_alignments(scored, out)
+        save(scored.evaluation, out, partial(save_alignments, scored))
         if figures:
             drawn = draw_figures(scored, out / "figures", progress)
             say(f"drew {drawn} pictures into {out / 'figures'}")
@@ -191,6 +185,20 @@ def reconstruction(
             say(f"wrote {written} clouds into {out / 'clouds'}")
     _print_result(scored.evaluation.result, form, every_score=every_score)
     _print_next(out)
+
+
+def _named_after(out: Path | None, method: str | None, track: str) -> str | None:
+    """Check the folder for output, and return the method's name, which can be the folder's."""
+    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.runner.common import RESULT_FILES, earlier_run
+
+    if out is None:
+        return method
+    check_output_folder(out, RESULT_FILES)
+    replaced = earlier_run(out, track)
+    if replaced is not None:
+        say(replaced)
+    return method or out.resolve().name or None
 
 
 def _print_result(result: Result, form: Format, *, every_score: bool) -> None:

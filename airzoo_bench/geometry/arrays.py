@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import CameraError, first_of
 
-__all__ = ["Bools", "Floats", "Ints", "apply_matrix", "refuse_cameras"]
+__all__ = ["Bools", "Floats", "Ints", "apply_matrix", "multiply", "refuse_cameras"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,6 +36,22 @@ def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
     x, y, z = (vectors[..., axis, None] for axis in range(3))
     product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z
     return product
+
+
+def multiply(a: Floats, b: Floats) -> Floats:
+    """Multiply matrices (..., 3, 3), ``a @ b``, by `apply_matrix`: without BLAS.
+
+    Parameters
+    ----------
+    a, b : (..., 3, 3) arrays
+        Leading dimensions broadcast.
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    columns = apply_matrix(a[..., None, :, :], np.swapaxes(b, -1, -2))
+    return np.swapaxes(columns, -1, -2)
 
 
 def refuse_cameras(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.errors import CameraError
-from airzoo_bench.geometry.arrays import Floats, apply_matrix, refuse_cameras
+from airzoo_bench.geometry.arrays import Floats, apply_matrix, multiply, refuse_cameras
 
 __all__ = [
     "Poses",
@@ -24,6 +24,11 @@ __all__ = [
 ]
 
 _ROTATION_TOLERANCE = 1e-4
+# From within the tolerance the error goes 1e-4, 1e-8, 1e-16: the third step only tidies up.
+_NEWTON_STEPS = 3
+# Steps of poses in a truth: quaternions to 1e-9, centres to 0.1 mm.
+_QUATERNION_DECIMALS = 9
+_CENTRE_DECIMALS = 4
 _QUATERNION_TOLERANCE = 1e-3
 
 
@@ -103,6 +108,24 @@ class Poses:
         rows = np.atleast_1d(np.arange(len(self))[index])
         return Poses(rotation=self.rotation[rows], centres=self.centres[rows])
 
+    def rounded(self) -> Poses:
+        """Return the poses as a truth holds them, the same on every machine.
+
+        Sines, PROJ and BLAS differ in the last bit from one processor to another. The three
+        smaller numbers of each quaternion are rounded to 1e-9, and the largest follows from unit
+        norm, so that a second rounding changes nothing; centres are rounded to 0.1 mm. NaN stays.
+        """
+        quaternions = np.round(matrix_to_quaternion(self.rotation), _QUATERNION_DECIMALS)
+        each = np.arange(len(quaternions))
+        largest = np.argmax(np.abs(quaternions), axis=1)
+        sign = np.where(quaternions[each, largest] < 0.0, -1.0, 1.0)
+        quaternions[each, largest] = 0.0
+        rest = 1.0 - (quaternions * quaternions).sum(axis=1)
+        quaternions[each, largest] = sign * np.sqrt(rest)
+        # Adding 0 makes a negative zero positive.
+        centres = np.round(self.centres, _CENTRE_DECIMALS) + 0.0
+        return Poses(rotation=_unit_quaternion_to_matrix(quaternions + 0.0), centres=centres)
+
 
 def check_rotations(
     R: ArrayLike, names: Sequence[object] | None = None, where: object = None
@@ -120,8 +143,10 @@ def check_rotations(
     Returns
     -------
     (N, 3, 3) array
-        U V^T of the singular value decomposition, the nearest orthonormal matrix (Frobenius), so
-        that digits rounded away in a file do not scale or shear the geometry.
+        The nearest orthonormal matrices (Frobenius), the polar factors, so that digits rounded
+        away in a file do not scale or shear the geometry. Found by Newton-Schulz steps
+        R (3 I - R^T R) / 2 (Higham, Functions of Matrices, 2008, equation 8.20), written out, since
+        LAPACK's rounding depends on the processor.
 
     Raises
     ------
@@ -136,7 +161,7 @@ def check_rotations(
         )
     not_finite = ~np.isfinite(matrices).all(axis=(1, 2))
     refuse_cameras(not_finite, "rotation has NaN or infinite entries", names=names, where=where)
-    off = np.abs(_transposed(matrices) @ matrices - np.eye(3)).max(axis=(1, 2))
+    off = np.abs(multiply(_transposed(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
     refuse_cameras(
         off > _ROTATION_TOLERANCE,
         "rotation is not orthonormal",
@@ -155,9 +180,11 @@ def check_rotations(
         expected="det = +1",
         mend="check the axes: exactly one of them points the wrong way",
     )
-    u, _, vt = np.linalg.svd(matrices)
-    nearest: Floats = u @ vt
-    return nearest
+    for _ in range(_NEWTON_STEPS):
+        matrices = (
+            multiply(matrices, 3.0 * np.eye(3) - multiply(_transposed(matrices), matrices)) / 2.0
+        )
+    return matrices
 
 
 def rays_to_world(poses: Poses, rays: Floats) -> Floats:
@@ -191,7 +218,8 @@ def rotation_angle_deg(Ra: ArrayLike, Rb: ArrayLike) -> Floats:
     (...) array
         In [0, 180]; NaN where a rotation is NaN.
     """
-    relative = np.asarray(Ra, dtype=np.float64) @ _transposed(np.asarray(Rb, dtype=np.float64))
+    inverse = _transposed(np.asarray(Rb, dtype=np.float64))
+    relative = multiply(np.asarray(Ra, dtype=np.float64), inverse)
     skew = relative - _transposed(relative)
     x, y, z = skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]
     sine = np.sqrt(x * x + y * y + z * z)
@@ -229,7 +257,11 @@ def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None)
         details=[f"norm = {value:.6g}" for value in norm],
         expected=f"w x y z with norm 1 to {_QUATERNION_TOLERANCE:g}",
     )
-    w, x, y, z = (quaternions / norm[:, None]).T
+    return _unit_quaternion_to_matrix(quaternions / norm[:, None])
+
+
+def _unit_quaternion_to_matrix(wxyz: Floats) -> Floats:
+    w, x, y, z = wxyz.T
     entries = (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
         (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),

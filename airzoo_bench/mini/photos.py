@@ -102,7 +102,8 @@ def _names(flights: list[tuple[str, Trajectory]]) -> tuple[str, ...]:
 
 def _joined(flights: list[Trajectory]) -> Poses:
     parts = [trajectory_poses(flight, CRS) for flight in flights]
+    # Photos are taken from where the truth will say, to the last bit.
     return Poses(
         rotation=np.concatenate([part.rotation for part in parts]),
         centres=np.concatenate([part.centres for part in parts]),
-    )
+    ).rounded()

@@ -14,9 +14,7 @@ checksums tell, and it is made again.
 from __future__ import annotations
 
 import dataclasses
-import shutil
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -35,6 +33,7 @@ from airzoo_bench.mini.georaster import read_colours, read_heights, write_raster
 from airzoo_bench.mini.lock import locked
 from airzoo_bench.mini.world import Buildings, Mesh, Region, World
 from airzoo_bench.settings import Strict
+from airzoo_bench.temporaries import temporary_folder
 
 __all__ = ["FORMAT", "cached_world", "ensure_world", "load_world", "save_world", "world_folder"]
 
@@ -52,7 +51,6 @@ _ARRAYS = (
 _FILES = sorted((*(f"{name}.npy" for name in _ARRAYS), *(f"{name}.tif" for name in _RASTERS)))
 # Smaller arrays are read, since to map one takes longer; and an empty one cannot be mapped.
 _MAPPED_BYTES = 1 << 20
-_STALE_S = 3600.0
 _MEND = f"choose a folder you may write to, on a disk with room, set by {DATA_VARIABLE}"
 
 
@@ -282,17 +280,13 @@ def _check_ours(folder: Path) -> None:
 
 
 def _clear(folder: Path) -> None:
-    """Take a damaged world away, and what runs that were killed have left beside it."""
+    """Take a damaged world away."""
     _check_ours(folder)
     try:
-        for left in folder.parent.glob(f".{folder.name}.*"):
-            if time.time() - left.stat().st_mtime > _STALE_S:
-                shutil.rmtree(left, ignore_errors=True)
         if folder.exists():
-            # Moved first: who looks meanwhile finds no world, never half of one.
-            away = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-            folder.replace(away / "old")
-            shutil.rmtree(away, ignore_errors=True)
+            with temporary_folder(folder.parent, folder.name) as away:
+                # Moved first: who looks meanwhile finds no world, never half of one.
+                folder.replace(away / "old")
     except OSError as error:
         reason = f"cannot be replaced: {error.strerror or error}"
         raise UsageError(reason, where=folder, mend=_MEND) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = ["depth_to_points", "seen_surface"]
+
+_DECIMALS = 4
 
 
 def seen_surface(
@@ -42,21 +45,20 @@ def seen_surface(
     Returns
     -------
     Cloud
-        In `world.CRS`, with colours.
+        In `world.CRS`, to 0.1 mm. Without colours: those of photos depend on the processor in the
+        last bit, the points do not.
     """
     from PIL import Image
 
     grid = VoxelGrid(voxel_m, np.zeros(3))
     for row in progress(rows, "true cloud", len(rows)):
-        photo, depth_file = frame_paths(folder, frames.names[row])
+        _, depth_file = frame_paths(folder, frames.names[row])
         with Image.open(depth_file) as picture:
             depth = np.asarray(picture, dtype=np.float64)
-        with Image.open(photo) as picture:
-            colours = np.asarray(picture)
-        seen = depth > 0
-        points = depth_to_points(depth, seen, frames.camera(row), frames.poses.take(row))
-        grid.add(Cloud(points, colours[seen]))
-    return grid.cloud()
+        pose = frames.poses.take(row)
+        grid.add(Cloud(depth_to_points(depth, depth > 0, frames.camera(row), pose)))
+    cloud = grid.cloud()
+    return replace(cloud, points=np.round(cloud.points, _DECIMALS) + 0.0)
 
 
 def depth_to_points(depth: Floats, chosen: Bools, camera: Cameras, pose: Poses) -> Floats:

@@ -16,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from airzoo_bench.errors import PredictionError
+from airzoo_bench.temporaries import temporary_folder
 
 __all__ = ["ARCHIVE_SUFFIXES", "Bundle", "Member", "open_bundle"]
 
@@ -66,8 +67,8 @@ class Bundle:
         if self.path.is_dir():
             yield self.path / member.name
             return
-        with tempfile.TemporaryDirectory(prefix="airzoo-bench-") as folder:
-            target = Path(folder) / PurePosixPath(member.name).name
+        with temporary_folder(Path(tempfile.gettempdir()), "airzoo-bench") as folder:
+            target = folder / PurePosixPath(member.name).name
             if shutil.disk_usage(folder).free < member.size:
                 raise self._fault(
                     f"no room on disk to unpack {member.name!r} of {member.size:,} bytes",

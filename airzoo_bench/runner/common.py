@@ -13,8 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.errors import BenchmarkError, PredictionError, ProtocolError, first_of
-from airzoo_bench.files import atomic_write, check_output_folder, fingerprint, sha256_of_tree
+from airzoo_bench.errors import (
+    BenchmarkError,
+    PredictionError,
+    ProtocolError,
+    ResultError,
+    first_of,
+)
+from airzoo_bench.files import atomic_entries, check_output_folder, fingerprint, sha256_of_tree
 from airzoo_bench.ids import assign_queries, scene_of
 from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
 from airzoo_bench.result import (
@@ -22,6 +28,7 @@ from airzoo_bench.result import (
     ProtocolUsed,
     Result,
     TruthUsed,
+    read_result,
     score_columns,
     versions,
     with_summary,
@@ -33,6 +40,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "RESULT_FILES",
+    "RUN_FILES",
     "Checked",
     "Evaluation",
     "Run",
@@ -40,11 +49,18 @@ __all__ = [
     "choose_protocol",
     "common_notes",
     "concatenate",
+    "earlier_run",
     "make_result",
     "match_queries",
     "other_benchmark",
     "save",
 ]
+
+RUN_FILES = ("result.json", "records.csv", "timings.csv", "alignment.json", "figures", "clouds")
+"""What a run can leave in its folder."""
+
+RESULT_FILES = RUN_FILES[:4]
+"""Those of `RUN_FILES` that are files."""
 
 P = TypeVar("P", bound=Protocol)
 
@@ -83,14 +99,39 @@ class Run:
     truths: dict[str, str]
 
 
-def save(evaluation: Evaluation, folder: Path) -> None:
-    """Write ``result.json`` and ``records.csv`` into a folder, each whole or not at all."""
-    check_output_folder(folder, ("result.json", "records.csv"))
+def save(evaluation: Evaluation, folder: Path, *writers: Callable[[Path], None]) -> None:
+    """Write ``result.json`` and ``records.csv`` into a folder, in place of an earlier run's files.
+
+    Everything is written first, then exchanged in one step: nothing of the two runs is ever mixed.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    folder : Path
+        What is not of `RUN_FILES` stays.
+    writers : callables
+        Each takes a folder and writes one more of `RUN_FILES` into it.
+    """
+    check_output_folder(folder, RESULT_FILES)
     content = evaluation.records.to_csv(index=False, lineterminator="\n").encode()
-    with atomic_write(folder / "records.csv") as stream:
-        stream.write(content)
-    records_sha256 = hashlib.sha256(content).hexdigest()
-    write_result(folder / "result.json", evaluation.result.with_records(records_sha256))
+    result = evaluation.result.with_records(hashlib.sha256(content).hexdigest())
+    with atomic_entries(folder, RUN_FILES) as staged:
+        (staged / "records.csv").write_bytes(content)
+        write_result(staged / "result.json", result)
+        for write in writers:
+            write(staged)
+
+
+def earlier_run(folder: Path, track: str) -> str | None:
+    """Say what a run of another track has left in a folder, which `save` will replace."""
+    try:
+        found = read_result(folder / "result.json").track
+    except ResultError:  # none, or one that nobody can read any more
+        return None
+    if found == track:
+        return None
+    names = ", ".join(name for name in RUN_FILES if (folder / name).exists())
+    return f"{folder} holds a run of the {found} track; {names} will be replaced"
 
 
 def choose_protocol(

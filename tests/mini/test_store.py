@@ -6,7 +6,6 @@ import dataclasses
 import errno
 import os
 import shutil
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -280,17 +279,6 @@ def test_an_interrupt_leaves_nothing_half_made(
     with pytest.raises(KeyboardInterrupt):
         save_world(tmp_path / "worlds" / "w", made_world())
     assert not list((tmp_path / "worlds").iterdir())
-
-
-def test_what_killed_runs_left_is_swept_away_in_time(tmp_path: Path) -> None:
-    home = tmp_path / "mini-worlds"
-    for name in (".yard-7.old", ".yard-7.young", ".yard-77.old"):
-        (home / name).mkdir(parents=True)
-        (home / name / "dom.tif").write_bytes(b"half")
-    for name in (".yard-7.old", ".yard-77.old"):
-        os.utime(home / name, (time.time() - 7200,) * 2)
-    Builder().cached(tmp_path)
-    assert sorted(leftovers(tmp_path)) == [".yard-7.young", ".yard-77.old"]
 
 
 def test_processes_at_once_do_not_harm_each_other(tmp_path: Path) -> None:

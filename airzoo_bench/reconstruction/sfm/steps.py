@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from airzoo_bench.pycolmap_loader import load_pycolmap
 from airzoo_bench.reconstruction.sfm.model import Lens, Model, model_arrays, model_from_arrays
 from airzoo_bench.reconstruction.sfm.views import TwoViews, map_photos, verify
 from airzoo_bench.sift import extract, mutual_nearest
+from airzoo_bench.temporaries import temporary_folder
 
 __all__ = [
     "Batch",
@@ -202,13 +202,13 @@ def build_models(
     path = folder / "models" / f"{fingerprint([_VERSION, images, matched])}.npz"
     if not path.is_file():
         features = [_load(photo.features) for photo in photos]
-        with TemporaryDirectory(dir=folder) as scratch:
+        with temporary_folder(folder, "scratch") as scratch:
             model = map_photos(
                 lenses,
                 [kept["places"] for kept in features],
                 [kept["colours"] for kept in features],
                 _two_views(batches),
-                Path(scratch),
+                scratch,
                 max_error_px=settings.max_error_px * _shrunk(photos, settings),
                 least_inliers=settings.least_inliers,
                 seed=settings.seed,

@@ -1,0 +1,199 @@
+"""Temporary files and folders beside their final place, cleared by the next run if this one dies.
+
+Each is locked by the process that fills it. A lock ends with its process, however that ends, so
+what nobody holds any more is abandoned. On disks and systems without locks nothing is cleared.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from pathlib import Path
+
+__all__ = ["clear_abandoned", "remove_own", "set_aside", "temporary_file", "temporary_folder"]
+
+_PART = ".airzoo-part"
+_ASIDE = ".airzoo-aside"
+_TAKEN = ".airzoo-names"
+# Of a name, in that of the file or folder beside it: systems allow 255 bytes, with what is added.
+_KEPT_LETTERS = 40
+
+_own: set[Path] = set()
+
+
+@contextmanager
+def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
+    """Make an empty file beside `target`; it is removed at the end if it is still there.
+
+    Yields
+    ------
+    handle : int
+        Open for reading and writing; to be closed by the caller.
+    path : Path
+    """
+    _clear_once(target.parent)
+    # The lock is held by a copy of the handle, which outlives the caller's.
+    handle, path = _locked(lambda: tempfile.mkstemp(_PART, _prefix(target), target.parent))
+    lock = os.dup(handle)
+    _own.add(path)
+    try:
+        yield handle, path
+    finally:
+        path.unlink(missing_ok=True)
+        _own.discard(path)
+        os.close(lock)
+
+
+@contextmanager
+def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
+    """Make an empty folder in `parent`; whatever stands there is removed at the end.
+
+    Parameters
+    ----------
+    parent : Path
+    name : str
+        Of what it shall become, for a person who finds it.
+    """
+    clear_abandoned(parent)
+    with _locked_folder(parent, _prefix(Path(name)), _PART) as path:
+        _own.add(path)
+        try:
+            yield path
+        finally:
+            _own.discard(path)
+
+
+@contextmanager
+def set_aside(folder: Path, names: Collection[str]) -> Iterator[None]:
+    """Take entries of a folder away while others take their names.
+
+    Only when the block has ended are the old ones given up. Where it fails they are put back, and
+    what took their names is removed; where the process dies, `clear_abandoned` does that.
+
+    Parameters
+    ----------
+    folder : Path
+    names : collection of str
+        Those that are there are taken away; the block may make any of them.
+    """
+    with _locked_folder(folder, ".", _ASIDE) as aside:
+        try:
+            for name in names:
+                if (folder / name).exists():
+                    (folder / name).replace(aside / name)
+            (aside / _TAKEN).write_text("\n".join(names), encoding="utf-8")
+            yield
+            # From here on it is rubbish, which nobody puts back.
+            done = aside.replace(aside.with_suffix(_PART))
+        except BaseException:
+            _put_back(aside)
+            raise
+        _remove(done)
+
+
+def clear_abandoned(folder: Path) -> None:
+    """Remove temporary files and folders whose process is gone, and put back what it had set aside.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to look; nothing below it is touched.
+    """
+    with suppress(OSError):
+        for entry in list(os.scandir(folder)):
+            path = Path(entry.path)
+            if entry.name.endswith(_PART) and _is_abandoned(path):
+                _remove(path)
+            elif entry.name.endswith(_ASIDE) and _is_abandoned(path):
+                _put_back(path)
+
+
+def remove_own() -> None:
+    """Remove what this process has made, when it must end without unwinding."""
+    for path in list(_own):
+        _remove(path)
+
+
+@lru_cache(maxsize=4096)
+def _clear_once(folder: Path) -> None:
+    # Folders of photos are written to thousands of times.
+    clear_abandoned(folder)
+
+
+@contextmanager
+def _locked_folder(parent: Path, prefix: str, suffix: str) -> Iterator[Path]:
+    def made() -> tuple[int, str]:
+        folder = tempfile.mkdtemp(suffix, prefix, parent)
+        return os.open(folder, os.O_RDONLY), folder
+
+    lock, path = _locked(made)
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+        os.close(lock)
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name[:_KEPT_LETTERS]}."
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _put_back(aside: Path) -> None:
+    marker = aside / _TAKEN
+    if marker.is_file():  # all old entries were taken away: what has these names now is new
+        for name in marker.read_text(encoding="utf-8").split("\n"):
+            _remove(aside.parent / name)
+        marker.unlink()
+    for kept in list(aside.iterdir()):
+        kept.replace(aside.parent / kept.name)
+    aside.rmdir()
+
+
+if sys.platform == "win32":
+
+    def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
+        handle, path = make()
+        return handle, Path(path)
+
+    def _is_abandoned(path: Path) -> bool:
+        del path
+        return False
+
+else:
+    import fcntl
+
+    def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
+        """Make and lock a file or folder, again where another run was quick to clear it."""
+        while True:
+            handle, path = make()
+            with suppress(OSError):
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            if Path(path).exists():
+                return handle, Path(path)
+            os.close(handle)
+
+    def _is_abandoned(path: Path) -> bool:
+        try:
+            handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except OSError:
+            return False
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+        else:
+            return True
+        finally:
+            os.close(handle)

@@ -1,0 +1,55 @@
+"""Ctrl-C and SIGTERM end any command in time, also one that is deep in a library."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_main import environment
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+# Waits for ever where Python cannot look at signals: in the main thread, but not in its bytecode.
+_STUCK = """
+import sys
+from pathlib import Path
+from airzoo_bench.__main__ import main
+from airzoo_bench.cli import main as commands
+from airzoo_bench.temporaries import temporary_folder
+
+def stuck(home: Path) -> None:
+    with temporary_folder(home, "out"):
+        print("ready", flush=True)
+        {wait}
+
+commands.app.command("stuck")(stuck)
+sys.argv = ["airzoo-bench", "stuck", sys.argv[1]]
+main()
+"""
+# LAPACK takes minutes for this, and does not return to the interpreter at a signal.
+_DEEP = "import numpy as np; np.linalg.eigvals(np.random.default_rng(0).random((6000, 6000)))"
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("wait", ["import time; time.sleep(600)", _DEEP])
+def test_a_command_ends_in_time(wait: str, number: int, code: int, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", _STUCK.replace("{wait}", wait), str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment() | {"OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"ready\n"
+    time.sleep(0.5)
+    process.send_signal(number)
+    # Of a hang, not of speed: the library would take minutes.
+    _, message = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert b"stopped; nothing was left half-written" in message
+    assert list(tmp_path.iterdir()) == []

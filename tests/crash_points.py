@@ -1,0 +1,134 @@
+"""Kills a writer at every step, or lets each fail; run by test_crashes, prints JSON.
+
+A step is what Python's audit hooks announce: opening to write, making, renaming, removing. Each
+case runs in a forked process of its own, on a folder of its own.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import resource
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench import exchange
+from airzoo_bench.files import atomic_entries, atomic_folder, atomic_write
+
+NAMES = ("records", "result", "figures")
+STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "shutil.rmtree")
+_SIZE = 20_000
+_NO_FAULT = 3  # there are fewer steps
+
+
+def fill(folder: Path, text: str) -> None:
+    for name in NAMES[:2]:
+        (folder / name).write_text(text * _SIZE)
+    (folder / NAMES[2]).mkdir()
+    (folder / NAMES[2] / f"{text}.png").write_text(text * _SIZE)
+
+
+def entries(home: Path) -> None:
+    with atomic_entries(home / "out", NAMES) as staged:
+        fill(staged, "b")
+
+
+def folder(home: Path) -> None:
+    with atomic_folder(home / "out", replace=True) as staged:
+        (staged / "benchmark.toml").touch()
+        fill(staged, "b")
+
+
+def file(home: Path) -> None:
+    with atomic_write(home / "out" / "result", "w") as stream:
+        stream.write("b" * _SIZE)
+
+
+def prepare(home: Path, kind: str) -> None:
+    (home / "out").mkdir(parents=True)
+    fill(home / "out", "a")
+    if kind == "folder":
+        (home / "out" / "benchmark.toml").touch()
+    if kind == "shared":
+        (home / "out" / "thesis").write_text("mine")
+
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "entries": entries,
+    "shared": entries,
+    "folder": folder,
+    "file": file,
+}
+
+
+def run(write: Callable[[Path], None], home: Path, fault: str, step: int) -> int:
+    """Run a writer in a process of its own, and return its exit code, negative for a signal."""
+    child = os.fork()
+    if child:
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    count = 0
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        nonlocal count
+        if event not in STEPS or (event == "open" and not _writes(arguments)):
+            return
+        count += 1
+        if count == step and fault == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if count == step and fault == "failed":
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    if fault == "full":
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (step * 4096, resource.RLIM_INFINITY))
+    sys.addaudithook(hook)
+    try:
+        write(home)
+    except Exception:  # noqa: BLE001 - whatever it is, what counts is what is left on the disk
+        os._exit(1)
+    os._exit(0 if count >= step or fault == "full" else _NO_FAULT)
+
+
+def _writes(arguments: tuple[Any, ...]) -> bool:
+    return bool(arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
+
+
+def state(home: Path) -> dict[str, str]:
+    """Return the first letter of each file below a folder that is not hidden."""
+    found = {}
+    for path in sorted(home.rglob("*")):
+        name = path.relative_to(home).as_posix()
+        if path.is_file() and not any(part.startswith(".") for part in name.split("/")):
+            content = path.read_text()
+            found[name] = content[:1] if len(set(content)) <= 1 and content else content
+    return found
+
+
+def hidden(home: Path) -> list[str]:
+    return [path.name for path in home.rglob("*") if path.name.startswith(".")]
+
+
+def main() -> None:
+    root, kind, fault, swap = Path(sys.argv[1]), sys.argv[2], sys.argv[3], sys.argv[4] == "swap"
+    if not swap:
+        exchange._swapped = lambda new, path: False
+    cases = []
+    for step in range(1, 200):
+        home = root / str(step)
+        prepare(home, kind)
+        code = run(WRITERS[kind], home, fault, step)
+        left = state(home)
+        again = run(WRITERS[kind], home, "none", -1)
+        cases.append({"code": code, "left": left, "again": again, "end": state(home)})
+        cases[-1]["hidden"] = hidden(home)
+        if code == (0 if fault == "full" else _NO_FAULT):
+            break
+    json.dump(cases, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()
