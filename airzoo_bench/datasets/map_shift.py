@@ -49,9 +49,8 @@ def map_shift(dom: RasterInfo, dsm: RasterInfo) -> MapShift | None:
 
     Two proofs are tried. Grids of the same size and pixels, in one CRS, are one grid, and one of
     them was moved where their corners differ. Otherwise, where both have empty pixels, their
-    masks are correlated (normalised, over shifts of up to 128 of at most
-    2,048 cells): the map is shifted
-    where another shift than none fits clearly better.
+    masks are correlated (normalised, over shifts of up to 128 of at most 2,048 cells): the map is
+    shifted where another shift than none fits clearly better.
     """
     return _by_grids(dom, dsm) or _by_masks(dom, dsm)
 
