@@ -161,3 +161,18 @@ def test_the_real_scene(capsys: pytest.CaptureFixture[str]) -> None:
 def test_names_and_focal_length_are_as_the_tests_say() -> None:
     assert names(2) == ("f000.png", "f001.png")
     assert scene(FLIGHT).cameras.focal[0, 0] == FOCAL
+
+
+def test_web_mercator_is_no_metres(
+    photos: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, poses = photos
+    file = json.loads(poses.read_text())
+    for number, image in enumerate(file["images"].values()):
+        image["center"] = [1_800_000.0 + number, 6_070_000.0, 100.0]
+    poses.write_text(json.dumps(file | {"crs": "EPSG:3857"}))
+    options = ("--poses", poses, "--images", images, "--format", "json")
+    assert run_main("check-geometry", *options) == 1
+    fault = json.loads(capsys.readouterr().out)["scenes"][0]["faults"][0]
+    assert "EPSG:3857" in fault
+    assert "its scale is off by 48." in fault
