@@ -20,7 +20,7 @@ __all__ = ["check_map", "check_tile_count", "surveyed"]
 _LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
 # Some 130,000 px a side: a larger raster takes hours to pass over.
 _MOST_PIXELS = 1 << 34
-_MOST_TILES = 1_000_000
+_MOST_TILES = 500_000  # some 0.8 GB
 _POLE_DEG = 90.0 + 1e-6
 
 
