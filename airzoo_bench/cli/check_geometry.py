@@ -186,4 +186,4 @@ def _checked(
         if has_depth
         else None
     )
-    return SceneGeometry(scene, chain, consistency)
+    return SceneGeometry(scene, chain, consistency, scene.facts())

@@ -58,6 +58,12 @@ def photos(
         Path | None,
         typer.Option(help="True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
     ] = None,
+    priors: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV of positions and gimbal angles, where the photos' metadata lack them."
+        ),
+    ] = None,
     crs: Annotated[
         str | None, typer.Option(help="CRS of the poses (default: what their file says).")
     ] = None,
@@ -129,7 +135,7 @@ def photos(
         },
     }
     prepared = prepare_photos(
-        PhotoSources(images, poses, dom, dsm, crs, cloud),
+        PhotoSources(images, poses, dom, dsm, crs, cloud, priors),
         PhotoProtocols(
             protocol_for(base, name, changes),
             protocol_for(matching, name, {}),
@@ -193,8 +199,15 @@ def _threshold(base: float | None, rule: Rule | None, given: float | None) -> fl
 
 
 def _report(prepared: Prepared, out: Path | None) -> None:
+    from airzoo_bench.datasets.facts_lines import fact_lines
+    from airzoo_bench.datasets.suspicions import suspicions
+
     put(f"{prepared.folder}\n")
+    for line in fact_lines(prepared.facts):
+        put(f"  {line}\n")
     _report_tracks(prepared.truths)
+    for sentence in suspicions(prepared.facts):
+        say(f"warning: {sentence}")
     if prepared.without_pose:
         say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
     _suggest(prepared.protocols, out and prepared.folder)
@@ -211,7 +224,7 @@ def _report_tracks(truths: SceneTruths) -> None:
         put(f"  matching        {len(truths.matching.queries)} queries with a prior\n")
         _report_left_out(len(truths.matching.excluded))
     else:
-        put("  matching        no: no photo has GPS position and gimbal angles in its metadata\n")
+        put("  matching        no: no photo has GPS position and gimbal angles (--priors)\n")
     if truths.reconstruction is not None:
         put(f"  reconstruction  {len(truths.reconstruction.photos)} photos, a true cloud\n")
     else:

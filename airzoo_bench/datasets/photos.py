@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from airzoo_bench.benchmark_file import SceneFile
+from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.folder import (
     SceneTruths,
@@ -17,19 +18,24 @@ from airzoo_bench.datasets.folder import (
     write_scene,
 )
 from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.datasets.prior_file import read_prior_file, with_given
+from airzoo_bench.datasets.raster_checks import check_map, check_tile_count, surveyed
+from airzoo_bench.datasets.scene_facts import Cameras3D, SceneFacts, camera_facts, scene_facts
 from airzoo_bench.datasets.sources import (
     PhotoSources,
     check_names,
     check_target,
     metric_crs,
     photo_sizes,
+    vertical_unit_m,
 )
+from airzoo_bench.datasets.suspicions import check_above_surface, check_map_scale, often_lowest
 from airzoo_bench.datasets.tiles import write_crops, write_tiles
-from airzoo_bench.errors import BenchmarkError, UsageError, UserError
+from airzoo_bench.errors import BenchmarkError, UserError
 from airzoo_bench.files import atomic_folder, sha256_of
+from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.progress import Progress, silent
@@ -39,19 +45,11 @@ from airzoo_bench.protocol import (
     ReconstructionProtocol,
     RetrievalProtocol,
 )
-from airzoo_bench.readers.clouds.formats import open_cloud
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
-from airzoo_bench.reconstruction.prepared import box_of
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
 from airzoo_bench.scene_inputs import SceneInputs, photo_table
 
 __all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
-
-
-# What the parts of a cloud that cannot be read in pieces may take in memory.
-_CLOUD_BYTES = 8 << 30
-# A true cloud is at most so far from the photos, beyond what these span themselves.
-_REACH_M = 1000.0
 
 
 @dataclass(frozen=True)
@@ -86,12 +84,15 @@ class Prepared:
         None for matching where no photo has a prior, for reconstruction without a cloud.
     without_pose : tuple of str
         Photos that the pose file lacks.
+    facts : SceneFacts
+        What the sources say of each other.
     """
 
     folder: Path
     protocols: tuple[str, ...]
     truths: SceneTruths
     without_pose: tuple[str, ...]
+    facts: SceneFacts
 
 
 def prepare_photos(
@@ -133,8 +134,14 @@ def prepare_photos(
     scene = protocols.retrieval.scenes[0]
     check_target(sources, folder, replace=replace)
     sizes = photo_sizes(sources.images, progress)
-    inputs = _inputs(sources, scene.id, sizes, progress)
-    truths = _truths(inputs, protocols, sources)
+    read = _read(sources, scene.id, sizes, progress)
+    inputs = read.inputs
+    check_above_surface(read.cameras, sources.dsm)
+    check_map_scale(inputs)
+    check_tile_count(inputs.dom, protocols.retrieval.gallery)
+    above = check_cloud(sources.cloud, inputs) if sources.cloud is not None else None
+    truths = _truths(read, protocols, sources)
+    facts = read.facts(truths, above)
     served = protocols.served(truths)
     images = tuple(inputs.photos["image"])
     with atomic_folder(folder, replace=replace) as staged:
@@ -156,55 +163,62 @@ def prepare_photos(
             **places,
         )
         write_folder_files(staged, served, [entry])
-    return Prepared(folder, tuple(p.name for p in served), truths, inputs.unposed)
+    return Prepared(folder, tuple(p.name for p in served), truths, inputs.unposed, facts)
 
 
-def _truths(inputs: SceneInputs, protocols: PhotoProtocols, sources: PhotoSources) -> SceneTruths:
+def _truths(read: _Read, protocols: PhotoProtocols, sources: PhotoSources) -> SceneTruths:
+    inputs = read.inputs
     retrieval = build_truth(inputs, protocols.retrieval.gallery, protocols.retrieval.ground_truth)
     matching = _matching_truth(inputs, protocols.matching)
     if retrieval.truth.queries.empty:
-        raise _nothing_to_ask(retrieval, sources)
+        raise _nothing_to_ask(retrieval, sources, read)
     reconstruction = None
     if sources.cloud is not None:
-        _check_cloud(sources.cloud, inputs)
         reconstruction = build_reconstruction_truth(inputs, sources.cloud)
     return SceneTruths(inputs.photos, retrieval, matching, reconstruction)
 
 
-def _check_cloud(cloud: Path, inputs: SceneInputs) -> None:
-    """Read a true cloud to its end, and hold it against where the cameras are.
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """The sources, read and measured."""
 
-    A damaged cloud, or one of another frame, is then found now and not when scoring.
-    """
-    if not cloud.is_file():
-        raise UsageError("no such cloud", where=f"--cloud {cloud}")
-    box = box_of(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
-    centres = inputs.photos[["x", "y"]].to_numpy(np.float64)
-    reach = _REACH_M + np.ptp(centres, axis=0)
-    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
-    if (box.high[:2] < low).any() or (box.low[:2] > high).any():
-        raise BenchmarkError(
-            f"lies about ({box.low[0]:.0f}, {box.low[1]:.0f}), the photos about "
-            f"({centres[:, 0].mean():.0f}, {centres[:, 1].mean():.0f})",
-            where=f"--cloud {cloud}",
-            expected=f"a cloud in the CRS of the poses, {inputs.crs}",
-            mend="transform the cloud, or add the offset that it was reduced by",
+    inputs: SceneInputs
+    survey: HeightSurvey
+    metadata: dict[str, PhotoPrior]
+    cameras: Cameras3D
+
+    def facts(self, truths: SceneTruths, cloud_over_surface_m: float | None) -> SceneFacts:
+        retrieval = None if truths.retrieval is None else truths.retrieval.truth
+        return scene_facts(
+            self.inputs,
+            self.metadata,
+            retrieval,
+            truths.matching,
+            survey=self.survey,
+            cameras=self.cameras,
+            cloud_over_surface_m=cloud_over_surface_m,
         )
 
 
-def _inputs(
+def _read(
     sources: PhotoSources, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
-) -> SceneInputs:
+) -> _Read:
     photos = read_poses(sources.poses, sizes)
     check_names(photos.names, sources.images)
     crs = metric_crs(sources, photos).to_string()
-    dom = open_info(sources.dom)
+    centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(sources, photos))
+    poses = replace(photos.poses, centres=centres)
+    dom, survey = check_map(sources.dom), surveyed(sources.dsm)
     plane = median_height(sources.dsm)
     shown = progress(photos.names, "metadata", len(photos.names))
-    priors = _priors({name: read_prior(sources.images / name) for name in shown}, crs)
-    table = photo_table(scene, photos.names, photos.cameras, photos.poses, priors, plane)
+    given = read_prior_file(sources.priors, sizes) if sources.priors is not None else {}
+    metadata = {
+        name: with_given(read_prior(sources.images / name), given.get(name, {})) for name in shown
+    }
+    table = photo_table(scene, photos.names, photos.cameras, poses, _priors(metadata, crs), plane)
     unposed = tuple(sorted(set(sizes) - set(photos.names)))
-    return SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
+    inputs = SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
+    return _Read(inputs, survey, metadata, camera_facts(table, sources.dsm, metadata))
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
@@ -227,13 +241,20 @@ def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> Matching
     return None if truth.queries.empty else truth
 
 
-def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources) -> UserError:
+def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources, read: _Read) -> UserError:
+    survey, centres = read.survey, read.inputs.photos[["x", "y", "z"]].median()
+    lowest = f"{survey.at_low / survey.valid:.0%} of the heights are exactly {survey.low:.10g} m: "
+    tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "
     excluded = prepared.truth.excluded
     reasons = excluded["reason"].value_counts()
     listed = "; ".join(f"{count} photos: {reason}" for reason, count in reasons.items())
     return BenchmarkError(
-        f"no photo has a tile that answers it ({listed})",
+        f"no photo has a tile that answers it ({listed}); cameras are about "
+        f"({centres['x']:.0f}, {centres['y']:.0f}, {centres['z']:.0f}), the surface model is "
+        f"{survey.low:.1f} to {survey.high:.1f} m high, {read.inputs.plane_height_m:.1f} in the "
+        "median",
         where=sources.poses,
         expected="photos over the map, with poses in the CRS of the DSM",
-        mend="look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera",
+        mend=(tag if often_lowest(survey) else "")
+        + "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera",
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from pyproj import CRS
 
 from airzoo_bench.datasets.images import photo_size
 from airzoo_bench.datasets.poses import PosedPhotos
@@ -18,15 +19,20 @@ from airzoo_bench.errors import (
     first_of,
 )
 from airzoo_bench.files import check_new_folder
-from airzoo_bench.geometry.frames import horizontal_crs
+from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
 from airzoo_bench.geometry.rasters import check_same_crs, describe_crs, open_info
+from airzoo_bench.geometry.units import check_true_metres, vertical_m
 from airzoo_bench.ids import PHOTO_SUFFIXES
 from airzoo_bench.progress import Progress
 
-if TYPE_CHECKING:
-    from pyproj import CRS
-
-__all__ = ["PhotoSources", "check_names", "check_target", "metric_crs", "photo_sizes"]
+__all__ = [
+    "PhotoSources",
+    "check_names",
+    "check_target",
+    "metric_crs",
+    "photo_sizes",
+    "vertical_unit_m",
+]
 
 _LONGEST_PATH = 180  # so that ids are no longer than prediction files may have them
 _MOST_DSM_BANDS = 2  # heights, and perhaps a mask
@@ -48,6 +54,8 @@ class PhotoSources:
         CRS of the poses, where their file does not name it.
     cloud : Path or None
         The true cloud, in the CRS of the poses, for the reconstruction track.
+    priors : Path or None
+        Table of what stands in for the photos' metadata; see `prior_file`.
     """
 
     images: Path
@@ -56,6 +64,7 @@ class PhotoSources:
     dsm: Path
     crs: str | None = None
     cloud: Path | None = None
+    priors: Path | None = None
 
     @property
     def kept(self) -> dict[str, Path]:
@@ -112,12 +121,13 @@ def check_names(names: tuple[str, ...], folder: Path) -> None:
 
 
 def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
-    """Return the CRS of the poses, which must be projected, in metres, and that of the DSM.
+    """Return the CRS of the poses, which must be projected, in true metres, and that of the DSM.
 
     Raises
     ------
     UserError
-        It is not known, not metric or not the DSM's; or the DSM looks like a map.
+        It is not known, not metric or not the DSM's, or its scale at the photos is not 1; or the
+        DSM looks like a map.
     """
     named = sources.crs or photos.crs
     if named is None:
@@ -128,6 +138,7 @@ def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
             mend="add the key 'crs' to the file, or give --crs EPSG:...",
         )
     crs = _in_metres(named, sources)
+    check_true_metres(crs, to_lonlat(crs, photos.poses.centres[:, :2]), _place_of_crs(sources))
     dsm = open_info(sources.dsm)
     check_same_crs(crs, dsm.crs, f"the poses ({sources.poses}) and the DSM ({sources.dsm})")
     if dsm.bands > _MOST_DSM_BANDS:
@@ -141,7 +152,7 @@ def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
 
 
 def _in_metres(named: str, sources: PhotoSources) -> CRS:
-    place = f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
+    place = _place_of_crs(sources)
     try:
         crs = horizontal_crs(named)
     except UserError as error:
@@ -154,3 +165,12 @@ def _in_metres(named: str, sources: PhotoSources) -> CRS:
             mend="transform the camera centres, rotations and the DSM to one",
         )
     return crs
+
+
+def vertical_unit_m(sources: PhotoSources, photos: PosedPhotos) -> float:
+    """Metres of the unit of the poses' heights: that of a compound CRS, else 1."""
+    return vertical_m(CRS.from_user_input(sources.crs or photos.crs)) or 1.0
+
+
+def _place_of_crs(sources: PhotoSources) -> str:
+    return f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"

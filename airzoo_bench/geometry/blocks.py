@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from rasterio.windows import Window
 
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.heightfield import HeightField, read_metres
+from airzoo_bench.geometry.heightfield import HeightField, Heights, read_metres
 from airzoo_bench.geometry.rasters import open_info, opened
 
-__all__ = ["blocked_heights", "small_cache", "window_shape"]
+__all__ = ["HeightSurvey", "blocked_heights", "small_cache", "survey_heights", "window_shape"]
 
 _SIDE = 256
 _SLOTS = 1024
@@ -41,6 +41,72 @@ def window_shape(dataset: Any, pixels: int) -> tuple[int, int]:
     width = min(wide * max(int(pixels**0.5) // wide, 1), dataset.width)
     height = min(high * max(pixels // width // high, 1), dataset.height)
     return width, height
+
+
+@dataclass(frozen=True)
+class HeightSurvey:
+    """What one pass over a raster's heights finds, in metres.
+
+    Attributes
+    ----------
+    pixels, valid : int
+        All, and those that have a height.
+    low, high : float
+        Lowest and highest height; NaN where there is none.
+    at_low : int
+        Pixels that have the lowest height to the last bit.
+    beyond : int
+        Pixels lower or higher than what was asked for.
+    """
+
+    pixels: int
+    valid: int
+    low: float
+    high: float
+    at_low: int
+    beyond: int
+
+    @property
+    def valid_share(self) -> float:
+        """Share of pixels that have a height."""
+        return self.valid / self.pixels
+
+
+def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSurvey:
+    """Pass once over a raster's heights, in bounded memory.
+
+    Parameters
+    ----------
+    path : str or Path
+    lowest, highest : float
+        Heights outside are counted as `beyond`.
+
+    Raises
+    ------
+    RasterError
+        See `opened` and `units.height_unit_m`.
+    """
+    pixels = valid = at_low = beyond = 0
+    low = high = np.nan
+    with small_cache(), opened(path) as dataset:
+        for heights in _windows_of_heights(dataset):
+            there = heights[~np.isnan(heights)].astype(np.float64)
+            pixels, valid = pixels + heights.size, valid + there.size
+            least = there.min(initial=np.inf)
+            if there.size and not low <= least:
+                low, at_low = least, 0
+            at_low += int((there == low).sum())
+            high = np.fmax(high, there.max()) if there.size else high
+            beyond += int(((there < lowest) | (there > highest)).sum())
+    return HeightSurvey(pixels, valid, float(low), float(high), at_low, beyond)
+
+
+def _windows_of_heights(dataset: Any) -> Iterator[Heights]:
+    width, height = window_shape(dataset, _SCAN_PIXELS)
+    for row in range(0, dataset.height, height):
+        for column in range(0, dataset.width, width):
+            right, below = dataset.width - column, dataset.height - row
+            yield read_metres(dataset, Window(column, row, min(width, right), min(height, below)))
 
 
 @contextmanager
@@ -101,12 +167,9 @@ class _Blocks:
 
     def height_range(self) -> tuple[float, float]:
         low = high = np.nan
-        width, height = window_shape(self._dataset, _SCAN_PIXELS)
-        for row in range(0, self._dataset.height, height):
-            for column in range(0, self._dataset.width, width):
-                heights = self._read(column, row, width, height)
-                low = np.fmin(low, np.fmin.reduce(heights, axis=None))
-                high = np.fmax(high, np.fmax.reduce(heights, axis=None))
+        for heights in _windows_of_heights(self._dataset):
+            low = np.fmin(low, np.fmin.reduce(heights, axis=None))
+            high = np.fmax(high, np.fmax.reduce(heights, axis=None))
         return float(low), float(high)
 
     def _load(self, block: Ints) -> None:

@@ -22,8 +22,9 @@ from airzoo_bench.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
+from airzoo_bench.geometry.units import height_unit_m
 
-__all__ = ["CORNERS", "HeightField", "Heights", "read_heights", "read_metres"]
+__all__ = ["CORNERS", "HeightField", "Heights", "metres_of", "read_heights", "read_metres"]
 
 Heights = NDArray[np.float32] | NDArray[np.float64]
 
@@ -180,13 +181,25 @@ def _neighbours(position: Floats, size: int) -> tuple[Ints, Ints, Floats]:
 
 
 def read_metres(dataset: Any, window: Window) -> Heights:
-    """Read heights of band 1 with the file's scale and offset applied; NaN where there is none."""
+    """Read heights of band 1 in metres; NaN where there is none."""
     heights = read_heights(dataset, window, _height_type(dataset.dtypes[0]))
-    scale, offset = dataset.scales[0], dataset.offsets[0]
+    scale, offset = metres_of(dataset)
     if (scale, offset) == (1.0, 0.0):
         return heights
     scaled: Floats = heights.astype(np.float64) * scale + offset
     return scaled
+
+
+def metres_of(dataset: Any) -> tuple[float, float]:
+    """Scale and offset that make metres of stored numbers: the file's own, times its unit's.
+
+    Raises
+    ------
+    RasterError
+        See `units.height_unit_m`.
+    """
+    unit = height_unit_m(dataset)
+    return float(dataset.scales[0]) * unit, float(dataset.offsets[0]) * unit
 
 
 def read_heights(dataset: Any, window: Window, dtype: Any) -> Heights:
@@ -274,5 +287,5 @@ def _check_size(info: RasterInfo, window: Window, itemsize: int, limit_bytes: in
             f"heights of {window.width} x {window.height} px need {size / _GIB:.2f} GiB",
             where=info.path,
             expected=f"at most {limit_bytes / _GIB:.2f} GiB",
-            mend="read a part by bounds, raise the limit, or resample the raster",
+            mend="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rasterio.windows import Window
 
 from airzoo_bench.errors import RasterError
-from airzoo_bench.geometry.heightfield import Heights, read_heights
+from airzoo_bench.geometry.heightfield import Heights, metres_of, read_heights
 from airzoo_bench.geometry.rasters import opened
 
 __all__ = ["median_height"]
@@ -22,7 +22,7 @@ _NARROW = ("float32", "int8", "int16", "uint8", "uint16")
 
 
 def median_height(path: str | Path) -> float:
-    """Median of all valid heights of a raster's first band.
+    """Median of all valid heights of a raster's first band, in metres.
 
     Radix selection: heights become unsigned integers of the same order, and each pass over the file
     counts 16 bits of those that share the bits found so far: two passes for float32 and narrow
@@ -38,7 +38,8 @@ def median_height(path: str | Path) -> float:
     with opened(path) as dataset:
         dtype = np.dtype(np.float32 if dataset.dtypes[0] in _NARROW else np.float64)
         lower, upper = _middle(dataset, dtype, path)
-        return (lower + upper) / 2.0 * float(dataset.scales[0]) + float(dataset.offsets[0])
+        scale, offset = metres_of(dataset)
+        return (lower + upper) / 2.0 * scale + offset
 
 
 def _middle(dataset: Any, dtype: np.dtype[Any], path: str | Path) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from airzoo_bench.queries import cameras_of, poses_of, read_queries
 
 if TYPE_CHECKING:
     from airzoo_bench.benchmark_file import SceneFile
+    from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = ["PosedScene", "open_benchmark", "scene_from_poses", "scenes_of_benchmark"]
 
@@ -38,6 +39,8 @@ class PosedScene:
         Of the photos.
     plane_height_m : float or None
         Of the ground, where the dataset says.
+    benchmark : Benchmark or None
+        That the scene is of.
     """
 
     name: str
@@ -48,6 +51,19 @@ class PosedScene:
     crs: str | None
     folder: Path
     plane_height_m: float | None = None
+    benchmark: Benchmark | None = None
+
+    def facts(self) -> SceneFacts | None:
+        """Compare what the scene's folder holds; None for pose files, and without its maps.
+
+        Raises
+        ------
+        UserError
+            See `datasets.folder_facts.folder_facts`.
+        """
+        from airzoo_bench.datasets.folder_facts import folder_facts
+
+        return None if self.benchmark is None else folder_facts(self.benchmark, self.name)
 
 
 def open_benchmark(place: Path) -> Benchmark:
@@ -130,4 +146,5 @@ def _scene(benchmark: Benchmark, scene: SceneFile) -> PosedScene:
         scene.crs,
         benchmark.resolve(scene.images),
         scene.plane_height_m,
+        benchmark,
     )

@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.datasets.scene_facts import SceneFacts
+from airzoo_bench.datasets.suspicions import suspicions
+from airzoo_bench.errors import CameraError
 from airzoo_bench.files import atomic_write
+from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
+from airzoo_bench.geometry.units import check_true_metres
 from airzoo_bench.geometry_checks.dataset import PosedScene
 from airzoo_bench.geometry_checks.depth_report import FLOATING_BELOW, DepthConsistency
 from airzoo_bench.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
@@ -54,22 +59,34 @@ class SceneGeometry:
         None where the CRS is not known.
     depth : DepthConsistency or None
         None where there is no depth.
+    sources : SceneFacts or None
+        What poses, photos and maps of a benchmark folder say of each other; None for pose files,
+        and where map or surface model are not there.
     """
 
     scene: PosedScene
     chain: FrameChain | None
     depth: DepthConsistency | None
+    sources: SceneFacts | None = None
 
     @property
     def faults(self) -> list[str]:
         """What is wrong, a sentence each; empty where nothing is."""
-        chain = [] if self.chain is None else _chain_faults(self.chain, self.scene.ids)
+        chain = _scale_faults(self.scene)
+        chain += [] if self.chain is None else _chain_faults(self.chain, self.scene.ids)
         return chain + ([] if self.depth is None else _depth_faults(self.depth))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is suspect, a sentence each: the same as `prepare` says."""
+        return [] if self.sources is None else suspicions(self.sources)
 
     @property
     def notes(self) -> list[str]:
         """What was not checked, and other things to know."""
         notes = []
+        if self.sources is None and self.scene.benchmark is not None:
+            notes.append("poses not held against GPS and maps: map or surface model are not there")
         if self.chain is None:
             notes.append("frame chain not checked: the CRS of the poses is not known (--crs)")
         if self.depth is None:
@@ -78,6 +95,19 @@ class SceneGeometry:
             names = self.depth.without_depth
             notes.append(f"{len(names)} photos have no depth map, such as {names[0]}")
         return notes
+
+
+def _scale_faults(scene: PosedScene) -> list[str]:
+    if scene.crs is None:
+        return []
+    crs = horizontal_crs(scene.crs)
+    places = to_lonlat(crs, scene.poses.centres[:, :2])
+    try:
+        # Positions that are no place are the frame chain's.
+        check_true_metres(crs, places[np.isfinite(places).all(axis=1)], scene.name)
+    except CameraError as error:
+        return [error.what]
+    return []
 
 
 def _chain_faults(chain: FrameChain, ids: tuple[str, ...]) -> list[str]:
@@ -142,7 +172,11 @@ def _conventions(depth: DepthConsistency) -> list[str]:
 def geometry_table(checked: list[SceneGeometry]) -> Table:
     """Lay out the checks, a row a scene, faults and notes below."""
     rows = tuple(Row(tuple(Cell(value) for value in _row(one))) for one in checked)
-    notes = [f"{one.scene.name}: {text}" for one in checked for text in (*one.faults, *one.notes)]
+    notes = [
+        f"{one.scene.name}: {text}"
+        for one in checked
+        for text in (*one.faults, *(f"warning: {said}" for said in one.warnings), *one.notes)
+    ]
     return Table("Geometry checks", _COLUMNS, rows, tuple(notes))
 
 
@@ -156,7 +190,7 @@ def _row(one: SceneGeometry) -> list[float | int | str | None]:
         figures = [len(depth.pairs) // 2, depth.pairs_without_overlap, 100 * depth.compared]
         figures += [100 * depth.quantile(share) for share in (0.5, 0.9, 0.95)]
         figures.append(100 * depth.signed_median)
-    verdict = "fails" if one.faults else "passes"
+    verdict = "fails" if one.faults else "warns" if one.warnings else "passes"
     return [one.scene.name, len(one.scene.ids), *closure, *figures, verdict]
 
 
@@ -196,7 +230,9 @@ def _values(one: SceneGeometry) -> dict[str, object]:
             "without_depth": list(depth.without_depth),
         }
     )
-    return values | {"faults": one.faults, "notes": one.notes, "passes": not one.faults}
+    values["sources"] = None if one.sources is None else one.sources.values()
+    said = {"faults": one.faults, "warnings": one.warnings, "notes": one.notes}
+    return values | said | {"passes": not one.faults}
 
 
 def _finite(value: float) -> float | None:

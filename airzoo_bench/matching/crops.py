@@ -23,10 +23,12 @@ from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.missing_heights import HeightAt, meet_missing, nearest_heights
 from airzoo_bench.geometry.planes import change_of_plane
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
 from airzoo_bench.geometry.rays import intersect_heightfield
+from airzoo_bench.matching.settings import Crop
 
 __all__ = [
     "CropStatus",
@@ -68,7 +70,7 @@ class CropWindows:
         CropStatus of each query.
     rays : (N, 4) uint8 array
         RayStatus of the image's corners: top left, top right, bottom right, bottom left. All but
-        HIT and NO_RAY were cut at the range.
+        HIT and NO_RAY met a stand-in for missing heights, or were cut at the range.
     """
 
     x: Ints
@@ -94,16 +96,17 @@ def crop_windows(
     dom: RasterInfo,
     dsm: HeightField | str | Path,
     *,
-    margin: float,
-    max_range_m: float,
+    crop: Crop,
+    plane_height_m: float,
 ) -> CropWindows:
     """Find the reference crop of each query (PROTOCOLS.md, track 2, "Crop").
 
-    The image's four corners are cast onto the surface model. A corner that misses it (above the
-    horizon, off the raster, where there is no height) is cut at `max_range_m` along its ray, and
-    counts with the horizontal position of that end. The box around the four, in the map's pixels,
-    grows on each of its sides by `margin` times its length along that axis, is widened to whole
-    pixels and cut to the map.
+    The image's four corners are cast onto the surface model. A corner whose ray comes down where
+    the model has no height, or past its edge, is met with a level plane, as `missing_heights` says
+    (see `missing_heights.meet_missing`). Any other that misses (above the horizon, too far) is cut
+    at `max_range_m` along its ray, and counts with the horizontal position of that end. The box
+    around the four, in the map's pixels, grows on each of its sides by `margin` times its length
+    along that axis, is widened to whole pixels and cut to the map.
 
     Parameters
     ----------
@@ -114,10 +117,10 @@ def crop_windows(
     dsm : HeightField, str or Path
         The surface model, in a projected CRS in metres; of a file only the blocks that rays cross
         are kept, after one pass for its lowest and highest height. Both give the same crops.
-    margin : float
-        0.1 lets a box of 100 m become one of 120 m.
-    max_range_m : float
-        Along the ray.
+    crop : Crop
+        The protocol's. A margin of 0.1 lets a box of 100 m become one of 120 m.
+    plane_height_m : float
+        Height of the plane that `missing_heights = "plane"` asks for.
 
     Returns
     -------
@@ -128,10 +131,10 @@ def crop_windows(
     RasterError
         The surface model is not in metres, or cannot be read.
     """
-    corners = _cast_corners(cameras, priors, dsm, max_range_m)
+    corners = _cast_corners(cameras, priors, dsm, crop, plane_height_m)
     pixels = world_to_pixel(dom.transform, change_of_plane(corners.crs, dom.crs)(corners.xy))
     low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
-    grown = margin * (high - low)
+    grown = crop.margin * (high - low)
     blind = np.isnan(grown).any(axis=1)
     size = (dom.width, dom.height)
     first = np.floor(np.round(low - grown, _DECIMALS))
@@ -210,19 +213,39 @@ class _Corners:
 
 
 def _cast_corners(
-    cameras: Cameras, priors: Poses, dsm: HeightField | str | Path, max_range_m: float
+    cameras: Cameras,
+    priors: Poses,
+    dsm: HeightField | str | Path,
+    crop: Crop,
+    plane_height_m: float,
 ) -> _Corners:
     if not isinstance(dsm, HeightField):
         with blocked_heights(dsm) as field:
-            return _cast_corners(cameras, priors, field, max_range_m)
+            return _cast_corners(cameras, priors, field, crop, plane_height_m)
     directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
-    ends = priors.centres[:, None] + max_range_m * directions
+    centres, far = priors.centres, crop.max_range_m
+    ends = centres[:, None] + far * directions
     rays = np.empty(ends.shape[:2], np.uint8)
+    height_at = _missing_heights(dsm, crop, plane_height_m)
     for part in _parts(len(cameras)):
-        hits = intersect_heightfield(priors.centres[part], directions[part], dsm, max_range_m)
-        ends[part] = np.where(hits.valid[..., None], hits.points, ends[part])
+        hits = intersect_heightfield(centres[part], directions[part], dsm, far)
+        points = hits.points
+        if height_at is not None:
+            points = meet_missing(centres[part], directions[part], hits, dsm, height_at, far)
+        ends[part] = np.where(np.isnan(points), ends[part], points)
         rays[part] = hits.status
     return _Corners(ends[..., :2], rays, dsm.crs)
+
+
+def _missing_heights(dsm: HeightField, crop: Crop, plane_height_m: float) -> HeightAt | None:
+    """Return the heights that stand in for those that the surface model lacks, where any do."""
+    match crop.missing_heights:
+        case "nearest":
+            return nearest_heights(dsm, crop.nearest_of_px)
+        case "plane":
+            return lambda places: np.full(places.shape[:-1], plane_height_m)
+        case "cut":
+            return None
 
 
 def _parts(count: int) -> Iterator[slice]:

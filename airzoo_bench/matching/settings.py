@@ -22,6 +22,8 @@ class Crop(Strict):
 
     margin: Annotated[float, Field(ge=0, le=10)]
     max_range_m: Positive
+    missing_heights: Literal["nearest", "plane", "cut"]
+    nearest_of_px: Annotated[int, Field(ge=1, le=1 << 24)]
 
 
 class Prior(Strict):

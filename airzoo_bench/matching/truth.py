@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import Benchmark, read_table
 from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import sha256_of
+from airzoo_bench.files import read_text, sha256_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, check_same_crs, open_info
 from airzoo_bench.queries import (
     POSE_COLUMNS,
     PRIOR_COLUMNS,
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["CROP_COLUMNS", "MatchingTruth", "read_truth", "with_truth_as_prior", "write_truth"]
+
+_MAP_LIMIT_BYTES = 1 << 20
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
 
@@ -93,8 +96,7 @@ class MatchingTruth:
             *(cameras.distortion, poses.rotation, poses.centres, self.crops),
         ):
             digest.update(array.astype("<f8").tobytes())
-        grid = [self.dom.width, self.dom.height, *self.dom.transform[:6], self.dom.crs.to_string()]
-        digest.update(repr(grid).encode() + self.dsm_sha256.encode())
+        digest.update(repr([*_grid(self.dom).values()]).encode() + self.dsm_sha256.encode())
         return digest.hexdigest()
 
 
@@ -113,15 +115,18 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
     crops = truth.queries[["id"]].assign(**columns)
     crops.to_csv(home / "crops.csv", index=False, lineterminator="\n")
     truth.excluded.to_csv(home / "excluded.csv", index=False, lineterminator="\n")
+    grid = json.dumps(_grid(truth.dom), indent=1)
+    (home / "map.json").write_text(grid + "\n", encoding="utf-8")
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
-    """Read a scene's truth, and hold the surface model to its checksum.
+    """Read a scene's truth, and hold the surface model to its checksum and the map to its grid.
 
     Raises
     ------
     BenchmarkError
-        A file is missing or damaged, or the surface model is not the one that was prepared.
+        A file is missing or damaged, a crop is not inside the map, or map or surface model are not
+        those that were prepared.
     RasterError
         Map or surface model cannot be read.
     """
@@ -147,9 +152,69 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
             expected=f"SHA-256 {(entry.dsm_sha256 or 'none')[:12]}…",
             mend="put it back, or prepare the benchmark again",
         )
-    windows = crops[list(CROP_COLUMNS)].to_numpy(np.int64)
     dom = open_info(benchmark.resolve(entry.dom))
+    _check_map(home / "map.json", dom)
+    windows = _windows(crops, dom, home / "crops.csv")
     return MatchingTruth(scene, queries, windows, dom, dsm, found, excluded)
+
+
+def _grid(dom: RasterInfo) -> dict[str, Any]:
+    """All of a map that scores are computed from: size, geotransform, CRS."""
+    transform = [float(value) for value in dom.transform[:6]]
+    size = {"width": dom.width, "height": dom.height}
+    return size | {"transform": transform, "crs": dom.crs.to_string()}
+
+
+def _check_map(path: Path, dom: RasterInfo) -> None:
+    text = read_text(path, BenchmarkError, "grid of the map", _MAP_LIMIT_BYTES)
+    try:
+        prepared = json.loads(text)
+    except ValueError as error:
+        raise BenchmarkError(
+            f"not JSON: {error}", where=path, mend="prepare the benchmark again"
+        ) from error
+    if not isinstance(prepared, dict):
+        prepared = {}
+    # One CRS has several spellings: it is compared by what it means.
+    found = _grid(dom)
+    if prepared | {"crs": found["crs"]} != found:
+        raise BenchmarkError(
+            "the map's grid is not the one that the benchmark was prepared with: "
+            f"{json.dumps(found)}",
+            where=dom.path,
+            expected=json.dumps(prepared),
+            mend="put the map back, or prepare the benchmark again",
+        )
+    check_same_crs(dom.crs, prepared.get("crs"), f"{dom.path} and the map that was prepared")
+
+
+def _windows(crops: pd.DataFrame, dom: RasterInfo, path: Path) -> NDArray[np.int64]:
+    """Return the crops (Q, 4), each of whole pixels of the map."""
+    import pandas as pd
+
+    table = crops[list(CROP_COLUMNS)].apply(pd.to_numeric, errors="coerce")
+    values = table.to_numpy(np.float64)
+    _refuse_cells(values != np.floor(values), crops, "no whole number of pixels", path)
+    far = max(dom.width, dom.height)
+    _refuse_cells((values < (0, 0, 1, 1)) | (values > far), crops, "not inside the map", path)
+    over = values[:, :2] + values[:, 2:] > (dom.width, dom.height)
+    _refuse_cells(np.hstack((np.zeros_like(over), over)), crops, "beyond the map's edge", path)
+    windows: NDArray[np.int64] = values.astype(np.int64)
+    return windows
+
+
+def _refuse_cells(bad: NDArray[np.bool_], crops: pd.DataFrame, what: str, path: Path) -> None:
+    if not bad.any():
+        return
+    row, column = (int(index[0]) for index in np.nonzero(bad))
+    name = CROP_COLUMNS[column]
+    raise BenchmarkError(
+        f"column {name}, row {row + 1} ({crops['id'].iloc[row]}): "
+        f"{str(crops[name].iloc[row])[:40]!r} is {what}",
+        where=path,
+        expected="a window of whole pixels, inside the map",
+        mend="prepare the benchmark again",
+    )
 
 
 def _dsm_checksum(dsm: Path) -> str:

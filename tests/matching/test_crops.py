@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from airzoo_bench.matching.crops import (
     crop_windows,
     map_to_crop,
 )
+from airzoo_bench.matching.settings import Crop
 from tests.geometry.support import looking_down, quick, seeds, write_tif
 
 NAN = np.nan
@@ -47,6 +49,21 @@ def level(height: float = 0.0) -> HeightField:
     return HeightField(np.full((200, 200), height), grid, "EPSG:32615")
 
 
+def crop_rule(margin: float, max_range_m: float, missing: str = "nearest") -> Crop:
+    return Crop.model_validate(
+        {
+            "margin": margin,
+            "max_range_m": max_range_m,
+            "missing_heights": missing,
+            "nearest_of_px": 10_000,
+        }
+    )
+
+
+grown_crop = partial(crop_rule, 0.1)
+plain_crop = partial(crop_rule, 0.0)
+
+
 def camera(fx: float, fy: float, distortion: Any = None) -> Cameras:
     """A camera of 600 x 400 pixels."""
     K = [[[fx, 0, 300], [0, fy, 200], [0, 0, 1]]]
@@ -61,24 +78,44 @@ def test_nadir_by_hand() -> None:
     # 100 m up, 600 x 400 px at f = 1000: 60 m by 40 m about (X + 10, Y - 20).
     pose = Poses.from_centres(looking_down(0), [(X + 10, Y - 20, 100.0)])
     windows = crop_windows(
-        camera(1000, 1000), pose, map_of(500, 600), level(), margin=0.0, max_range_m=300.0
+        camera(1000, 1000),
+        pose,
+        map_of(500, 600),
+        level(),
+        crop=plain_crop(300.0),
+        plane_height_m=0.0,
     )
     # West side at X - 20: 480 m = 240 px from the map's corner; north side at Y: 1000 m.
     assert box(windows) == [(240, 500, 30, 20)]
     grown = crop_windows(
-        camera(1000, 1000), pose, map_of(500, 600), level(), margin=0.1, max_range_m=300.0
+        camera(1000, 1000),
+        pose,
+        map_of(500, 600),
+        level(),
+        crop=grown_crop(300.0),
+        plane_height_m=0.0,
     )
     # A tenth of 30 and 20 px on each side.
     assert box(grown) == [(237, 498, 36, 24)]
     # A quarter of a metre to the east: outward to whole pixels.
     moved = Poses.from_centres(looking_down(0), [(X + 10.25, Y - 20, 100.0)])
     outward = crop_windows(
-        camera(1000, 1000), moved, map_of(500, 600), level(), margin=0.0, max_range_m=300.0
+        camera(1000, 1000),
+        moved,
+        map_of(500, 600),
+        level(),
+        crop=plain_crop(300.0),
+        plane_height_m=0.0,
     )
     assert box(outward) == [(240, 500, 31, 20)]
     # On ground 50 m high the footprint is half as large: it is the DSM that counts.
     high = crop_windows(
-        camera(1000, 1000), pose, map_of(500, 600), level(50.0), margin=0.0, max_range_m=300.0
+        camera(1000, 1000),
+        pose,
+        map_of(500, 600),
+        level(50.0),
+        crop=plain_crop(300.0),
+        plane_height_m=0.0,
     )
     assert box(high) == [(247, 505, 16, 10)]
 
@@ -88,7 +125,12 @@ def test_tilted_by_hand() -> None:
     # 100 (1 + 1/3) / (1 - 1/3) = 200 m north, the near ones 50 m; the far side is 150 sqrt(2) m.
     pose = Poses.from_centres(looking_down(45), [(X, Y, 100.0)])
     windows = crop_windows(
-        camera(600, 600), pose, map_of(500, 600), level(), margin=0.1, max_range_m=500.0
+        camera(600, 600),
+        pose,
+        map_of(500, 600),
+        level(),
+        crop=grown_crop(500.0),
+        plane_height_m=0.0,
     )
     half, grown = 75 * np.sqrt(2), 0.1 * 150 * np.sqrt(2)
     left, right = np.floor((500 - half - grown) / 2), np.ceil((500 + half + grown) / 2)
@@ -102,32 +144,106 @@ def test_above_the_horizon_cut_at_the_range() -> None:
     # out they are 300 m aside and 600 m north. The lower ones land after 350 m, half as far.
     pose = Poses.from_centres(looking_down(90), [(X, Y, 100.0)])
     windows = crop_windows(
-        camera(600, 600), pose, map_of(500, 600), level(), margin=0.0, max_range_m=700.0
+        camera(600, 600),
+        pose,
+        map_of(500, 600),
+        level(),
+        crop=plain_crop(700.0),
+        plane_height_m=0.0,
     )
     assert box(windows) == [(100, 200, 300, 150)]
     up, hit = RayStatus.NOT_DOWNWARD, RayStatus.HIT
     assert windows.rays.tolist() == [[up, up, hit, hit]]
     # At 175 m all are cut: 75 m aside, 150 m north; a box without height still has a pixel.
     short = crop_windows(
-        camera(600, 600), pose, map_of(500, 600), level(), margin=0.0, max_range_m=175.0
+        camera(600, 600),
+        pose,
+        map_of(500, 600),
+        level(),
+        crop=plain_crop(175.0),
+        plane_height_m=0.0,
     )
     assert box(short) == [(212, 425, 76, 1)]
 
 
-def test_without_height_cut_at_the_range() -> None:
-    pose = Poses.from_centres(looking_down(0), [(X, Y, 100.0)])
-    nothing = HeightField(np.full((9, 9), NAN), Affine(250, 0, X - 1000, 0, -250, Y + 1000), 32615)
-    # Rays along (+-3, +-2, -6) / 7.
-    windows = crop_windows(
-        camera(600, 600), pose, map_of(500, 1000), nothing, margin=0.0, max_range_m=350.0
+def holed(heights: Any, step: float = 4.0) -> HeightField:
+    """Ground about (X, Y) whose pixels are `step` wide."""
+    rows, columns = np.shape(heights)
+    grid = Affine(step, 0, X - columns * step / 2, 0, -step, Y + rows * step / 2)
+    return HeightField(np.array(heights, float), grid, "EPSG:32615")
+
+
+def cut(field: HeightField, rule: Crop, at: Any = (X, Y, 100.0), tilt: float = 0.0) -> CropWindows:
+    """The crop of one photo of rays along (+-3, +-2, -6) / 7 on a map of 1000 m by 2000 m."""
+    pose = Poses.from_centres(looking_down(tilt), [at])
+    return crop_windows(
+        camera(600, 600), pose, map_of(500, 1000), field, crop=rule, plane_height_m=-20.0
     )
+
+
+def test_without_any_height_cut_at_the_range() -> None:
+    nothing = HeightField(np.full((9, 9), NAN), Affine(250, 0, X - 1000, 0, -250, Y + 1000), 32615)
+    windows = cut(nothing, plain_crop(350.0))
     assert box(windows) == [(175, 450, 150, 100)]
     assert windows.rays.tolist() == [[RayStatus.OFF_RASTER] * 4]
-    # Off the raster likewise.
-    afar = HeightField(np.zeros((9, 9)), Affine(1, 0, X + 900, 0, -1, Y), 32615)
-    assert box(
-        crop_windows(camera(600, 600), pose, map_of(500, 1000), afar, margin=0.0, max_range_m=350.0)
-    ) == [(175, 450, 150, 100)]
+
+
+def test_a_hole_meets_the_nearest_height() -> None:
+    # Ground at 40 m with a lake of 200 m about (X, Y): 60 m down, 60 m by 40 m; cut, the whole map.
+    heights = np.full((200, 200), 40.0)
+    heights[75:125, 75:125] = NAN
+    assert box(cut(holed(heights), plain_crop(700.0))) == [(235, 490, 30, 20)]
+    # The plane of -20 m by name: 120 m down; and cut, as version 1 had it.
+    assert box(cut(holed(heights), plain_crop(700.0, "plane"))) == [(220, 480, 60, 40)]
+    assert box(cut(holed(heights), plain_crop(700.0, "cut"))) == [(100, 400, 300, 200)]
+    # The nearest height of the point found counts, not that of the camera's place: 60 m up there.
+    heights[100:, :] = 60.0
+    heights[74:125, 74:125] = NAN
+    windows = cut(holed(heights), plain_crop(700.0))
+    assert box(windows) == [(235, 490, 30, 17)]
+
+
+def test_past_the_edge_meets_the_nearest_height() -> None:
+    afar = HeightField(np.full((9, 9), 10.0), Affine(1, 0, X + 900, 0, -1, Y), 32615)
+    assert box(cut(afar, plain_crop(350.0))) == [(227, 485, 46, 30)]
+    # Farther than the range it is cut all the same, and a camera below the ground sees none.
+    assert box(cut(afar, plain_crop(100.0))) == [(228, 485, 44, 30)]
+    assert box(cut(afar, plain_crop(350.0), (X, Y, 5.0))) == [(175, 450, 150, 100)]
+
+
+def test_an_oblique_ray_ends_on_the_lake_and_not_on_its_far_shore() -> None:
+    # 45 degrees to the north over a lake from 20 m before the camera to 1,500 m behind it: far
+    # corners meet the level of the lake at 200 m; going on, they would meet the shore underground.
+    heights = np.zeros((1000, 400))
+    heights[125:495] = NAN
+    heights[:125] = 400.0
+    heights[-1, -1] = -5000.0
+    field = holed(heights)
+    found = cut(field, plain_crop(3000.0), tilt=45.0)
+    assert found.window(0)[1] == 1000 / 2 - 200 / 2
+    cutting = cut(field, plain_crop(3000.0, "cut"), tilt=45.0)
+    assert cutting.rays[0, 0] == RayStatus.HIT
+    assert cutting.window(0)[1] < 10
+
+
+@settings(quick, max_examples=20)
+@given(seeds)
+def test_holes_as_if_they_had_been_filled(seed: int) -> None:
+    # The oracle: SciPy fills each hole by its nearest height, NumPy pads the edge.
+    from scipy.ndimage import distance_transform_edt
+
+    rng = np.random.default_rng(seed)
+    steps = np.kron(rng.uniform(0, 3, (6, 6)), np.ones((10, 10)))
+    missing = rng.random((12, 12)) < 0.4
+    heights = np.where(np.kron(missing, np.ones((5, 5), bool)), NAN, steps)
+    nearest = distance_transform_edt(np.isnan(heights), return_distances=False, return_indices=True)
+    filled = np.pad(heights[tuple(nearest)], 60, mode="edge")
+    at = (X + rng.uniform(-60, 60), Y + rng.uniform(-60, 60), 100.0)
+    tilt = rng.uniform(0, 20)
+    found = cut(holed(heights), plain_crop(700.0), at, tilt).window(0)
+    whole = cut(holed(filled), plain_crop(700.0), at, tilt).window(0)
+    # Heights differ by 3 m at most, rays are 60 degrees off nadir at most: 5 m, in pixels of 2 m.
+    np.testing.assert_allclose(found, whole, atol=6)
 
 
 def test_cut_to_the_map_and_off_it() -> None:
@@ -139,8 +255,8 @@ def test_cut_to_the_map_and_off_it() -> None:
         poses,
         map_of(500, 600),
         level(),
-        margin=0.0,
-        max_range_m=300.0,
+        crop=plain_crop(300.0),
+        plane_height_m=0.0,
     )
     assert box(windows) == [(0, 0, 20, 13), (0, 0, 0, 0), (480, 585, 20, 15)]
     assert windows.status.tolist() == [CropStatus.CROPPED, CropStatus.OFF_MAP, CropStatus.CROPPED]
@@ -151,14 +267,21 @@ def test_a_corner_without_a_ray_does_not_count() -> None:
     # A barrel that folds back before the corners.
     lens = [[-0.9, 0.0, 0.0, 0.0]]
     windows = crop_windows(
-        camera(400, 400, lens), pose, map_of(500, 600), level(), margin=0.1, max_range_m=300.0
+        camera(400, 400, lens),
+        pose,
+        map_of(500, 600),
+        level(),
+        crop=grown_crop(300.0),
+        plane_height_m=0.0,
     )
     assert windows.status.tolist() == [CropStatus.NO_RAY]
     assert windows.rays.tolist() == [[RayStatus.NO_RAY] * 4]
     # Moved aside, two corners remain.
     K = [[[400, 0, 90], [0, 400, 200], [0, 0, 1]]]
     aside = Cameras.from_matrices(K, 600, 400, [[-0.4, 0, 0, 0]])
-    windows = crop_windows(aside, pose, map_of(500, 600), level(), margin=0.1, max_range_m=300.0)
+    windows = crop_windows(
+        aside, pose, map_of(500, 600), level(), crop=grown_crop(300.0), plane_height_m=0.0
+    )
     assert (windows.rays == RayStatus.NO_RAY).tolist() == [[False, True, True, False]]
     assert windows.status.tolist() == [CropStatus.CROPPED]
 
@@ -169,7 +292,9 @@ def test_map_in_degrees() -> None:
     west, north = to_degrees.transform(X - 200, Y + 200)
     step = 5e-6
     dom = map_of(2000, 2000, Affine(step, 0, west, 0, -step, north), 4326)
-    windows = crop_windows(camera(600, 600), pose, dom, level(), margin=0.0, max_range_m=300.0)
+    windows = crop_windows(
+        camera(600, 600), pose, dom, level(), crop=plain_crop(300.0), plane_height_m=0.0
+    )
     lon, lat = to_degrees.transform(
         [X - 50, X + 50, X + 50, X - 50], np.add(Y, [33.33333333] * 2 + [-33.33333333] * 2)
     )
@@ -199,13 +324,17 @@ def test_a_file_as_the_field_in_memory(tmp_path_factory: pytest.TempPathFactory,
     dom = open_info(path)
     field = HeightField.read(path)
     with pytest.MonkeyPatch.context() as patch:
-        expected = crop_windows(cameras, poses, dom, field, margin=0.1, max_range_m=250.0)
+        expected = crop_windows(
+            cameras, poses, dom, field, crop=grown_crop(250.0), plane_height_m=0.0
+        )
         # Blocks and slots so small that they are used up again and again.
         patch.setattr(blocks, "_SIDE", 8)
         patch.setattr(blocks, "_SLOTS", 5)
         patch.setattr(blocks, "_SCAN_PIXELS", 600)
         patch.setattr(crops, "_CAMERAS", 5)
-        windows = crop_windows(cameras, poses, dom, path, margin=0.1, max_range_m=250.0)
+        windows = crop_windows(
+            cameras, poses, dom, path, crop=grown_crop(250.0), plane_height_m=0.0
+        )
         with blocked_heights(path) as lazy:
             xy = rng.uniform((X - 2, Y - 47), (X + 57, Y + 2), (300, 2))
             assert lazy.sample(xy).tobytes() == field.sample(xy).tobytes()
@@ -225,7 +354,9 @@ def test_dsm_in_degrees_is_refused(tmp_path: Path) -> None:
     )
     pose = Poses.from_centres(looking_down(0), [(X, Y, 100.0)])
     with pytest.raises(RasterError, match="not in metres"):
-        crop_windows(camera(600, 600), pose, map_of(9, 9), path, margin=0.1, max_range_m=100.0)
+        crop_windows(
+            camera(600, 600), pose, map_of(9, 9), path, crop=grown_crop(100.0), plane_height_m=0.0
+        )
 
 
 def test_pixels_of_crop_and_map() -> None:
@@ -243,7 +374,7 @@ def test_real_photos_find_their_place(brighton: Path) -> None:
     cameras = Cameras.from_matrices(K, 4000, 2250, lens)
     dom = open_info(brighton / "dom_10cm.tif")
     windows = crop_windows(
-        cameras, poses, dom, brighton / "dsm_10cm.tif", margin=0.1, max_range_m=60.0
+        cameras, poses, dom, brighton / "dsm_10cm.tif", crop=grown_crop(60.0), plane_height_m=0.0
     )
     assert (windows.status == CropStatus.CROPPED).all()
     # Nearly nadir: the place below the camera is in the crop, where it is in the map.

@@ -10,14 +10,26 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.geometry.attitude import angles_to_rotations, rotations_to_angles
+from airzoo_bench.geometry.poses import matrix_to_quaternion
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS
+from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS, poses_of
 from airzoo_bench.scene_inputs import SceneInputs
 from tests.matching.world import MAP_PX, made_inputs
 
-CROP = Crop(margin=0.1, max_range_m=500.0)
+
+def crop_rule(margin: float, max_range_m: float) -> Crop:
+    return Crop(
+        margin=margin,
+        max_range_m=max_range_m,
+        missing_heights="nearest",
+        nearest_of_px=10_000,
+    )
+
+
+CROP = crop_rule(0.1, 500.0)
 METADATA, TRUTH = Prior(source="metadata"), Prior(source="truth")
 
 
@@ -74,19 +86,37 @@ def test_no_prior_at_all_leaves_no_query(inputs: SceneInputs) -> None:
     assert len(truth.excluded) == 5
 
 
-@pytest.mark.parametrize("away_m", [0.0, 1e-6, 1e-2])
+@pytest.mark.parametrize("away_m", [0.0, 1e-6, 1e-2, 0.05])
 def test_a_prior_that_is_the_truth_is_refused(inputs: SceneInputs, away_m: float) -> None:
     photos = inputs.photos.copy()
     photos[list(PRIOR_COLUMNS)] = photos[list(POSE_COLUMNS)].to_numpy()
     photos["prior_x"] += away_m
     # A quaternion and its negative are one rotation.
     photos[["prior_qw", "prior_qx", "prior_qy", "prior_qz"]] *= -1
-    if away_m > 1e-3:
+    if away_m > 0.02:
         assert len(built(inputs, photos).queries) == 5
         return
     with pytest.raises(BenchmarkError, match="equal the ground truth") as caught:
         built(inputs, photos)
     assert "prior.source = 'truth'" in str(caught.value)
+
+
+@pytest.mark.parametrize("decimals", [1, 2])
+@pytest.mark.parametrize("moved", [0, 2])
+def test_a_prior_that_is_the_truth_through_xmp_is_refused(
+    inputs: SceneInputs, decimals: int, moved: int
+) -> None:
+    # As an exporter writes it: metres to the millimetre, angles to so many decimals of a degree.
+    # Moving less than half of the photos away hides nothing.
+    photos = inputs.photos.copy()
+    poses = poses_of(photos)
+    angles = np.round(rotations_to_angles(poses.rotation, convergence_deg=0.0), decimals)
+    turned = angles_to_rotations(*angles.T, convergence_deg=0.0)
+    photos[list(PRIOR_COLUMNS[:4])] = matrix_to_quaternion(turned)
+    photos[list(PRIOR_COLUMNS[4:])] = np.round(poses.centres, 3)
+    photos.loc[photos.index[:moved], "prior_x"] += 30.0
+    with pytest.raises(BenchmarkError, match=f"truth in {5 - moved} of 5 photos"):
+        built(inputs, photos)
 
 
 def test_truth_as_prior_by_name(inputs: SceneInputs) -> None:
@@ -99,8 +129,8 @@ def test_truth_as_prior_by_name(inputs: SceneInputs) -> None:
 
 
 def test_margin_and_range_come_from_the_protocol(inputs: SceneInputs) -> None:
-    wide = build_truth(inputs, Crop(margin=0.3, max_range_m=500.0), METADATA)
-    near = build_truth(inputs, Crop(margin=0.1, max_range_m=50.0), METADATA)
+    wide = build_truth(inputs, crop_rule(0.3, 500.0), METADATA)
+    near = build_truth(inputs, crop_rule(0.1, 50.0), METADATA)
     usual = built(inputs, inputs.photos)
     assert (wide.crops[:, 2:] > usual.crops[:, 2:]).all()
     assert (near.crops[:, 2:] < usual.crops[:, 2:]).all()

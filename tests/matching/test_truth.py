@@ -12,10 +12,12 @@ import pytest
 from rasterio import Affine
 
 from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.errors import BenchmarkError, RasterError
+from airzoo_bench.files import sha256_of
 from airzoo_bench.matching.truth import read_truth
 from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS
 from tests.matching.world import SCENE, World, made_matching_protocol, make_world
+from tests.support import PLACE_CRS
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +131,61 @@ def test_truth_as_prior_is_read_so(tmp_path: Path) -> None:
     for truth in (named.truth, named.read()):
         given = truth.queries[list(PRIOR_COLUMNS)].to_numpy()
         np.testing.assert_array_equal(given, truth.queries[list(POSE_COLUMNS)].to_numpy())
+
+
+def rewritten(folder: Path, name: str, old: str, new: str) -> Benchmark:
+    """Change a file of the truth and its checksum, as one who makes a folder by hand does."""
+    path = folder / "scenes" / SCENE / "matching" / name
+    before = sha256_of(path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    file = folder / "benchmark.toml"
+    file.write_text(file.read_text().replace(before, sha256_of(path)))
+    return Benchmark.open(folder)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("wide", "'wide' is no whole number of pixels"),
+        ("", "no whole number of pixels"),
+        ("12.5", "'12.5' is no whole number of pixels"),
+        ("nan", "no whole number"),
+        ("0", "'0' is not inside the map"),
+        ("-3", "'-3' is not inside the map"),
+        ("9999999999999999999999", "not inside the map"),
+        ("299", "beyond the map's edge"),
+    ],
+)
+def test_a_bad_crop_is_named_by_its_cell(world: World, copied: Path, value: str, said: str) -> None:
+    x, y, width, _ = world.truth.crops[1].tolist()
+    row = f"{world.ids[1]},{x},{y},"
+    benchmark = rewritten(copied, "crops.csv", f"{row}{width},", f"{row}{value},")
+    with pytest.raises(BenchmarkError, match="column crop_width, row 2") as caught:
+        read_truth(benchmark, SCENE)
+    assert said in str(caught.value)
+    assert world.ids[1] in str(caught.value)
+    assert "crops.csv" in str(caught.value)
+
+
+def test_a_map_of_another_grid_is_refused(world: World, copied: Path) -> None:
+    read_truth(Benchmark.open(copied), SCENE)
+    moved = rewritten(copied, "map.json", f"{world.truth.dom.transform.c}", "500030.0")
+    with pytest.raises(BenchmarkError, match="the map's grid is not the one") as caught:
+        read_truth(moved, SCENE)
+    assert "500030.0" in str(caught.value)
+
+
+def test_a_map_of_another_crs_is_refused(copied: Path) -> None:
+    moved = rewritten(copied, "map.json", PLACE_CRS, "EPSG:32632")
+    with pytest.raises(RasterError, match="the map that was prepared differ in CRS"):
+        read_truth(moved, SCENE)
+
+
+@pytest.mark.parametrize("content", ["[]", "3", "{}", "{", '"text"'])
+def test_a_damaged_grid_is_refused(copied: Path, content: str) -> None:
+    path = copied / "scenes" / SCENE / "matching" / "map.json"
+    benchmark = rewritten(copied, "map.json", path.read_text(), content)
+    with pytest.raises(BenchmarkError, match="prepare the benchmark again"):
+        read_truth(benchmark, SCENE)

@@ -1,0 +1,158 @@
+"""Whether a true cloud lies where the photos are, in the same units and at the same height."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pyproj import CRS
+from pyproj.database import get_units_map
+from pyproj.exceptions import CRSError
+
+from airzoo_bench.errors import BenchmarkError, UsageError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.blocks import blocked_heights
+from airzoo_bench.geometry.rasters import check_same_crs
+from airzoo_bench.geometry.units import vertical_m
+from airzoo_bench.readers.clouds.formats import open_cloud
+from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
+from airzoo_bench.reconstruction.prepared import box_of
+from airzoo_bench.reconstruction.regions import Box
+from airzoo_bench.scene_inputs import SceneInputs
+
+__all__ = ["check_cloud", "check_cloud_crs"]
+
+# What the parts of a cloud that cannot be read in pieces may take in memory.
+_CLOUD_BYTES = 8 << 30
+# A true cloud is at most so far from the photos, beyond what these span themselves.
+_REACH_M = 1000.0
+_SAMPLES = 1 << 16
+_GEO_KEYS = 34735
+_UNIT_KEYS = {3076: "coordinates", 4099: "heights"}
+
+
+def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
+    """Read a true cloud to its end, and hold it against where cameras and surface model are.
+
+    A damaged cloud, or one of another frame or unit, is then found now and not when scoring.
+
+    Returns
+    -------
+    float
+        Median height of the cloud above the surface model, in metres; NaN where they do not meet.
+
+    Raises
+    ------
+    UserError
+        It is not there, damaged, elsewhere, or says that it is in another CRS or not in metres.
+    """
+    if not cloud.is_file():
+        raise UsageError("no such cloud", where=f"--cloud {cloud}")
+    watched = _Watched(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
+    check_cloud_crs(cloud, inputs.crs)
+    _check_place(cloud, box_of(watched), inputs)
+    points = np.concatenate(watched.kept)
+    with blocked_heights(inputs.dsm) as surface:
+        above = points[:, 2] - surface.sample(points[:, :2])
+    above = above[np.isfinite(above)]
+    return float(np.median(above)) if above.size else math.nan
+
+
+def check_cloud_crs(cloud: Path, crs: str) -> None:
+    """Refuse a LAS or LAZ cloud that says of itself to be in another CRS, or not in metres.
+
+    Parameters
+    ----------
+    cloud : Path
+        Its header must have been checked (`open_cloud`); other kinds of file say nothing.
+    crs : str
+        Of the scene.
+
+    Raises
+    ------
+    UserError
+        It is so.
+    """
+    if cloud.suffix.lower() not in (".las", ".laz"):
+        return
+    where = f"--cloud {cloud}"
+    stated, units = _stated(cloud, where)
+    vertical = None if stated is None else vertical_m(stated)
+    if vertical is not None:
+        units["heights"] = vertical
+    if stated is not None:
+        check_same_crs(crs, stated, f"the poses and the cloud ({cloud})")
+    odd = [f"{what} in units of {unit:.10g} m" for what, unit in units.items() if unit != 1.0]
+    if odd:
+        raise BenchmarkError(
+            f"has {' and '.join(odd)}",
+            where=where,
+            expected="a cloud in metres",
+            mend="convert it, e.g. with pdal translate or las2las",
+        )
+
+
+def _stated(cloud: Path, where: str) -> tuple[CRS | None, dict[str, float]]:
+    """Return the CRS that a LAS header states, and the units of its GeoTIFF keys, in metres."""
+    import laspy
+    from laspy.errors import LaspyException
+
+    try:
+        with laspy.open(cloud, read_evlrs=False) as reader:
+            stated = reader.header.parse_crs()
+            records = [
+                vlr.record_data_bytes()
+                for vlr in reader.header.vlrs
+                if vlr.record_id == _GEO_KEYS and vlr.user_id == "LASF_Projection"
+            ]
+        return stated, {key: unit for data in records for key, unit in _units(data)}
+    except (LaspyException, CRSError, ValueError, struct.error) as error:
+        raise BenchmarkError(
+            f"its CRS cannot be read: {(str(error) or type(error).__name__).splitlines()[0]}",
+            where=where,
+            mend="write its CRS again, e.g. with pdal translate",
+        ) from error
+
+
+def _units(data: bytes) -> Iterator[tuple[str, float]]:
+    """Units that a GeoTIFF key directory states by their EPSG code (GeoTIFF 1.1, 7.1)."""
+    known = {unit.code: unit.conv_factor for unit in get_units_map(category="linear").values()}
+    for key, place, _, value in struct.iter_unpack("<4H", data[8 : len(data) // 8 * 8]):
+        if key in _UNIT_KEYS and place == 0 and str(value) in known:
+            yield _UNIT_KEYS[key], known[str(value)]
+
+
+def _check_place(cloud: Path, box: Box, inputs: SceneInputs) -> None:
+    centres = inputs.photos[["x", "y"]].to_numpy(np.float64)
+    reach = _REACH_M + np.ptp(centres, axis=0)
+    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
+    if (box.high[:2] < low).any() or (box.low[:2] > high).any():
+        raise BenchmarkError(
+            f"lies about ({box.low[0]:.0f}, {box.low[1]:.0f}), the photos about "
+            f"({centres[:, 0].mean():.0f}, {centres[:, 1].mean():.0f})",
+            where=f"--cloud {cloud}",
+            expected=f"a cloud in the CRS of the poses, {inputs.crs}",
+            mend="transform the cloud, or add the offset that it was reduced by",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Watched:
+    """A cloud that keeps every so-manieth point of what is read."""
+
+    source: CloudSource
+    kept: list[Floats] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        return self.source.count
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        step = max(self.count // _SAMPLES, 1)
+        for piece in self.source.pieces(points):
+            self.kept.append(piece.points[::step])
+            yield piece

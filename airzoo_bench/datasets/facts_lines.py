@@ -1,0 +1,89 @@
+"""The facts of a scene as a person reads them after `prepare`, a line a part."""
+
+from __future__ import annotations
+
+import math
+
+from airzoo_bench.datasets.scene_facts import GpsFacts, PriorFacts, SceneFacts
+
+__all__ = ["fact_lines"]
+
+
+def fact_lines(facts: SceneFacts) -> list[str]:
+    """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
+    rows = [
+        ("photos", _photos(facts)),
+        ("poses", _poses(facts.gps)),
+        ("priors", _priors(facts.priors)),
+        ("map", _map(facts)),
+        ("surface", _surface(facts)),
+        ("cloud", _cloud(facts.cloud_over_surface_m)),
+        ("crops", _crops(facts)),
+        ("chance", _chance(facts)),
+    ]
+    return [f"{name:15} {text}" for name, text in rows if text]
+
+
+def _photos(facts: SceneFacts) -> str:
+    cameras = facts.cameras
+    text = f"{len(facts.inputs.photos)}, {cameras.height_m:.1f} m above the surface"
+    if math.isfinite(cameras.relative_height_m):
+        text += f" ({cameras.relative_height_m:.1f} m above take-off, they say)"
+    return f"{text}, {facts.photo_gsd_m:.3g} m a pixel"
+
+
+def _poses(gps: GpsFacts | None) -> str:
+    if gps is None:
+        return "no photo has a GPS position to hold them against"
+    text = f"{gps.distance_m:.1f} m from the photos' GPS"
+    return text + (f", {gps.height_m:+.1f} m in height" if math.isfinite(gps.height_m) else "")
+
+
+def _priors(priors: PriorFacts | None) -> str:
+    if priors is None:
+        return ""
+    return (
+        f"{priors.photos}, off by {priors.position_m:.1f} m, yaw {priors.yaw_deg:.1f}, pitch "
+        f"{priors.pitch_deg:.1f}, rotation {priors.rotation_deg:.1f} degrees"
+    )
+
+
+def _map(facts: SceneFacts) -> str:
+    dom, (across, down) = facts.inputs.dom, facts.map_gsd_m
+    gsd = (
+        f"{across:.3g}"
+        if math.isclose(across, down, rel_tol=0.01)
+        else f"{across:.3g} x {down:.3g}"
+    )
+    return (
+        f"{dom.width} x {dom.height} px, {gsd} m a pixel; {facts.on_map:.0%} of the photos' "
+        "corners lie on it"
+    )
+
+
+def _surface(facts: SceneFacts) -> str:
+    survey = facts.survey
+    return (
+        f"{survey.valid_share:.0%} of its pixels have a height, {survey.low:.1f} to "
+        f"{survey.high:.1f} m, median {facts.inputs.plane_height_m:.1f} m"
+    )
+
+
+def _cloud(above_m: float | None) -> str:
+    if above_m is None or math.isnan(above_m):
+        return ""
+    return f"{above_m:+.2f} m from the surface in height"
+
+
+def _crops(facts: SceneFacts) -> str:
+    shares = facts.crop_shares
+    if shares is None or not len(shares):
+        return ""
+    return f"{shares.mean():.0%} of the map on average, at most {shares.max():.0%}"
+
+
+def _chance(facts: SceneFacts) -> str:
+    shares = facts.positive_shares
+    if shares is None or not len(shares):
+        return ""
+    return f"a random tile answers in {shares.mean():.1%} of cases"

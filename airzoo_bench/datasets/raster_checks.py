@@ -1,0 +1,105 @@
+"""What map and surface model cannot be, found before anything is made from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from airzoo_bench.errors import RasterError
+from airzoo_bench.geometry.blocks import HeightSurvey, survey_heights
+from airzoo_bench.geometry.grids import pixel_to_world
+from airzoo_bench.geometry.heightfield import CORNERS
+from airzoo_bench.geometry.rasters import RasterInfo, describe_crs, open_info
+from airzoo_bench.retrieval.gallery import tile_starts
+from airzoo_bench.retrieval.settings import Gallery
+
+__all__ = ["check_map", "check_tile_count", "surveyed"]
+
+# No ground is lower or higher, above sea level or ellipsoid.
+_LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
+# Some 130,000 px a side: a larger raster takes hours to pass over.
+_MOST_PIXELS = 1 << 34
+_MOST_TILES = 1_000_000
+_POLE_DEG = 90.0 + 1e-6
+
+
+def check_map(path: Path) -> RasterInfo:
+    """Open a map, and refuse one that is no part of the earth or too large to work through.
+
+    Raises
+    ------
+    RasterError
+        It is so; see also `open_info`.
+    """
+    info = open_info(path)
+    _check_pixels(info)
+    corners = np.array((info.width, info.height)) * CORNERS
+    y = pixel_to_world(info.transform, corners)[:, 1]
+    if info.crs.is_geographic and np.abs(y).max() > _POLE_DEG:
+        raise RasterError(
+            f"reaches from {y.min():.4f} to {y.max():.4f} degrees of latitude",
+            where=path,
+            expected=f"latitudes of {describe_crs(info.crs)} from -90 to 90",
+            mend="look at its geotransform, and whether its CRS is in degrees at all",
+        )
+    return info
+
+
+def surveyed(path: Path) -> HeightSurvey:
+    """Pass over a surface model, and refuse heights that no ground has.
+
+    Raises
+    ------
+    RasterError
+        It has such heights, or none at all, or it is too large; see also `survey_heights`.
+    """
+    _check_pixels(open_info(path))
+    found = survey_heights(path, _LOWEST_M, _HIGHEST_M)
+    if not found.valid:
+        raise RasterError("no valid height", where=path, mend="check its nodata value")
+    if found.beyond:
+        odd = found.low if found.low < _LOWEST_M else found.high
+        raise RasterError(
+            f"{found.beyond / found.valid:.1%} of its heights are no heights of the ground: they "
+            f"go from {found.low:.10g} to {found.high:.10g} m",
+            where=path,
+            expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
+            mend=f"where {odd:.10g} means that there is no height, tag it: "
+            f"gdal_edit.py -a_nodata {odd:.10g}",
+        )
+    return found
+
+
+def check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
+    """Refuse a gallery of more tiles than memory and sense allow.
+
+    Raises
+    ------
+    RasterError
+        It is so.
+    """
+    count = 0
+    for size in gallery.tile_sizes_px:
+        across, down = (
+            len(tile_starts(length, size, gallery.overlap)) for length in (info.width, info.height)
+        )
+        count += across * down
+    if count > _MOST_TILES:
+        raise RasterError(
+            f"{info.width} x {info.height} px make {count:,} tiles",
+            where=info.path,
+            expected=f"at most {_MOST_TILES:,}",
+            mend="choose a larger --tile-size, or cut the map to the photos: "
+            "gdal_translate -projwin",
+        )
+
+
+def _check_pixels(info: RasterInfo) -> None:
+    if info.width * info.height > _MOST_PIXELS:
+        raise RasterError(
+            f"is {info.width:,} x {info.height:,} px",
+            where=info.path,
+            expected=f"at most {_MOST_PIXELS:,} pixels",
+            mend="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
+        )

@@ -1,0 +1,127 @@
+"""The real scene, spoiled in the ways that real scenes are, is told from the sound one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio import Affine
+
+from airzoo_bench.datasets.photos import prepare_photos
+from airzoo_bench.datasets.scene_facts import SceneFacts
+from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.datasets.suspicions import suspicions
+from airzoo_bench.errors import UserError
+from tests.support import photo_protocols
+
+GIMBAL = "yaw is 180 degrees off in 6 of 18 (first 3: park/DJI_0024, park/DJI_0025, park/DJI_0026)"
+
+
+@pytest.fixture
+def sources(brighton: Path) -> PhotoSources:
+    names = ("images", "poses.json", "dom_10cm.tif", "dsm_10cm.tif")
+    return PhotoSources(*(brighton / name for name in names))
+
+
+def facts_of(sources: PhotoSources, folder: Path) -> SceneFacts:
+    return prepare_photos(sources, photo_protocols("park", (256, 128)), folder / "park").facts
+
+
+def test_the_sound_scene(sources: PhotoSources, tmp_path: Path) -> None:
+    facts = facts_of(sources, tmp_path)
+    assert facts.gps is not None
+    assert facts.priors is not None
+    assert facts.crop_shares is not None
+    assert facts.gps.distance_m == pytest.approx(0.6, abs=0.1)
+    assert facts.cameras.height_m == pytest.approx(35.1, abs=0.1)
+    assert facts.cameras.relative_height_m == pytest.approx(40.1, abs=0.01)
+    assert facts.survey.valid_share == pytest.approx(0.437, abs=0.001)
+    # With the range as the end of rays over holes the mean was 0.96, and 11 crops the whole map.
+    assert facts.crop_shares.mean() == pytest.approx(0.501, abs=0.002)
+    assert facts.crop_shares.max() < 0.7
+    said = suspicions(facts)
+    assert len(said) == 2
+    assert GIMBAL in said[0]
+    assert "more than half of the map on average (50.1%)" in said[1]
+
+
+def poses_moved(sources: PhotoSources, folder: Path) -> PhotoSources:
+    file = json.loads(sources.poses.read_text())
+    for image in file["images"].values():
+        image["center_utm"][0] += 40.0
+    (folder / "poses.json").write_text(json.dumps(file))
+    return replace(sources, poses=folder / "poses.json")
+
+
+def surface(change: Callable[[Any], Any], **profile: Any) -> Any:
+    def changed(sources: PhotoSources, folder: Path) -> PhotoSources:
+        with rasterio.open(sources.dsm) as dataset:
+            heights, kept = dataset.read(1), dataset.profile
+        with rasterio.open(folder / "dsm.tif", "w", **(kept | profile)) as dataset:
+            dataset.write(change(heights).astype(np.float32), 1)
+        return replace(sources, dsm=folder / "dsm.tif")
+
+    return changed
+
+
+def map_moved(columns: int, rows: int, cut: int) -> Any:
+    def changed(sources: PhotoSources, folder: Path) -> PhotoSources:
+        with rasterio.open(sources.dom) as dataset:
+            colours, kept = dataset.read()[:, cut:, cut:], dataset.profile
+        grid = kept["transform"] @ Affine.translation(cut + columns, cut + rows)
+        size = {"height": colours.shape[1], "width": colours.shape[2], "transform": grid}
+        with rasterio.open(folder / "dom.tif", "w", **(kept | size)) as dataset:
+            dataset.write(colours)
+        return replace(sources, dom=folder / "dom.tif")
+
+    return changed
+
+
+SUSPECT = {
+    "poses": (poses_moved, "poses are 40.1 m from their own photos' GPS (median), all to one side"),
+    "lowered": (surface(lambda z: z - 27.5), "62.6 m above the surface model"),
+    "moved map": (map_moved(30, 0, 0), "moved by -30.0 columns and +0.0 rows"),
+    "moved and cut map": (map_moved(30, -12, 40), "by their empty pixels: moved by -30.0 columns"),
+}
+
+
+@pytest.mark.parametrize("case", list(SUSPECT))
+def test_what_is_suspect(case: str, sources: PhotoSources, tmp_path: Path) -> None:
+    change, said = SUSPECT[case]
+    found = suspicions(facts_of(change(sources, tmp_path), tmp_path))
+    assert any(said in one for one in found), found
+    assert any(GIMBAL in one for one in found)
+
+
+def test_stated_feet_are_metres(sources: PhotoSources, tmp_path: Path) -> None:
+    feet = surface(lambda z: z / (1200 / 3937), crs="EPSG:32615+6360")(sources, tmp_path)
+    facts = facts_of(feet, tmp_path)
+    assert facts.cameras.height_m == pytest.approx(35.1, abs=0.1)
+    assert len(suspicions(facts)) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (surface(lambda z: z / 0.3048), "all 18 cameras are below the surface: they are at 198.4"),
+        (
+            surface(lambda z: np.where(np.isnan(z), -9999, z), nodata=None),
+            "56.3% of its heights are no heights of the ground: they go from -9999 to 168.9",
+        ),
+        (
+            surface(lambda z: np.where(np.isnan(z), 0, z), nodata=None),
+            "the surface model is 0.0 to 168.9 m high, 0.0 in the median",
+        ),
+    ],
+)
+def test_what_cannot_be(change: Any, said: str, sources: PhotoSources, tmp_path: Path) -> None:
+    with pytest.raises(UserError) as caught:
+        facts_of(change(sources, tmp_path), tmp_path)
+    assert said in str(caught.value)
+    assert not (tmp_path / "park").exists()
