@@ -9,7 +9,7 @@ from airzoo_bench.statistics.comparison import Pair
 from airzoo_bench.statistics.printed import Bounds
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.tables.entries import as_shown
-from airzoo_bench.tables.model import share_to_percent
+from airzoo_bench.tables.model import share_to_percent, show_number
 
 __all__ = [
     "LEAST_P",
@@ -107,7 +107,7 @@ def _amount(score: ScoreColumn, value: float) -> str:
 
 
 def _number(score: ScoreColumn, value: float) -> str:
-    return f"{as_shown(score, value):.2f}"
+    return show_number(as_shown(score, value), 2)
 
 
 def _span(pair: Pair, sign: int, plan: Plan) -> str:

@@ -7,12 +7,11 @@ the width that siunitx gives to any number of the column: that is centred at the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from airzoo_bench.tables.latex_text import escape, math_minus
-from airzoo_bench.tables.model import Cell
+from airzoo_bench.tables.model import Cell, is_wide
 
 __all__ = ["NumberFormat", "beside", "is_number", "number_format"]
 
@@ -103,5 +102,5 @@ def _one_beside(text: str) -> str:
 
 
 def is_number(cell: Cell) -> bool:
-    """Whether a cell holds a finite number, which siunitx can align."""
-    return isinstance(cell.value, float) and math.isfinite(cell.value)
+    """Whether a cell holds a finite number, not too wide, which siunitx can align."""
+    return isinstance(cell.value, float) and not is_wide(cell.value)

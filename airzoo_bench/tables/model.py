@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 __all__ = [
     "REPORTED",
@@ -14,6 +15,7 @@ __all__ = [
     "Row",
     "Table",
     "Uncertainty",
+    "is_wide",
     "mark_best",
     "plain",
     "share_to_percent",
@@ -24,6 +26,7 @@ REPORTED = "reported, not re-scored"
 """What every row says whose numbers somebody else has printed."""
 
 _DAGGER = "†"
+_LARGEST = 1e9  # shown with all its digits
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,9 @@ class Cell:
     def beside(self, decimals: int) -> list[str]:
         """Return what stands beside the value: uncertainty, then gain."""
         parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
-        return parts if self.gain is None else [*parts, f"({self.gain:+z.{decimals}f})"]
+        return (
+            parts if self.gain is None else [*parts, f"({show_number(self.gain, decimals, '+')})"]
+        )
 
 
 @dataclass(frozen=True)
@@ -234,14 +239,20 @@ def share_to_percent(value: float) -> float:
     return 100.0 * value
 
 
-def show_number(value: float, decimals: int) -> str:
+def is_wide(value: float | int | str | None) -> bool:
+    """Whether a number is so large that only powers of ten keep its width bounded."""
+    return isinstance(value, float) and abs(value) >= _LARGEST
+
+
+def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> str:
     """Return a number with so many digits after the point, an infinite one as ``inf``.
 
-    What rounds to zero has no sign.
+    From 1e9 on, the digits are those before a power of ten, such as ``1.00e+200``. What rounds to
+    zero is not negative; with the sign "+" all other numbers have one.
     """
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
-    return f"{value:z.{decimals}f}"
+    return f"{value:{sign}z.{decimals}{'e' if is_wide(value) else 'f'}}"
 
 
 def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:

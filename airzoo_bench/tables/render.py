@@ -30,6 +30,7 @@ __all__ = ["FORMATS", "render"]
 
 _GROUND = "#fff3bf"
 # Scores are called such as "@5m,10°": there is no operator in it and no function, thus no formula.
+_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?(e\+[0-9]+)?")
 _THRESHOLD = re.compile(r"@[0-9][\w.,° ±]*")
 
 
@@ -106,7 +107,7 @@ def _beside_numbers(cell: Cell) -> dict[str, float]:
 
 def _defused(text: str) -> str:
     # A spreadsheet would run a method's name that begins like a formula.
-    is_number = text.removeprefix("-").replace(".", "", 1).isdigit() or text == "-inf"
+    is_number = _NUMBER.fullmatch(text) or text == "-inf"
     is_harmless = is_number or _THRESHOLD.fullmatch(text)
     return "'" + text if text[:1] in ("=", "+", "-", "@") and not is_harmless else text
 
