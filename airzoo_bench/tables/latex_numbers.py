@@ -44,23 +44,25 @@ class NumberFormat:
         room = f",table-space-text-post={{{self.after}}}" if self.after else ""
         return f"S[table-format={sign}{self.digits}.{self.decimals}{room}]"
 
-    def cell(self, cell: Cell, decimals: int) -> str:
-        """Return a number with its mark and what stands beside it."""
+    def cell(self, cell: Cell, decimals: int, style: str = "") -> str:
+        """Return a number with its mark, or in another style, and what stands beside it."""
         number, after = cell.text(decimals), beside(cell, decimals, _GAP)
-        if not (cell.best or cell.second or number.startswith("<")):
+        if not (cell.best or cell.second or style or number.startswith("<")):
             return number + (f"{{{after}}}" if after else "")
         whole, point, decimal = number.partition(".")
         place = ("$-$" if self.signed else "") + "0" * self.digits
         # What stands beside begins where the digits end, and bold ones end later.
-        shown = self._marked(cell, place, _sign(whole), point + decimal, after)
+        mark = r"\textbf{%s}" if cell.best else style or "%s"
+        shown = self._marked(cell, place, _sign(whole), point + decimal, after, mark)
         room = rf"\phantom{{{self.after}}}" if self.after else ""
         return f"{{{shown}{room}}}"
 
-    def _marked(self, cell: Cell, place: str, whole: str, fraction: str, after: str) -> str:
+    def _marked(
+        self, cell: Cell, place: str, whole: str, fraction: str, after: str, mark: str
+    ) -> str:
         behind = rf"\rlap{{{after}}}" if after else ""
         if cell.second:
             return rf"\phantom{{{place}{fraction}}}\llap{{\underline{{{whole}{fraction}}}}}{behind}"
-        mark = r"\textbf{%s}" if cell.best else "%s"
         before = rf"\phantom{{{place}}}\llap{{{mark % whole}}}"
         if not fraction:
             return before + behind

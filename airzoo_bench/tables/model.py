@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 __all__ = [
+    "FLOOR",
     "REPORTED",
     "Between",
     "Cell",
@@ -24,6 +25,9 @@ __all__ = [
 
 REPORTED = "reported, not re-scored"
 """What every row says whose numbers somebody else has printed."""
+
+FLOOR = "what scores without a method"
+"""What rows are called that are of no method."""
 
 _DAGGER = "†"
 _LARGEST = 1e9  # shown with all its digits
@@ -159,12 +163,25 @@ class Row:
     reported : str
         Where the numbers were printed, if they were not scored here; such a row is marked with a
         dagger, and the table says what that means.
+    floor : bool
+        What scores without a method, such as chance: set apart, and never the best.
     """
 
     cells: tuple[Cell, ...]
     summary: bool = False
     highlighted: bool = False
     reported: str = ""
+    floor: bool = False
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is of a method that was scored here."""
+        return not (self.reported or self.floor)
+
+    def is_apart(self, above: Row | None) -> bool:
+        """Whether a rule stands between it and the row above."""
+        kind = (self.summary, self.floor)
+        return any(kind) and (above is None or kind != (above.summary, above.floor))
 
 
 @dataclass(frozen=True)
@@ -258,8 +275,9 @@ def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> s
 def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:
     """Mark the best cell of each score, and every cell that is shown with the same digits.
 
-    An infinite value, which is a failure, is never the best. Rows of reported numbers neither
-    compete nor are marked, unless `reported` is true or there are no others.
+    An infinite value, which is a failure, is never the best; the only finite one is. Rows of
+    reported numbers neither compete nor are marked, unless `reported` is true or there are no
+    others; floors never are.
 
     Parameters
     ----------
@@ -274,8 +292,8 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
     -------
     Table
     """
-    open_to_all = reported or all(row.reported for row in table.rows)
-    competes = [open_to_all or not row.reported for row in table.rows]
+    open_to_all = reported or not any(row.is_own for row in table.rows)
+    competes = [row.is_own or (open_to_all and not row.floor) for row in table.rows]
     rows = [list(row.cells) for row in table.rows]
     for index, column in enumerate(table.columns):
         if column.higher_is_better is None:
