@@ -15,7 +15,8 @@ from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
-from airzoo_bench.statistics.intervals import Interval, bootstrap
+from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.statistics.wording import intervals_made, resampled
 
@@ -71,7 +72,7 @@ def intervals(section: Section) -> Intervals:
         return Intervals({}, {}, "no intervals: there are too many queries and methods")
     plan = Plan(resamples)
     sample = make_sample(section.methods, scores)
-    found = bootstrap(sample, plan)
+    found = sample_intervals(sample, plan)
     scenes = found.groups if sample.unit == "query" else {}
     every = [interval for part in [found.overall, *scenes.values()] for interval in part]
     return Intervals(

@@ -32,7 +32,9 @@ _OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
 
 def is_decidable(pair: Pair) -> bool:
     """Whether enough units differ for any p-value to be a finding."""
-    return pair.wins + pair.losses == 0 or pair.p_floor <= LEVEL
+    if pair.wins + pair.losses == 0:
+        return True
+    return pair.test.patterns > 0 and pair.p_floor <= LEVEL
 
 
 def verdict(pair: Pair) -> str:
