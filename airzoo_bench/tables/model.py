@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,6 +17,7 @@ __all__ = [
     "Row",
     "Table",
     "Uncertainty",
+    "best_texts",
     "is_wide",
     "mark_best",
     "plain",
@@ -299,7 +301,7 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
         if column.higher_is_better is None:
             continue
         racing = [row[index] for row, runs in zip(rows, competes, strict=True) if runs]
-        first, runner_up = [*_ranked(column, racing), None, None][:2]
+        first, runner_up = [*best_texts(column, racing), None, None][:2]
         for row, runs in zip(rows, competes, strict=True):
             text = row[index].text(column.decimals)
             is_second = runs and second and text == runner_up
@@ -308,7 +310,7 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
     return replace(table, rows=tuple(marked))
 
 
-def _ranked(column: Column, cells: list[Cell]) -> list[str]:
+def best_texts(column: Column, cells: Sequence[Cell]) -> list[str]:
     """Return the different texts of a column's finite numbers, the best first."""
     numbers = [c for c in cells if isinstance(c.value, float) and math.isfinite(c.value)]
     ordered = sorted(numbers, key=_value, reverse=bool(column.higher_is_better))
