@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.samples import gap
@@ -53,23 +52,22 @@ def percentile_p_values(resamples: Floats) -> Floats:
     ----------
     B. Efron and R. Tibshirani, An introduction to the bootstrap (1993), section 15.4.
     """
-    count = resamples.shape[1]
     ranked = np.sort(resamples, axis=1)
-    up_to, below = (ranked <= 0).sum(axis=1), (ranked < 0).sum(axis=1)
-    low, high = _level_of_0(ranked, up_to), 1.0 - _level_of_0(ranked, below)
-    return np.asarray(np.clip(2 * np.minimum(low, high), 2 / (count + 1), 1.0))
+    levels = np.minimum(_level_of_0(ranked), _level_of_0(-ranked[:, ::-1]))
+    return np.asarray(np.clip(2 * levels, 2 / (resamples.shape[1] + 1), 1.0))
 
 
-def _level_of_0(ranked: Floats, ranks: NDArray[np.intp]) -> Floats:
-    """Return at which level `quantiles` passes 0, between the ranks beside it, (R,)."""
+def _level_of_0(ranked: Floats) -> Floats:
+    """Return the highest level at which `quantiles` is at most 0, (R,)."""
     last = ranked.shape[1] - 1
+    ranks = (ranked <= 0).sum(axis=1)
+    upper = np.clip(ranks, 1, last)[:, None]
+    below = np.take_along_axis(ranked, upper - 1, axis=1)[:, 0]
+    above = np.take_along_axis(ranked, upper, axis=1)[:, 0]
+    between = (below <= 0) & (above > 0) & np.isfinite(below) & np.isfinite(above)
+    span = np.subtract(above, below, out=np.ones_like(below), where=between)
+    # Between minus infinity and a number all is minus infinity, up to a number's infinity none is.
+    share = np.where(between, -below / span, np.isneginf(below))
     inner = (ranks > 0) & (ranks <= last)
-    rank = np.clip(ranks, 1, last)[:, None]
-    one = np.take_along_axis(ranked, rank - 1, axis=1)[:, 0]
-    other = np.take_along_axis(ranked, rank, axis=1)[:, 0]
-    finite = inner & np.isfinite(one) & np.isfinite(other)
-    # A step to infinity is made at once; one from minus infinity, at the very end.
-    share = np.where(np.isneginf(one), 1.0, 0.0)
-    span = np.where(finite, other - one, 1.0)
-    share = np.where(finite, -one / span, share)
-    return np.asarray(np.where(inner, (ranks - 1 + share) / last, np.where(ranks > 0, 1.0, 0.0)))
+    found: Floats = np.where(inner, (ranks - 1 + share) / last, (ranks > 0).astype(np.float64))
+    return found

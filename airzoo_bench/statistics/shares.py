@@ -33,8 +33,8 @@ from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["Rates", "average_limits", "difference_limits", "jeffreys_limits", "wilson_limits"]
 
-_PRIOR = 3.0
-"""So many more queries that vary as hits do steady the variance of shares such as AP."""
+_PRIOR = 0.5
+"""So many queries more at 0, and at 1, as Jeffreys' prior has it, steady the variance of AP."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +54,12 @@ class Rates:
 
     @classmethod
     def of(cls, values: Floats) -> Rates:
-        """Measure shares, (R, N) from 0 to 1; where all are 0 or all are 1 they count as hits."""
+        """Measure shares, (R, N) from 0 to 1; those that vary as much as hits count as hits."""
         count = values.shape[1]
         means = values.mean(axis=1)
-        binary = means * (1 - means)
-        variances = ((values - means[:, None]) ** 2).mean(axis=1)
-        steadied = (count * variances + _PRIOR * binary) / (count + _PRIOR)
-        varying = steadied > 0
-        sizes = np.divide(
-            count * binary, steadied, out=np.full(len(means), float(count)), where=varying
-        )
+        ends = _PRIOR * (means**2 + (1 - means) ** 2)
+        squares = ((values - means[:, None]) ** 2).sum(axis=1)
+        sizes = count * means * (1 - means) * (count + 2 * _PRIOR) / (squares + ends)
         return cls(means, np.maximum(sizes, count))
 
     @property
