@@ -108,6 +108,10 @@ def test_the_script_decides_nothing() -> None:
     assert script.count("standings") >= 5
 
 
+def p_text(value: float) -> str:
+    return "<0.0001" if value < 1e-4 else f"{value:.4f}"
+
+
 def test_pairs_are_those_of_compare(tmp_path: Path) -> None:
     methods = [method("top", 100), method("close", 97), method("far", 40)]
     page = made_page(tmp_path, *write_methods(tmp_path, methods))
@@ -119,7 +123,7 @@ def test_pairs_are_those_of_compare(tmp_path: Path) -> None:
     for place, pair in enumerate(with_best[:2]):
         shown = pairs[0][place][0]
         assert shown["difference"] == show_number(100 * pair.difference, 2, "+")
-        assert shown["pHolm"] == ("<0.0001" if pair.p_holm < 1e-4 else f"{pair.p_holm:.4f}")
+        assert shown["pHolm"] == p_text(pair.p_holm)
         assert shown["verdict"].startswith("not told apart" if pair.p_holm > 0.05 else "worse")
     # The mark and the pair say the same.
     marks = [row[0] for row in page.sections[0]["standings"]["overall"]["marks"]]
@@ -127,7 +131,7 @@ def test_pairs_are_those_of_compare(tmp_path: Path) -> None:
         pairs[0][place][0]["verdict"] != "worse" for place in range(2)
     ]
     [middle] = compare(methods[1:], [HIT], reference="close", plan=Plan()).pairs
-    assert pairs[1][0][0]["p"] == f"{middle.test.p_value:.4f}".replace("0.0000", "<0.0001")
+    assert pairs[1][0][0]["p"] == p_text(middle.test.p_value)
 
 
 def test_one_method_has_no_pair_and_no_test(tmp_path: Path) -> None:
