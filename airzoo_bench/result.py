@@ -280,16 +280,11 @@ def read_result(path: Path) -> Result:
     try:
         result = Result.model_validate_json(text)
     except ValidationError as error:
-        if error.errors()[0]["type"] == "json_invalid":
-            # Pydantic names line and column.
-            raise ResultError(
-                f"not a result: {validation_message(error, Result)}",
-                where=path,
-                expected=_EXPECTED,
-                mend=_MEND,
-            ) from error
+        is_json = error.errors()[0]["type"] != "json_invalid"
+        # Of what is no JSON, Pydantic names line and column.
+        what = "not a result of this version:\n    " if is_json else "not a result: "
         raise ResultError(
-            f"not a result of this version:\n    {validation_message(error, Result)}",
+            f"{what}{validation_message(error, Result)}",
             where=path,
             expected=_EXPECTED,
             mend=_MEND,

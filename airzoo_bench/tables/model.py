@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+
+from airzoo_bench.tables.numbers import share_to_percent, show_number
 
 __all__ = [
     "FLOOR",
@@ -18,7 +19,6 @@ __all__ = [
     "Table",
     "Uncertainty",
     "best_texts",
-    "is_wide",
     "mark_best",
     "plain",
     "share_to_percent",
@@ -32,7 +32,6 @@ FLOOR = "what scores without a method"
 """What rows are called that are of no method."""
 
 _DAGGER = "†"
-_LARGEST = 1e9  # shown with all its digits
 
 
 @dataclass(frozen=True)
@@ -251,27 +250,6 @@ def plain(text: str) -> str:
         c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
     )
     return "".join(printed)
-
-
-def share_to_percent(value: float) -> float:
-    """Turn a share into percent."""
-    return 100.0 * value
-
-
-def is_wide(value: float | int | str | None) -> bool:
-    """Whether a number is so large that only powers of ten keep its width bounded."""
-    return isinstance(value, float) and abs(value) >= _LARGEST
-
-
-def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> str:
-    """Return a number with so many digits after the point, an infinite one as ``inf``.
-
-    From 1e9 on, the digits are those before a power of ten, such as ``1.00e+200``. What rounds to
-    zero is not negative; with the sign "+" all other numbers have one.
-    """
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    return f"{value:{sign}z.{decimals}{'e' if is_wide(value) else 'f'}}"
 
 
 def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:
