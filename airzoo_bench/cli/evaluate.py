@@ -208,7 +208,7 @@ def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
         content = json.loads(result.model_dump_json(by_alias=True))
         put(json.dumps(content, indent=1) + "\n")
     else:
-        show(scenes_table(result, every_score=every_score), form)
+        show(scenes_table(result, every_score=every_score, floors=True), form)
 
 
 def _print_next(out: Path | None) -> None:
