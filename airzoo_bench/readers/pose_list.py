@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.files import read_text
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.ids import PHOTO_SUFFIXES
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
 
@@ -43,7 +44,10 @@ def read_pose_list(path: Path) -> MatchingPredictions:
     _check_unit(values[found, :4], names[found], path)
     quaternion = np.where(found[:, None], values[:, :4], (1.0, 0.0, 0.0, 0.0))
     translation = np.where(found[:, None], values[:, 4:], 0.0)
-    claim = PoseClaim(found, Poses.from_quaternions(quaternion, translation, names.tolist()))
+    poses = Poses.from_quaternions(quaternion, translation, names.tolist())
+    errors = np.zeros(len(found))
+    errors[found] = pose_errors_m(poses.rotation[found], translation[found], quaternion[found])
+    claim = PoseClaim(found, poses, errors)
     return MatchingPredictions(path, None, names, claim)
 
 

@@ -102,7 +102,15 @@ def evaluate_matching(
     pairs = list(zip(truths, rows, strict=True))
     claims = [claim_of_scene(predictions, truth, found) for truth, found in pairs]
     scored = [
-        score_scene(truth, claim, chosen.solver, chosen.scores, workers=jobs, progress=progress)
+        score_scene(
+            truth,
+            claim,
+            chosen.lift,
+            chosen.solver,
+            chosen.scores,
+            workers=jobs,
+            progress=progress,
+        )
         for truth, claim in zip(truths, claims, strict=True)
     ]
     records = concatenate([scene.records for scene in scored])
