@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["build_truth"]
 
-# No GPS and no gimbal is as good as this.
-_SAME_M, _SAME_DEG = 1e-3, 1e-3
+# No gimbal is as good as this in every photo; a truth that was written as XMP is, whose angles have
+# two decimals and whose positions, with seven of a degree, are known to a centimetre or two.
+_SAME_M, _SAME_DEG = 0.05, 0.02
 _NO_PRIOR = "no GPS position or gimbal angles in the metadata"
 _NO_CROP = {
     CropStatus.OFF_MAP: "by the prior pose, it does not see the map",

@@ -21,7 +21,7 @@ from airzoo_bench.progress import Progress, silent
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ScoredScene", "lifted_points", "score_scene"]
+__all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -94,27 +94,39 @@ def score_scene(
     ScoredScene
         A failure has infinite errors and stays in the records.
     """
-    import pandas as pd
-
     if claim.poses is not None:
         posed = _given(claim.poses)
     else:
         posed = _solved(truth, claim, lifting, solver, workers, progress)
+    records = _records(truth, claim.answered, posed, settings)
+    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds)
+
+
+def _records(
+    truth: MatchingTruth, answered: NDArray[np.bool_], posed: _Posed, settings: MatchingScores
+) -> pd.DataFrame:
+    import pandas as pd
+
     true = truth.poses
     rotation = true.rotation if settings.orientation_is_trusted else None
     errors = pose_errors(posed.rotations, posed.centres, rotation, true.centres)
     columns: dict[str, Any] = {
         "scene": truth.scene,
         "query": truth.queries["id"].to_numpy(),
-        "answered": claim.answered,
-        "status": np.where(claim.answered, posed.status, MISSING),
+        "answered": answered,
+        "status": np.where(answered, posed.status, MISSING),
         "failed": ~np.isfinite(errors.translation_m),
         **posed.counts,
         **_error_columns(errors, settings),
         **_score_columns(errors, settings),
     }
-    records = pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
-    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds)
+    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+
+
+def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
+    """Return the records of a method that answers every query by its prior pose."""
+    answered = np.ones(len(truth.queries), np.bool_)
+    return _records(truth, answered, _given(truth.priors), settings)
 
 
 def _given(poses: Poses) -> _Posed:

@@ -69,7 +69,7 @@ def _check_rows(rows: list[list[str]], path: Path) -> None:
         raise PredictionError(
             f"names that cannot be ids in {first_of([f'row {n + 1}' for n in odd], len(rows))}",
             where=path,
-            expected="printable ids such as City/DJI_0001",
+            expected="printable ids such as city/DJI_0001",
         )
 
 
