@@ -35,7 +35,9 @@ def template(
     kind: Annotated[Kind, typer.Option(help="What the file shall hold.")] = Kind.RANKED_IDS,
     data: DataOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of what is random.")] = 0,
-    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write over a file that is there.")
+    ] = False,
 ) -> None:
     """Write an example prediction: every query, with random tiles, matches or depth maps.
 

@@ -33,7 +33,7 @@ _OF_QUATERNION = 8.0**0.5
 _DECIMALS = 11
 # Products of rotations that were computed in float64 are off by a few of its steps.
 _EXACT = 1e-14
-# A rotation that is so many times further from orthonormal than its digits explain lost more before.
+# So many times further from orthonormal than its digits explain, a rotation lost more before.
 _BEYOND_CHANCE = 4.0
 
 

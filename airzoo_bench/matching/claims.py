@@ -8,14 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.geometry.poses import (
-    Poses,
-    matrix_to_quaternion,
-    quaternion_to_matrix,
-    rotation_angle_deg,
-)
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
+from airzoo_bench.matching.conventions import refuse_other_conventions
 from airzoo_bench.matching.predictions import (
     Correspondences,
     MatchingPredictions,
@@ -30,16 +26,9 @@ Floats = NDArray[np.float64]
 
 # Coordinates may lie this far outside a picture: sub-pixel refinement oversteps its border.
 _SLACK_PX = 1.0
-# Poses are taken for inverted where that brings most of them this many times nearer to the priors.
-_TIMES_NEARER = 10.0
-# Rotations are taken for another convention where they are this far from the IMU's, and that
-# convention is this near. Yaw may be wrong by 180 degrees in a few photos: medians do not mind.
-_FAR_DEG, _NEAR_DEG = 60.0, 20.0
 # Pixels are taken for those of crops, or for rows before columns, where at least so many fit that
 # and at most so many fit what they should be.
 _NEARLY_ALL, _SOME = 0.98, 0.8
-# From camera axes x right, y down, z forward to x right, y up, z backward, or back.
-_OPENGL = np.diag((1.0, -1.0, -1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,64 +102,11 @@ def _pose_claim(claim: PoseClaim, truth: MatchingTruth, rows: NDArray[np.intp]) 
     rotation = np.where(there[:, None, None], claim.poses.rotation[rows], np.nan)
     centres = np.where(there[:, None], claim.poses.centres[rows], np.nan)
     poses = Poses(rotation=rotation, centres=centres)
-    _refuse_inverted(poses, truth, there)
+    refuse_other_conventions(poses.take(there), truth.priors.take(there))
     nothing = np.zeros((0, 2))
     return SceneClaim(
         answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses
     )
-
-
-def _refuse_inverted(poses: Poses, truth: MatchingTruth, there: NDArray[np.bool_]) -> None:
-    """Refuse poses whose translation, not whose centre, lies where the camera was."""
-    if not there.any():
-        return
-    given, priors = poses.take(there), truth.priors.take(there)
-    as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
-    inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
-    if np.mean(inverted * _TIMES_NEARER < as_given) > 0.5:
-        raise PredictionError(
-            f"the poses look camera-to-world: taken so, cameras lie {np.median(inverted):.1f} m "
-            f"from their GPS positions; as world-to-camera, {np.median(as_given):.1f} m",
-            where="field 'poses'",
-            expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
-            mend=_way_back(given, priors),
-        )
-    _refuse_turned(given, priors)
-
-
-def _way_back(given: Poses, priors: Poses) -> str:
-    off = np.median(rotation_angle_deg(given.rotation, priors.rotation))
-    back = np.median(rotation_angle_deg(np.swapaxes(given.rotation, 1, 2), priors.rotation))
-    if off < back:
-        return "the rotations are right and the last column is the centre: t = -R @ centre"
-    return "invert them: R.T and -R.T @ t"
-
-
-def _refuse_turned(given: Poses, priors: Poses) -> None:
-    """Refuse rotations that agree with the IMU only when they are read in another way."""
-    quaternions = matrix_to_quaternion(given.rotation)
-    back = np.swapaxes(given.rotation, 1, 2)
-    ways = {
-        "camera-to-world": back,
-        "quaternions in the order x y z w": quaternion_to_matrix(np.roll(quaternions, 1, axis=1)),
-        "those of OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ given.rotation,
-        "camera-to-world with OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ back,
-    }
-    off = float(np.median(rotation_angle_deg(given.rotation, priors.rotation)))
-    for way, rotation in ways.items():
-        other = float(np.median(rotation_angle_deg(rotation, priors.rotation)))
-        if off > _FAR_DEG and other < _NEAR_DEG:
-            raise PredictionError(
-                f"the rotations look like {way}: they differ from the IMU's by {off:.0f} degrees, "
-                f"read so by {other:.0f}",
-                where="the poses",
-                expected="world-to-camera rotations, x_cam = R X + t, camera axes x right, y down, "
-                "z forward, quaternions as w x y z",
-                mend="convert them before you write the file; OpenGL's w2c becomes "
-                "diag(1, -1, -1) @ R"
-                if "OpenGL" in way
-                else "convert them before you write the file",
-            )
 
 
 def _correspondence_claim(

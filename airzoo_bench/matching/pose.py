@@ -166,7 +166,8 @@ def solve_pose(
     ransac = Ransac(max_error_px, min_inlier_ratio, min_trials, max_trials, confidence, seed)
     check_settings(solver, ransac)
     _check_problem(camera, query_xy, points)
-    rows, place = _canonical(np.concatenate((query_xy, points), axis=1))
+    given = np.concatenate((query_xy, points), axis=1)
+    rows, place = np.unique(given, axis=0, return_inverse=True)
     if len(rows) < MIN_MATCHES:
         return _failure(Status.TOO_FEW_MATCHES, len(points))
     chosen = _chosen(len(rows), max_matches, seed)
@@ -179,12 +180,6 @@ def solve_pose(
     of_rows[chosen] = estimate.inliers
     left_out = len(points) - int(np.isin(place, chosen).sum())
     return replace(estimate, inliers=of_rows[place], left_out=left_out)
-
-
-def _canonical(rows: Floats) -> tuple[Floats, Ints]:
-    """Sort rows and merge those that are alike; the place of each among the sorted ones."""
-    different, place = np.unique(rows, axis=0, return_inverse=True)
-    return different, place.reshape(-1)
 
 
 def _chosen(count: int, most: int, seed: int) -> Ints:

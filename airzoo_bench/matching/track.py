@@ -12,7 +12,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import PoseErrors, area_share, pose_errors, within
-from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, PoseSettings, solve_poses
+from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
 from airzoo_bench.matching.scores import auc_column, pose_column, translation_column
 from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
 from airzoo_bench.matching.truth import MatchingTruth
@@ -160,8 +160,10 @@ def _solved(
         )
         for row, part in enumerate(claim.parts())
     ]
-    settings = PoseSettings(**solver.model_dump(exclude={"name", "least_matches"}), solver=solver.name)
-    found = solve_poses(problems, workers=workers, progress=progress, **settings)
+    settings = solver.model_dump(exclude={"name", "least_matches"})
+    found = solve_poses(
+        problems, workers=workers, progress=progress, solver=solver.name, **settings
+    )
     return _Posed(
         np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
         np.array([estimate.centre for estimate in found]).reshape(-1, 3),

@@ -66,6 +66,7 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
             mend="keep one of them",
         )
     claim: Correspondences | PoseClaim
+    fields: tuple[str, ...]
     if kinds in (["poses"], ["centres"]):
         fields = _POSES if kinds == ["poses"] else _CENTRES
         check_fields(arrays, ("query_ids", *fields), (*_COMMON, *fields), _EXPECTED)

@@ -61,7 +61,7 @@ def lifting_notes(
             for c in claims
             if c.poses is not None
         )
-        return [*_failed_notes({NOT_GIVEN: lost}), *far_notes(truths, given, "poses")]
+        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, given, "poses")]
     totals = np.zeros(4, np.int64)
     for truth, claim in zip(truths, claims, strict=True):
         _, status = lifted_points(truth, claim, lifting, jobs)
@@ -81,14 +81,14 @@ def scored_notes(
 ) -> list[str]:
     """Say what is known once the poses are."""
     failed = records[records["failed"] & records["answered"]]
-    reasons = failed["status"].value_counts().sort_index()
-    notes = [f"scored from {predictions.kind}", *_failed_notes(reasons.to_dict())]
+    reasons = {str(why): int(n) for why, n in failed["status"].value_counts().sort_index().items()}
+    notes = [f"scored from {predictions.kind}", *_failed_notes(reasons)]
     if "lifted" in records.columns:
         blind = (records["no_height"] > 0) & (records["lifted"] == 0)
         sums = records[["matches", "lifted"]].sum()
         beyond = int(records["beyond_limit"].sum())
         notes += _count_notes(int(sums["matches"]), int(sums["lifted"]), int(blind.sum()), beyond)
-    return [*notes, *far_notes(truths, [scene.centres for scene in scored], predictions.kind)]
+    return [*notes, *_far_notes(truths, [scene.centres for scene in scored], predictions.kind)]
 
 
 def equal_to_prior(truth: MatchingTruth, claim: SceneClaim) -> int:
@@ -101,7 +101,7 @@ def equal_to_prior(truth: MatchingTruth, claim: SceneClaim) -> int:
     return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
 
 
-def far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
+def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
     """Suspect another frame or convention where poses lie beyond any GPS error."""
     offsets = [c - t.priors.centres for t, c in zip(truths, centres, strict=True)]
     away = np.linalg.norm(np.concatenate(offsets), axis=1)
@@ -156,9 +156,7 @@ def _crop_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -
     return [f"{outside} map pixels lie outside their query's crop"] if outside else []
 
 
-def _scale_notes(
-    predictions: MatchingPredictions, truths: Sequence[MatchingTruth]
-) -> list[str]:
+def _scale_notes(predictions: MatchingPredictions, truths: Sequence[MatchingTruth]) -> list[str]:
     """Suspect pixels of a smaller image: they would all lie in a corner of the photo."""
     claim = predictions.claim
     if isinstance(claim, PoseClaim) or len(claim.query_xy) < _ENOUGH_MATCHES:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.matching.prepare import build_truth
@@ -74,14 +75,21 @@ def test_no_prior_at_all_leaves_no_query(inputs: SceneInputs) -> None:
     assert len(truth.excluded) == 5
 
 
-@pytest.mark.parametrize("away_m", [0.0, 1e-6, 1e-2])
-def test_a_prior_that_is_the_truth_is_refused(inputs: SceneInputs, away_m: float) -> None:
+@pytest.mark.parametrize("away_m", [0.0, 1e-6, 0.02, 0.5])
+@pytest.mark.parametrize("decimals", [1, 2, 15])
+def test_a_prior_that_is_the_truth_is_refused(
+    inputs: SceneInputs, away_m: float, decimals: int
+) -> None:
     photos = inputs.photos.copy()
     photos[list(PRIOR_COLUMNS)] = photos[list(POSE_COLUMNS)].to_numpy()
     photos["prior_x"] += away_m
-    # A quaternion and its negative are one rotation.
-    photos[["prior_qw", "prior_qx", "prior_qy", "prior_qz"]] *= -1
-    if away_m > 1e-3:
+    # As XMP has it: angles of a gimbal with so many decimals. Of a quaternion and its negative,
+    # which are one rotation, the second.
+    true = Rotation.from_quat(photos[[*POSE_COLUMNS[1:4], "qw"]].to_numpy())
+    angles = np.round(true.as_euler("ZYX", degrees=True) + 0.004, decimals)
+    seen = -Rotation.from_euler("ZYX", angles, degrees=True).as_quat()
+    photos[["prior_qx", "prior_qy", "prior_qz", "prior_qw"]] = seen
+    if away_m > 0.1 or decimals == 1:
         assert len(built(inputs, photos).queries) == 5
         return
     with pytest.raises(BenchmarkError, match="equal the ground truth") as caught:
