@@ -297,3 +297,35 @@ def test_infinity_survives_json(world: World, tmp_path: Path, failing: dict[str,
     assert result["overall"]["error_m"] == "Infinity"
     assert pd.read_csv(out / "records.csv")["error_m"].tolist()[:3] == [np.inf] * 3
     assert run_main("table", out / "result.json") == 0
+
+
+def test_the_rotation_of_a_failure_and_fewest_matches_are_the_protocols(tmp_path: Path) -> None:
+    world = make_world(
+        tmp_path,
+        made_matching_protocol(scores={"failed_rotation_deg": 180.0}, solver={"least_matches": 5}),
+    )
+    counts = [0, 4, 5, N_MATCHES, N_MATCHES]
+    query_xy = [xy[:n] for xy, n in zip(world.query_xy, counts, strict=True)]
+    map_xy = [xy[:n] for xy, n in zip(world.map_xy, counts, strict=True)]
+    rows = records(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
+    assert rows["failed"].tolist() == [True, True, False, False, False]
+    assert rows["rotation_deg"].tolist()[:2] == [180.0, 180.0]
+    assert rows["error_m"].tolist()[:2] == [np.inf, np.inf]
+    assert rows["lifted"].tolist()[1] == 4
+
+
+@pytest.mark.parametrize("limit", [100.0, 105.0])
+def test_heights_that_do_not_count_are_dropped(tmp_path: Path, limit: float) -> None:
+    world = make_world(tmp_path, made_matching_protocol(lift={"heights_above_m": limit}))
+    rows = records(world, tmp_path, world.matches())
+    low = [int((points[:, 2] <= limit).sum()) for points in world.points]
+    assert (rows["no_height"] >= low).all()
+    assert (rows["no_height"] + rows["lifted"] == N_MATCHES).all()
+    assert 0 < rows["lifted"].sum() < N_QUERIES * N_MATCHES
+
+
+def test_integer_centres_shift_the_map_by_half_a_pixel(tmp_path: Path) -> None:
+    world = make_world(tmp_path, made_matching_protocol(lift={"map_pixel_centres": "integer"}))
+    shifted = [xy - 0.5 for xy in world.map_xy]
+    rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=shifted))
+    assert rows["error_m"].max() < 1e-6
