@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from airzoo_bench.errors import ProtocolError
 from airzoo_bench.files import fingerprint
-from airzoo_bench.matching.settings import Crop, MatchingScores, Prior, Solver
+from airzoo_bench.matching.settings import Crop, Lift, MatchingScores, Prior, Solver
 from airzoo_bench.reconstruction.settings import (
     Alignment,
     Fusion,
@@ -112,6 +112,7 @@ class MatchingProtocol(Protocol):
     track: Literal["matching"]
     crop: Crop
     prior: Prior
+    lift: Lift
     solver: Solver
     scores: MatchingScores
 

@@ -35,6 +35,9 @@ def template(
     kind: Annotated[Kind, typer.Option(help="What the file shall hold.")] = Kind.RANKED_IDS,
     data: DataOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of what is random.")] = 0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write over a file that is there.")
+    ] = False,
 ) -> None:
     """Write an example prediction: every query, with random tiles, matches or depth maps.
 
@@ -52,6 +55,7 @@ def template(
         out=target,
         descriptors=kind is Kind.DESCRIPTORS,
         seed=seed,
+        force=force,
     )
     say(f"wrote {target}: replace its arrays, which are random and score near nothing, by your own")
     say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")

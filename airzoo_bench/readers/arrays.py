@@ -177,7 +177,7 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
             name,
             values,
             expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
-            mend=f"np.array({name}, dtype=str), with ids such as City/DJI_0001",
+            mend=f"np.array({name}, dtype=str), with ids such as city/DJI_0001",
         )
     _check_characters(arrays.path, name, values)
     return values

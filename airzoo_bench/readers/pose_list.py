@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.files import read_text
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.ids import PHOTO_SUFFIXES
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
 
@@ -43,7 +44,10 @@ def read_pose_list(path: Path) -> MatchingPredictions:
     _check_unit(values[found, :4], names[found], path)
     quaternion = np.where(found[:, None], values[:, :4], (1.0, 0.0, 0.0, 0.0))
     translation = np.where(found[:, None], values[:, 4:], 0.0)
-    claim = PoseClaim(found, Poses.from_quaternions(quaternion, translation, names.tolist()))
+    poses = Poses.from_quaternions(quaternion, translation, names.tolist())
+    errors = np.zeros(len(found))
+    errors[found] = pose_errors_m(poses.rotation[found], translation[found], quaternion[found])
+    claim = PoseClaim(found, poses, errors)
     return MatchingPredictions(path, None, names, claim)
 
 
@@ -65,7 +69,7 @@ def _check_rows(rows: list[list[str]], path: Path) -> None:
         raise PredictionError(
             f"names that cannot be ids in {first_of([f'row {n + 1}' for n in odd], len(rows))}",
             where=path,
-            expected="printable ids such as City/DJI_0001",
+            expected="printable ids such as city/DJI_0001",
         )
 
 

@@ -21,8 +21,9 @@ from airzoo_bench.errors import (
     first_of,
 )
 from airzoo_bench.files import atomic_entries, check_output_folder, fingerprint, sha256_of_tree
-from airzoo_bench.ids import assign_queries, scene_of
+from airzoo_bench.ids import assign_queries, scene_of, with_endings
 from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
+from airzoo_bench.readers.arrays import open_arrays, protocol_name
 from airzoo_bench.result import (
     PredictionsUsed,
     ProtocolUsed,
@@ -54,6 +55,7 @@ __all__ = [
     "make_result",
     "match_queries",
     "other_benchmark",
+    "refuse_other_track",
     "save",
 ]
 
@@ -169,6 +171,22 @@ def choose_protocol(
             mend=f"airzoo-bench eval {chosen.track} {path}",
         )
     return chosen
+
+
+def refuse_other_track(
+    path: Path, named: str | None, data: Path, model: type[P], memory_bytes: int
+) -> None:
+    """Refuse an ``.npz`` that names a protocol of another track, before its fields are read.
+
+    Raises
+    ------
+    PredictionError
+        The message names the right command, not the fields that the file lacks for this one.
+    """
+    if named is None and path.suffix == ".npz" and path.is_file():
+        in_file = protocol_name(open_arrays(path, memory_bytes))
+        if in_file is not None:
+            choose_protocol(path, in_file, None, data, model)
 
 
 def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -353,13 +371,8 @@ def other_benchmark(
 ) -> PredictionError:
     """Make the fault of predictions none of whose ids belongs to the benchmark."""
     scenes = set(np.unique(scene_of(ids)))
-    alike = [
-        name
-        for name, path in protocol_files(data).items()
-        if name != protocol.name and scenes & _scenes_of(path)
-    ]
-    first = str(ids[0])
-    ending = "." in first and first.split("/")[0] in {scene.id for scene in protocol.scenes}
+    ending = scenes <= {scene.id for scene in protocol.scenes} and with_endings(ids)
+    alike = [] if ending else _alike(scenes, protocol, data)
     guess = f"they look like those of {' or '.join(alike)}" if alike else ""
     expected = example or ", ".join(f"{scene.id}/..." for scene in protocol.scenes[:3])
     return PredictionError(
@@ -373,8 +386,20 @@ def other_benchmark(
     )
 
 
-def _scenes_of(path: Path) -> set[str]:
+def _alike(scenes: set[str], protocol: Protocol, data: Path) -> list[str]:
+    """Name the protocols of the same track and another benchmark that have one of the scenes."""
+    return [
+        name
+        for name, path in protocol_files(data).items()
+        if scenes & _scenes_beside(path, protocol)
+    ]
+
+
+def _scenes_beside(path: Path, protocol: Protocol) -> set[str]:
     try:
-        return {scene.id for scene in load_protocol(path).scenes}
+        other = load_protocol(path)
     except ProtocolError:  # another benchmark's fault is not this file's
         return set()
+    if other.track != protocol.track or other.benchmark == protocol.benchmark:
+        return set()
+    return {scene.id for scene in other.scenes}

@@ -23,6 +23,7 @@ from airzoo_bench.runner.common import (
     concatenate,
     make_result,
     match_queries,
+    refuse_other_track,
 )
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def evaluate_retrieval(
     UserError
         The predictions, the protocol or the benchmark folder are not as they must be.
     """
+    refuse_other_track(path, protocol, data, RetrievalProtocol, memory_bytes)
     predictions = read_retrieval(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, RetrievalProtocol)
     for fault in faults(predictions, chosen.scores.depth):
