@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from airzoo_bench.errors import PredictionError
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, refined
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.icp import refine
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointCloudOfMaps, PointMaps
 from airzoo_bench.reconstruction.prepared import Held, Moved, PreparedCloud, box_of, prepared
-from airzoo_bench.reconstruction.regions import finite_rows
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionScores
 from airzoo_bench.reconstruction.tsdf import fuse
 
 __all__ = ["Claim", "PlacedClaim", "Rules", "Work", "place_claim"]
-
-_ICP_READS = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -110,8 +105,7 @@ def place_claim(
         The true cloud has no point.
     """
     box = box_of(truth)
-    alignment = _aligned(claim, truth, cameras, rules)
-    source = _in_frame(claim, alignment.transform, rules.fusion)
+    alignment, source = _aligned(claim, truth, cameras, rules, work)
     cloud = prepared(source, rules.preparation, box, work.block_points)
     _refuse_nothing_finite(cloud)
     distrusted = _distrusted(claim, alignment.transform, rules.fusion, work.block_points)
@@ -119,27 +113,20 @@ def place_claim(
     return PlacedClaim(alignment, cloud, true, distrusted)
 
 
-def _aligned(claim: Claim, truth: CloudSource, cameras: PosedCameras, rules: Rules) -> Alignment:
+def _aligned(
+    claim: Claim, truth: CloudSource, cameras: PosedCameras, rules: Rules, work: Work
+) -> tuple[Alignment, CloudSource]:
+    """Align by cameras, fuse in metres, then refine by the fused cloud where that is asked for."""
     settings = rules.alignment
     if claim.cameras is None or settings.method == "none":
-        return align("none", claim.cameras, cameras, ransac=None, icp=None)
-    clouds = None
-    if settings.method == "sim3+icp":
-        unmoved = _in_frame(claim, Similarity.identity(), rules.fusion)
-        clouds = _points(unmoved), _points(truth)
-    return align(
-        settings.method,
-        claim.cameras,
-        cameras,
-        ransac=settings.ransac(),
-        icp=settings.icp(),
-        clouds=clouds,
-    )
-
-
-def _points(source: CloudSource) -> Floats:
-    pieces = (piece.points for piece in source.pieces(_ICP_READS))
-    return np.concatenate([np.zeros((0, 3)), *(piece[finite_rows(piece)] for piece in pieces)])
+        found = align("none", claim.cameras, cameras, ransac=None)
+        return found, _in_frame(claim, found.transform, rules.fusion)
+    found = align(settings.method, claim.cameras, cameras, ransac=settings.ransac())
+    source = _in_frame(claim, found.transform, rules.fusion)
+    if settings.method != "sim3+icp":
+        return found, source
+    step, report = refine(source, truth, settings.icp(), held_points=work.block_points)
+    return refined(found, step, report, claim.cameras, cameras), Moved(source, step, None)
 
 
 def _in_frame(claim: Claim, transform: Similarity, fusion: Fusion) -> CloudSource:

@@ -15,20 +15,25 @@ __all__ = ["Alignment", "Fusion", "Meshes", "Preparation", "ReconstructionScores
 
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 Count = Annotated[int, Field(ge=1)]
+Trials = Annotated[int, Field(ge=1, le=1_000_000)]
 Share = Annotated[float, Field(gt=0, le=1)]
 
 
 class Alignment(Strict):
     """How a prediction is brought into the frame of the truth.
 
-    ``inlier_below_m = "nearest-camera"`` is Depth Anything 3's rule; see `consensus`. The values of
-    `icp_*` are used by ``sim3+icp`` only.
+    ``inlier_below_m = "nearest-camera"`` with half of the cameras in a sample and ten trials is
+    Depth Anything 3's rule; see `consensus`. The values of `icp_*` are used by ``sim3+icp`` only.
     """
 
     method: Literal["none", "sim3", "sim3+icp"]
+    cameras: Literal["required", "optional"]
     inlier_below_m: Positive | Literal["nearest-camera"]
-    trials: Count
-    sample_share: Share
+    inlier_below_deg: Positive
+    sample_share: Share | Literal["minimal"]
+    min_trials: Trials
+    max_trials: Trials
+    confidence: Share
     line_ratio: Share
     seed: Seed
     icp_below_m: Positive
@@ -37,10 +42,24 @@ class Alignment(Strict):
     icp_tolerance: Positive
     icp_with_scale: bool
 
+    @model_validator(mode="after")
+    def _trials_in_order(self) -> Self:
+        if self.max_trials < self.min_trials:
+            raise ValueError("max_trials must be at least min_trials")
+        return self
+
     def ransac(self) -> RansacSettings:
         """Return what finding inliers among camera centres needs."""
-        limit = None if isinstance(self.inlier_below_m, str) else self.inlier_below_m
-        return RansacSettings(self.trials, self.sample_share, limit, self.line_ratio, self.seed)
+        return RansacSettings(
+            min_trials=self.min_trials,
+            max_trials=self.max_trials,
+            confidence=self.confidence,
+            sample_share=None if isinstance(self.sample_share, str) else self.sample_share,
+            inlier_limit=None if isinstance(self.inlier_below_m, str) else self.inlier_below_m,
+            inlier_limit_deg=self.inlier_below_deg,
+            line_ratio=self.line_ratio,
+            seed=self.seed,
+        )
 
     def icp(self) -> IcpSettings:
         """Return what refining by the clouds needs."""

@@ -11,13 +11,14 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.open3d_loader import load_open3d
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, umeyama
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, umeyama
 from airzoo_bench.reconstruction.pose_metrics import (
     centre_errors,
     pair_errors,
     rms_of_placed,
     step_errors,
 )
+from tests.reconstruction.cloud_support import Pieces
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
 
@@ -138,13 +139,11 @@ def test_icp_of_open3d(with_scale: bool) -> None:
         with_scale=with_scale,
         seed=0,
     )
-    start = Similarity.identity()
-    found, report = refine(source, truth, start, settings)
+    found, report = refine(Pieces(source), Pieces(truth), settings, held_points=10**6)
     moved = source @ theirs.transformation[:3, :3].T + theirs.transformation[:3, 3]
     np.testing.assert_allclose(found.apply(source), moved, atol=1e-6)
     assert report.after.fitness == pytest.approx(theirs.fitness)
     assert report.after.rmse == pytest.approx(theirs.inlier_rmse, rel=1e-6)
     # Far from the origin it is the same, shifted.
-    far = Similarity(1.0, np.eye(3), UTM)
-    there, _ = refine(source, truth + UTM, far, settings)
-    np.testing.assert_allclose(there.apply(source) - UTM, found.apply(source), atol=1e-6)
+    there, _ = refine(Pieces(source + UTM), Pieces(truth + UTM), settings, held_points=10**6)
+    np.testing.assert_allclose(there.apply(source + UTM) - UTM, found.apply(source), atol=1e-6)
