@@ -67,6 +67,7 @@ def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -
     scores.append(_distance("completeness_median_m", "Completeness, median"))
     if with_poses:
         scores += [_share(pose_auc_column(a), f"AUC@{a:g}°") for a in settings.pose_auc_below_deg]
+        scores.append(_share("cameras_placed", "Cameras placed"))
         scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
         angle = Score("rpe_deg", "RPE, rotation", "deg", higher_is_better=False, average="mean")
         scores.append(angle)

@@ -123,4 +123,19 @@ class ReconstructionScores(Strict):
     curve_up_to_m: Positive
     curve_steps: Annotated[int, Field(ge=2, le=10_000)]
     pose_auc_below_deg: Limits
+    pose_auc_rule: Literal["exact", "depth-anything-3"]
     least_baseline_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    trajectory_alignment: Literal["umeyama", "cloud"]
+    max_distance_m: Positive | Literal["none"]
+
+    @model_validator(mode="after")
+    def _whole_degrees(self) -> Self:
+        whole = all(limit.is_integer() and limit <= 180 for limit in self.pose_auc_below_deg)
+        if self.pose_auc_rule == "depth-anything-3" and not whole:
+            raise ValueError("pose_auc_below_deg must be whole degrees for depth-anything-3")
+        return self
+
+    @property
+    def clip_m(self) -> float | None:
+        """What a larger distance counts as in means; None clips nothing."""
+        return None if isinstance(self.max_distance_m, str) else self.max_distance_m

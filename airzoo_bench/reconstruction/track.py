@@ -113,7 +113,7 @@ def score_missing(scene: str, scores: ReconstructionScores) -> ScoredScene:
         np.full(1, np.inf),
         thresholds=_thresholds(scores),
         percentiles=(),
-        max_distance=None,
+        max_distance=scores.clip_m,
     )
     record = {"scene": scene, "answered": False, "points": 0, **_columns(worst, scores)}
     return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
@@ -129,7 +129,7 @@ def _scores(distances: CloudDistances, settings: ReconstructionScores) -> CloudS
         distances.to_prediction,
         thresholds=_thresholds(settings),
         percentiles=(),
-        max_distance=None,
+        max_distance=settings.clip_m,
     )
 
 

@@ -175,8 +175,9 @@ def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[
     scale = np.ones(len(a))
     if with_scale:
         numerator = (values * signs).sum(axis=1)
-        determined &= (numerator > 0.0) & (variance > 0.0)
-        scale[determined] = numerator[determined] / variance[determined]
+        scalable = (numerator > 0.0) & (variance > 0.0)
+        scale[scalable] = numerator[scalable] / variance[scalable]
+        determined &= scalable
     fits = [
         Similarity(float(s), r, g, o)
         for s, r, g, o in zip(scale, rotation, goal, origin, strict=True)
