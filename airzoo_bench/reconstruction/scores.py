@@ -10,7 +10,7 @@ __all__ = ["RECORDED", "f1_column", "pose_auc_column", "reconstruction_scores", 
 RECORDED = frozenset(
     (
         *("scene", "query", "answered", "points", "distrusted", "not_finite", "outside", "thinned"),
-        *("truth_points", "truth_outside", "truth_thinned"),
+        *("truth_points", "truth_unseen", "truth_outside", "truth_thinned"),
         *("cameras", "cameras_missing", "inlier_cameras", "alignment", "scale"),
         *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
     )

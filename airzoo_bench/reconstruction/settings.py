@@ -111,7 +111,13 @@ class Meshes(Strict):
 class Preparation(Strict):
     """What is done to both clouds before distances are taken."""
 
-    crop_margin_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] | Literal["none"]
+    crop: Literal["covered", "box", "none"]
+    crop_margin_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    crop_cell_m: Positive
+    region: Literal["observed", "all"]
+    observed_photos: Count
+    observed_cell_m: Positive
+    hidden_beyond_m: Positive
     voxel_m: Positive | Literal["none"]
 
 
@@ -134,6 +140,11 @@ class ReconstructionScores(Strict):
         if self.pose_auc_rule == "depth-anything-3" and not whole:
             raise ValueError("pose_auc_below_deg must be whole degrees for depth-anything-3")
         return self
+
+    @property
+    def finest_m(self) -> float:
+        """The least distance that is scored."""
+        return min(*self.f1_below_m, self.headline_below_m)
 
     @property
     def clip_m(self) -> float | None:
