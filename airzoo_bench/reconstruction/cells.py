@@ -38,15 +38,15 @@ class CellSet:
     def holds(self, points: Floats) -> Bools:
         """Whether each of points (N, 3), finite, lies in a cell of the set."""
         inside, keys = self.keys_of(points)
-        place = np.searchsorted(self.keys, keys)
-        found: Bools = inside.copy()
-        found &= self.keys[np.minimum(place, len(self.keys) - 1)] == keys if len(self.keys) else 0
-        return found
+        if not len(self.keys):
+            return np.zeros(len(points), np.bool_)
+        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        return np.asarray(inside & (self.keys[place] == keys))
 
     def keys_of(self, points: Floats) -> tuple[Bools, Ints]:
         """Whether points (N, 3) lie in the part that is looked at, and the numbers of cells."""
         cells = np.floor(points / self.size) - self.low
-        inside: Bools = ((cells >= 0) & (cells < self.extent)).all(axis=1)
+        inside = np.asarray(((cells >= 0) & (cells < self.extent)).all(axis=1))
         x, y, z = np.where(inside[:, None], cells, 0.0).astype(np.int64).T
         return inside, self.packed(x, y, z)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from airzoo_bench.errors import PredictionError
 from airzoo_bench.geometry.cameras import Cameras
@@ -11,7 +11,7 @@ from airzoo_bench.progress import Progress, silent
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, refined
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.alignment.icp import refine
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 from airzoo_bench.reconstruction.cells import CellSet
 from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointCloudOfMaps, PointMaps
@@ -184,7 +184,11 @@ def _aligned(
     source = _in_frame(claim, found.transform, rules.fusion)
     if settings.method != "sim3+icp":
         return found, source
-    step, report = refine(source, truth.cloud, settings.icp(), held_points=work.block_points)
+    try:
+        step, report = refine(source, truth.cloud, settings.icp(), held_points=work.block_points)
+    except AlignmentError as fault:
+        # A cloud that is nowhere near the truth has failed; that is no fault of its file.
+        return replace(found, icp_failure=fault.what), source
     return refined(found, step, report, claim.cameras, cameras), Moved(source, step, None)
 
 

@@ -148,11 +148,6 @@ def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int
         See `pair_errors`. The first camera is the first that has a pose.
     limits_deg : list of int
 
-    Returns
-    -------
-    list of float
-        By limit; 0 where fewer than 2 cameras have a pose.
-
     References
     ----------
     Lin et al., Depth Anything 3, 2025; ``compute_pose`` of its ``bench/utils.py``.

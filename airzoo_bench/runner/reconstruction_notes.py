@@ -130,8 +130,9 @@ def notes_of_scored(scored: ScoredScene, scores: ReconstructionScores) -> list[s
         share = float(far.sum() / max(clipped.sum(), 1e-300))
         if share > _SHARE:
             notes.append(
-                f"{len(far):,} of {len(distances):,} {whose} points, up to {distances.max():.4g} m away,"
-                f" make {share:.0%} of the mean distance: {mean} and Chamfer tell of them alone"
+                f"{len(far):,} of {len(distances):,} {whose} points, up to {distances.max():.4g} m "
+                f"away, make {share:.0%} of the mean distance: {mean} and Chamfer tell of them "
+                "alone"
             )
     return notes
 
@@ -227,6 +228,8 @@ def _alignment_notes(alignment: Alignment) -> list[str]:
             f"only {alignment.inliers} of {alignment.cameras} cameras agree within "
             f"{alignment.inlier_limit:.3g} m: the alignment may be that of a part"
         )
+    if alignment.icp_failure is not None:
+        notes.append(f"{alignment.icp_failure}: aligned by cameras only")
     if alignment.method != "none" and alignment.missing:
         total = alignment.cameras + alignment.missing
         notes.append(f"{alignment.missing} of {total} photos have no pose in the prediction")

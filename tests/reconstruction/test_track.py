@@ -502,7 +502,9 @@ def test_points_that_decide_the_mean_are_named(world: World, tmp_path: Path) -> 
     far = np.concatenate([true_points("yard"), [[1e9, 1e9, 1e9]]])
     path = predict_clouds(world, tmp_path / "p", {"yard": far})
     notes = world.score(path).evaluation.result.notes
-    assert any("1 of 15,265 predicted points, up to 1.729e+09 m away, make 100%" in n for n in notes)
+    assert any(
+        "1 of 15,265 predicted points, up to 1.729e+09 m away, make 100%" in n for n in notes
+    )
 
 
 def test_recall_is_over_what_the_photos_saw() -> None:

@@ -66,6 +66,8 @@ class Alignment:
     rotations_deg : Residuals or None
         Angles between all partners' orientations, where both have them.
     icp : IcpReport or None
+    icp_failure : str or None
+        Why ICP changed nothing.
     inlier_names : tuple of str
         Of the cameras that the transform is fitted to.
     """
@@ -82,6 +84,7 @@ class Alignment:
     inlier_centres: Residuals | None = None
     rotations_deg: Residuals | None = None
     icp: IcpReport | None = None
+    icp_failure: str | None = None
     inlier_names: tuple[str, ...] = ()
 
 

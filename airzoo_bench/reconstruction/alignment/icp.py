@@ -170,7 +170,7 @@ def drawn(source: CloudSource, count: int, seed: int) -> Floats:
 def _some_point(source: CloudSource) -> Floats | None:
     for part in _parts(source):
         if len(part):
-            return part[0]
+            return np.asarray(part[0])
     return None
 
 
