@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from airzoo_bench.errors import ProtocolError
 from airzoo_bench.files import fingerprint
@@ -126,6 +126,16 @@ class ReconstructionProtocol(Protocol):
     meshes: Meshes
     preparation: Preparation
     scores: ReconstructionScores
+
+    @model_validator(mode="after")
+    def _voxels_below_scores(self) -> Self:
+        voxel, finest = self.preparation.voxel_m, self.scores.finest_m
+        if not isinstance(voxel, str) and finest < 2 * voxel:
+            raise ValueError(
+                f"scores at {finest:g} m of clouds thinned by voxels of {voxel:g} m mean nothing: "
+                "thresholds must be at least two voxels"
+            )
+        return self
 
 
 _TRACKS: dict[str, type[Protocol]] = {

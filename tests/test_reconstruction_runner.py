@@ -155,7 +155,9 @@ def records_of(world: World, path: Path, tmp_path: Path, *options: object) -> pd
 def test_records_and_counts(world: World, tmp_path: Path) -> None:
     clouds = {"yard": np.concatenate([true_points("yard"), [[np.nan, 0, 0]]])}
     path = predict_clouds(world, tmp_path / "p", clouds)
-    chosen = world.protocol(tmp_path / "c.toml", preparation={"voxel_m": 1.0})
+    chosen = world.protocol(
+        tmp_path / "c.toml", preparation={"voxel_m": 1.0}, scores={"f1_below_m": (2.0,)}
+    )
     records = records_of(world, path, tmp_path, "--protocol", chosen)
     text = (tmp_path / "out" / "records.csv").read_text()
     assert records["answered"].tolist() == [True, False]

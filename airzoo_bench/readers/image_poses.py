@@ -85,7 +85,10 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
         raise camera_fault(arrays, "extrinsics", error) from error
     _check_last_row(arrays, matrices[found], names[found])
     translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
-    return ImagePoses(names, found, Poses.from_translations(rotation, translation))
+    # What is too large becomes infinite; tracks leave it out.
+    with np.errstate(over="ignore", invalid="ignore"):
+        poses = Poses.from_translations(rotation, translation)
+    return ImagePoses(names, found, poses)
 
 
 def _check_names(arrays: Arrays, names: NDArray[np.str_], count: int) -> None:

@@ -222,10 +222,12 @@ def _protocol(bundle: Bundle, member: Member) -> str:
 
 def _no_entries(path: Path, extra: list[str]) -> PredictionError:
     there = f" (there are {first_of(extra)})" if extra else ""
+    endings = sorted({PurePosixPath(name).suffix[:20] for name in extra} - {"", *SUFFIXES})
+    unread = [f"endings such as {one!r} are not read: write a cloud as .ply" for one in endings]
     return PredictionError(
         f"holds no cloud, mesh or npz{there}",
         where=path,
         expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
         f"{', '.join(SUFFIXES)}, archives {', '.join(ARCHIVE_SUFFIXES)}",
-        mend="name the files by their scenes",
+        mend=unread[0] if unread else "name the files by their scenes",
     )
