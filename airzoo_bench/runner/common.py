@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -20,6 +20,7 @@ from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protoc
 from airzoo_bench.result import (
     PredictionsUsed,
     ProtocolUsed,
+    Reference,
     Result,
     TruthUsed,
     score_columns,
@@ -238,6 +239,7 @@ def make_result(
     counts: dict[str, dict[str, int]],
     extra: int,
     notes: Sequence[str],
+    references: Mapping[str, Reference] | None = None,
 ) -> Result:
     """Average records and put everything that is known of a run into a result.
 
@@ -252,6 +254,8 @@ def make_result(
         Ids of the predictions that are no queries.
     notes : sequence of str
         Of the track, after those that all tracks have.
+    references : mapping of str to Reference, optional
+        What scores without a method, by the name that tables print.
     """
     protocol = run.protocol
     return Result(
@@ -277,6 +281,7 @@ def make_result(
         extra_queries=extra,
         notes=(*common_notes(protocol, counts, extra), *notes),
         **with_summary(summarise(records, scores, [scene.id for scene in protocol.scenes])),
+        references=dict(references or {}),
     ).sealed()
 
 
