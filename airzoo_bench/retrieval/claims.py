@@ -16,11 +16,14 @@ from airzoo_bench.retrieval.predictions import (
     RankedIds,
     RetrievalPredictions,
 )
-from airzoo_bench.retrieval.ranking import Ranking, rank_by_descriptors, rank_by_ids
+from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
 from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["check_tiles", "rank_scene"]
+
+_CELLS = 1 << 20  # ranks at a time
 
 
 def rank_scene(
@@ -111,14 +114,55 @@ class _Asked:
     names: NDArray[np.str_]
     positives: Positives
 
+    def part(self, some: slice) -> _Asked:
+        """Return some of them."""
+        order = np.arange(len(self.rows))[some]
+        return _Asked(self.rows[some], self.names[some], self.positives.take(order))
+
 
 def _rank_ids(
     claim: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
 ) -> Ranking:
-    kept = slice(settings.ranks_kept)
-    tiles = _tile_indices(truth, claim.ids[asked.rows, kept], asked.names)
-    scores = None if claim.scores is None else claim.scores[asked.rows, kept]
-    return rank_by_ids(tiles, scores, asked.positives, settings.depth, names=asked.names)
+    step = max(1, _CELLS // max(1, claim.ids.shape[1]))
+    parts = [
+        _rank_some(claim, truth, asked.part(slice(start, start + step)), settings)
+        for start in range(0, max(1, len(asked.rows)), step)
+    ]
+    return Ranking(
+        np.concatenate([part.tiles for part in parts]),
+        np.concatenate([part.tie_dependent for part in parts]),
+    )
+
+
+def _rank_some(
+    claim: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
+) -> Ranking:
+    n_tiles = len(truth.tiles)
+    kept = min(settings.ranks_kept, n_tiles)
+    ids = claim.ids[asked.rows]
+    scores = None if claim.scores is None else claim.scores[asked.rows]
+    width = _ranks_that_matter(ids, scores, kept)
+    return rank_by_ids(
+        _tile_indices(truth, ids[:, :width], asked.names),
+        None if scores is None else scores[:, :width],
+        asked.positives,
+        n_tiles=n_tiles,
+        k=kept,
+        depth=settings.depth,
+        names=asked.names,
+    )
+
+
+def _ranks_that_matter(ids: NDArray[np.str_], scores: NDArray[np.float64] | None, kept: int) -> int:
+    """Find how much of the lists decides their first ranks: ties that go on beyond them, too.
+
+    And one rank more, which tells a tie that ends there from one that the list ends with.
+    """
+    if scores is None:
+        return kept
+    on = (scores[:, kept:] == scores[:, kept - 1 : -1]) & (ids[:, kept:] != "")
+    tied = np.logical_and.accumulate(on, axis=1).sum(axis=1)
+    return kept + int(tied.max(initial=0)) + 1
 
 
 def _spread(ranking: Ranking, answered: NDArray[np.intp], n_queries: int) -> Ranking:
