@@ -14,10 +14,15 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["PHOTO_SUFFIXES", "assign_queries", "check_ids", "scene_of"]
+__all__ = ["PHOTO_SUFFIXES", "assign_queries", "check_ids", "scene_of", "with_endings"]
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 """What the names of photos end in; their ids leave it out."""
+
+_IMAGE_SUFFIXES = (
+    *PHOTO_SUFFIXES,
+    *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
+)
 
 Texts = NDArray[np.str_]
 
@@ -25,6 +30,12 @@ Texts = NDArray[np.str_]
 def scene_of(ids: Texts) -> Texts:
     """Return the scene part of ids ``scene/name``."""
     return np.char.partition(ids, "/")[..., 0]
+
+
+def with_endings(ids: Texts) -> bool:
+    """Tell whether most ids end as files of images do, in letters of either case."""
+    ends = [str(name).lower().endswith(_IMAGE_SUFFIXES) for name in ids]
+    return sum(ends) * 2 > len(ends)
 
 
 def check_ids(ids: Texts, where: str) -> None:

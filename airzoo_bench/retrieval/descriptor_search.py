@@ -21,6 +21,7 @@ from airzoo_bench.retrieval.candidate_search import Search, rounded_down
 from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.similarity import (
+    Names,
     Queries,
     check_norms,
     norms_of,
@@ -115,6 +116,7 @@ def nearest(
     *,
     memory_bytes: int,
     workers: int,
+    names: Names | None = None,
 ) -> Candidates:
     """Find the pairs that hold the k most similar tiles of each query, and all that tie with them.
 
@@ -136,7 +138,7 @@ def nearest(
         return Candidates(none, none, none, np.zeros(0), np.arange(len(queries.norms)))
     caution = 1.0
     while True:
-        searches, bounds = _search(stored, k, part, caution)
+        searches, bounds = _search(stored, k, part, caution, names)
         found = [_settled(stored, search, bounds[search.part]) for search in searches]
         worst = max((error for _, error in found), default=0.0)
         if worst <= 1:
@@ -159,7 +161,9 @@ def nearest(
     return Candidates(*joined)
 
 
-def _search(gallery: _Gallery, k: int, part: int, caution: float) -> tuple[list[Search], Floats]:
+def _search(
+    gallery: _Gallery, k: int, part: int, caution: float, names: Names | None
+) -> tuple[list[Search], Floats]:
     """Search in float32; also give every query's bound, for the greatest norm of the gallery."""
     n = len(gallery.queries.norms)
     parts = [slice(start, min(start + part, n)) for start in range(0, n, part)]
@@ -178,7 +182,7 @@ def _search(gallery: _Gallery, k: int, part: int, caution: float) -> tuple[list[
             values = gallery.queries.similarities(search.part, single, here)
             search.absorb(values, start, bounds[search.part])
     if wild:
-        check_norms(norms, gallery.finite, "gallery_descriptors", metric)
+        check_norms(norms, gallery.finite, "gallery_descriptors", metric, names)
     return searches, bounds
 
 

@@ -91,6 +91,7 @@ def rank_by_descriptors(
     memory_bytes: int = 1 << 30,
     workers: int | None = None,
     names: Names | None = None,
+    tile_names: Names | None = None,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it.
 
@@ -117,8 +118,8 @@ def rank_by_descriptors(
     workers : int, optional
         Threads of the float64 evaluation; by default one a core. (Matrix products take the
         threads of NumPy's BLAS.)
-    names : sequence of Q, optional
-        Names of the queries for messages; their numbers where not given.
+    names, tile_names : sequence of Q, of G, optional
+        Names of queries and tiles for messages; their numbers where not given.
 
     Returns
     -------
@@ -142,6 +143,7 @@ def rank_by_descriptors(
         positives,
         memory_bytes=memory_bytes,
         workers=workers or os.cpu_count() or 1,
+        names=tile_names,
     )
     return _ordered(candidates, positives, len(gallery), k, depth)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -224,28 +225,25 @@ def check_norms(
     PredictionError
         Where descriptors are NaN or infinite, have a norm beyond 1e18, or are zero under cosine.
     """
+    refusal = partial(_refusal, total=len(norms), which=which, names=names)
     wild = np.flatnonzero(~(norms <= _MAX_NORM))
     if len(wild):
         bad = wild[~finite(wild)]
         if len(bad):
-            raise _refusal("NaN or infinite descriptors", bad, which, names, "finite numbers")
-        raise _refusal("descriptors too large to rank", wild, which, names, "norms up to 1e18")
+            raise refusal("NaN or infinite descriptors", bad, "finite numbers")
+        raise refusal("descriptors too large to rank", wild, "norms up to 1e18")
     zero = np.flatnonzero(norms == 0)
     if metric == "cosine" and len(zero):
-        raise _refusal("descriptors of zero", zero, which, names, "a direction, to take its cosine")
+        raise refusal("descriptors of zero", zero, "a direction, to take its cosine")
 
 
 def _refusal(
-    what: str,
-    rows: Ints,
-    which: str,
-    names: Names | None,
-    expected: str,
+    what: str, rows: Ints, expected: str, *, total: int, which: str, names: Names | None
 ) -> PredictionError:
     named = [f"row {row}" if names is None else names[row] for row in rows]
     return PredictionError(
-        f"{what}: {first_of(named)}",
-        where=which,
+        f"{what}: {first_of(named, total)}",
+        where=f"field '{which}'",
         expected=expected,
         mend="export these descriptors again, and look for a division by zero or half precision",
     )

@@ -503,24 +503,26 @@ def test_descriptors_that_are_not_finite_are_refused_by_name(value, metric, tmp_
     good, bad = np.ones((10, 4), np.float32), np.ones((10, 4), np.float32)
     bad[[1, 4, 5, 9], 2] = value
     names = [f"city/{i}" for i in range(10)]
-    with pytest.raises(PredictionError, match=r"4 \(first 3: city/1, city/4, city/5\)") as caught:
+    with pytest.raises(
+        PredictionError, match=r"4 of 10 \(first 3: city/1, city/4, city/5\)"
+    ) as caught:
         run(bad, good, metric, names=names)
-    assert caught.value.where == "query_descriptors"
+    assert caught.value.where == "field 'query_descriptors'"
     np.save(tmp_path / "bad.npy", bad)
     for gallery in (bad, np.load(tmp_path / "bad.npy", mmap_mode="r")):
         for memory_bytes in (1 << 7, 1 << 30):
             with pytest.raises(
-                PredictionError, match=r"4 \(first 3: row 1, row 4, row 5\)"
+                PredictionError, match=r"4 of 10 \(first 3: row 1, row 4, row 5\)"
             ) as caught:
                 run(good, gallery, metric, names=names, memory_bytes=memory_bytes)
-            assert caught.value.where == "gallery_descriptors"
+            assert caught.value.where == "field 'gallery_descriptors'"
 
 
 def test_zero_has_no_cosine():
     good, bad = np.ones((3, 4)), np.ones((3, 4))
     bad[1] = 0
     for queries, gallery in ((good, bad), (bad, good)):
-        with pytest.raises(PredictionError, match=r"zero: 1 \(row 1\)"):
+        with pytest.raises(PredictionError, match=r"zero: 1 of 3 \(row 1\)"):
             run(queries, gallery, "cosine")
         run(queries, gallery, "l2")
 
