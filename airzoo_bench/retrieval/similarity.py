@@ -38,6 +38,7 @@ Names = Sequence[object] | NDArray[Any]
 _UNIT = 2.0**-24  # roundoff of float32
 _UNIT_64 = 2.0**-53
 _TINY = 2.0**-126  # smallest normal float32
+_MOST = float(np.finfo(np.float32).max)
 _LAMBDA = 10.0
 _PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
 _MIN_SQUARE = 1e-25  # below, squares summed in float32 have lost digits to underflow
@@ -154,7 +155,8 @@ class Queries:
         if self.metric == "l2":
             values -= (norms**2 / 2).astype(np.float32)[:, None]
         if self.metric == "cosine":
-            values *= (1 / norms).astype(np.float32)[:, None]
+            # Where float32 cannot hold the reciprocal, the bound excludes nothing anyway.
+            values *= np.minimum(1 / norms, _MOST).astype(np.float32)[:, None]
         return values
 
     def searched(self, query: NDArray[np.int64], exact: Floats) -> Floats:

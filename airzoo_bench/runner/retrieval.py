@@ -35,7 +35,7 @@ from airzoo_bench.runner.common import (
 )
 from airzoo_bench.scores import summarise
 
-__all__ = ["chance_level", "check_retrieval", "evaluate_retrieval", "read_truths"]
+__all__ = ["chance_level", "chance_words", "check_retrieval", "evaluate_retrieval", "read_truths"]
 
 
 def evaluate_retrieval(
@@ -155,6 +155,14 @@ def chance_level(truths: Sequence[RetrievalTruth], protocol: RetrievalProtocol) 
         "and the size of its gallery",
         **with_summary(summary),
     )
+
+
+def chance_words(protocol: RetrievalProtocol, data: Path) -> str:
+    """Write out the chance level of the headline scores, averaged over scenes."""
+    truths = read_truths(find_benchmark(protocol.benchmark, data), protocol)
+    level = chance_level(truths, protocol).overall
+    headline = [score for score in retrieval_scores(protocol.scores) if score.headline]
+    return ", ".join(f"{score.title} {level[score.column]:.2%}" for score in headline)
 
 
 @dataclass(frozen=True)

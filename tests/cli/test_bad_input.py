@@ -277,7 +277,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
             "p.npz",
             "query_descriptors",
             "NaN or infinite",
-            "4 of 10 (first 3: east/q00002",
+            "4 of 6 (first 3: east/q00002",
             "finite",
         ],
     ),
