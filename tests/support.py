@@ -125,6 +125,7 @@ def made_truth(scene: MadeScene) -> RetrievalTruth:
             "lat_min": 28.0,
             "lon_max": lon + TILE_SIZE_DEG,
             "lat_max": 28.0 + TILE_SIZE_DEG,
+            "valid_share": 1.0,
         }
     )
     queries = pd.DataFrame(
@@ -141,7 +142,8 @@ def made_truth(scene: MadeScene) -> RetrievalTruth:
     flat = np.array([t for found in scene.positives for t in sorted(found)], dtype=np.int32)
     excluded = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
     positives = Positives(offsets_of(counts), flat)
-    return RetrievalTruth(scene.id, queries, footprints, tiles, positives, excluded)
+    none = tiles.iloc[:0]
+    return RetrievalTruth(scene.id, queries, footprints, tiles, positives, excluded, none)
 
 
 def write_predictions(path: Path, name: str, **arrays: Any) -> Path:

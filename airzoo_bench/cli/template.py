@@ -43,11 +43,12 @@ def template(
 
     Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
     """
-    from airzoo_bench.protocol import find_protocol
+    from airzoo_bench.protocol import RetrievalProtocol, find_protocol
     from airzoo_bench.runner.templates import write_template
 
     root = resolve_data(data)
-    track = find_protocol(protocol, root).track
+    chosen = find_protocol(protocol, root)
+    track = chosen.track
     target = out or Path("template" if track == "reconstruction" else "template.npz")
     write_template(
         protocol,
@@ -57,5 +58,9 @@ def template(
         seed=seed,
         force=force,
     )
-    say(f"wrote {target}: replace its arrays, which are random and score near nothing, by your own")
+    say(f"wrote {target}: replace its arrays, which are random, by your own")
+    if isinstance(chosen, RetrievalProtocol):
+        from airzoo_bench.runner.retrieval import chance_words
+
+        say(f"random tiles score by chance: {chance_words(chosen, root)}")
     say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")

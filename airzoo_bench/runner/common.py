@@ -276,7 +276,8 @@ def check_against_benchmark(
             hold(truth, found)
         except PredictionError as error:
             faults.append(error)
-    return Checked(faults, [*_assignment_notes(rows, extra), *suspect(truths)])
+    apart = _counts_apart(protocol, [len(truth.queries) for truth in truths])
+    return Checked(faults, [*_assignment_notes(rows, extra), *apart, *suspect(truths)])
 
 
 def _assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:
@@ -353,13 +354,17 @@ def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: i
         notes.append(f"{missing} queries are missing from the predictions and score their worst")
     if extra and not by_scene:
         notes.append(f"{extra} ids of the predictions are no queries and were left aside")
-    for scene in protocol.scenes:
-        found = counts[scene.id]["queries"]
-        if scene.queries not in (None, found) and not by_scene:
-            notes.append(
-                f"scene {scene.title} has {found} queries here, {scene.queries} in the paper"
-            )
-    return notes
+    queries = [counts[scene.id]["queries"] for scene in protocol.scenes]
+    return [*notes, *([] if by_scene else _counts_apart(protocol, queries))]
+
+
+def _counts_apart(protocol: Protocol, queries: Sequence[int]) -> list[str]:
+    """Say where a scene has not as many queries as in the paper."""
+    return [
+        f"scene {scene.title} has {found} queries here, {scene.queries} in the paper"
+        for scene, found in zip(protocol.scenes, queries, strict=True)
+        if scene.queries not in (None, found)
+    ]
 
 
 def other_benchmark(
