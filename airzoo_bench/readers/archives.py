@@ -164,8 +164,11 @@ def _folder_members(path: Path) -> Iterator[Member]:
         name = one.relative_to(path).as_posix()
         if one.is_symlink() and not one.resolve().is_relative_to(root):
             raise _refused(path, f"{name[:80]!r} is a link that leads out of the folder")
-        if one.is_file():
+        kind = one.stat(follow_symlinks=one.exists()).st_mode
+        if stat.S_ISREG(kind):
             yield Member(name, one.stat().st_size)
+        elif not stat.S_ISDIR(kind):
+            raise _refused(path, f"{name[:80]!r} is a pipe, a device or a link to nothing")
 
 
 def _zip_members(path: Path) -> list[Member]:
