@@ -9,12 +9,11 @@ from pydantic import Field, model_validator
 from airzoo_bench.reconstruction.alignment.consensus import RansacSettings
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings
 from airzoo_bench.reconstruction.tsdf import TsdfSettings
-from airzoo_bench.settings import Limits, Positive, Strict
+from airzoo_bench.settings import Count, Limits, Positive, Seed, Strict
 
 __all__ = ["Alignment", "Fusion", "Meshes", "Preparation", "ReconstructionScores"]
 
-Seed = Annotated[int, Field(ge=0, lt=2**31)]
-Count = Annotated[int, Field(ge=1)]
+_LARGEST_ANGLE_DEG = 180.0
 Share = Annotated[float, Field(gt=0, le=1)]
 
 
@@ -27,13 +26,13 @@ class Alignment(Strict):
 
     method: Literal["none", "sim3", "sim3+icp"]
     inlier_below_m: Positive | Literal["nearest-camera"]
-    trials: Count
+    trials: Annotated[int, Field(ge=1, le=10_000_000)]
     sample_share: Share
     line_ratio: Share
     seed: Seed
     icp_below_m: Positive
     icp_points: Count
-    icp_iterations: Count
+    icp_iterations: Annotated[int, Field(ge=1, le=100_000)]
     icp_tolerance: Positive
     icp_with_scale: bool
 
@@ -92,7 +91,7 @@ class Meshes(Strict):
 class Preparation(Strict):
     """What is done to both clouds before distances are taken."""
 
-    crop_margin_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] | Literal["none"]
+    crop_margin_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)] | Literal["none"]
     voxel_m: Positive | Literal["none"]
 
 
@@ -104,4 +103,10 @@ class ReconstructionScores(Strict):
     curve_up_to_m: Positive
     curve_steps: Annotated[int, Field(ge=2, le=10_000)]
     pose_auc_below_deg: Limits
-    least_baseline_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    least_baseline_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+
+    @model_validator(mode="after")
+    def _angles_are_angles(self) -> Self:
+        if self.pose_auc_below_deg[-1] > _LARGEST_ANGLE_DEG:
+            raise ValueError("pose_auc_below_deg are angles, at most 180")
+        return self
