@@ -46,7 +46,7 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
     path : Path
         ``.npz``, or ``.txt`` with a pose a line: ``name qw qx qy qz tx ty tz``.
     limit_bytes : int
-        The most that one array may take in memory.
+        The most that the file's arrays may take in memory together.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
         Another kind of file, a field is missing, or has a wrong type or shape.
     """
     if path.suffix == ".txt":
-        return read_pose_list(path)
+        return read_pose_list(path, limit_bytes)
     arrays = open_arrays(path, limit_bytes)
     names = arrays.names()
     kinds = [name for name in ("map_xy", "points3d", "poses", "centres") if name in names]

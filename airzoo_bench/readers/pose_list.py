@@ -13,26 +13,37 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.ids import PHOTO_SUFFIXES
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
+from airzoo_bench.readers.budget import Budget
 
 __all__ = ["read_pose_list"]
 
 _COLUMNS = 8
 _LIMIT_BYTES = 1 << 27
 _LONGEST_NAME = 256
+_BYTES_A_BYTE = 32  # of memory, while the words of a line are texts and numbers of Python
 _UNIT_TOLERANCE = 1e-3
 
 
-def read_pose_list(path: Path) -> MatchingPredictions:
+def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     """Read world-to-camera poses, a line each.
 
     Names are ids, with the photo's ending or without. The identity, and NaN, stand for a pose that
     was not found: that is how some tools write a failure.
 
+    Parameters
+    ----------
+    path : Path
+    limit_bytes : int
+        The most that the poses may take in memory.
+
     Raises
     ------
     PredictionError
-        A line has other columns, a pose is NaN in part, a quaternion is not of unit length.
+        It is too large, a line has other columns, a pose is NaN in part, a quaternion is not of
+        unit length.
     """
+    size = path.stat().st_size if path.is_file() else 0
+    Budget(limit_bytes).hold(path, "its text", size * _BYTES_A_BYTE)
     lines = read_text(path, PredictionError, "pose file", _LIMIT_BYTES).splitlines()
     rows = [line.split() for line in lines if line.strip() and line.lstrip()[0] != "#"]
     _check_rows(rows, path)

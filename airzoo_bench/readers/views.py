@@ -13,6 +13,7 @@ from airzoo_bench.errors import CameraError, PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.readers.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.readers.image_poses import (
+    BYTES_A_CAMERA,
     CAMERA_FIELDS,
     ImagePoses,
     camera_fault,
@@ -31,6 +32,7 @@ _COLOURS = ("colours", "colors", "image")
 _NAMES = "image_names"
 _CENTRES = "pixel_centres"
 _HALF_A_PIXEL = {"half": 0.0, "integer": 0.5}
+_BYTES_A_PIXEL = 96  # depth and surface in double precision, their places, rays and points
 _EXPECTED = (
     "depth (N, H, W) or world_points (N, H, W, 3), intrinsics (N, 3, 3), extrinsics (N, 3, 4) or "
     "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, "
@@ -42,7 +44,7 @@ class _Numbered:
     """Fields of a file without names of images: they are called by their number."""
 
     def __init__(self, arrays: Arrays, count: int) -> None:
-        self.path = arrays.path
+        self.path, self.budget = arrays.path, arrays.budget
         self._arrays, self._numbers = arrays, np.array([f"view {row}" for row in range(count)])
 
     def names(self) -> set[str]:
@@ -124,7 +126,7 @@ def read_views(path: Path, limit_bytes: int) -> Views:
         are any, these. ``conf``, ``colours`` and ``pixel_centres`` are optional. Whether names may
         be left out is for the caller to say: `Views.named`.
     limit_bytes : int
-        The most that one array may take in memory.
+        The most that the file's arrays may take in memory together.
 
     Raises
     ------
@@ -148,6 +150,7 @@ def read_views(path: Path, limit_bytes: int) -> Views:
     count, height, width = maps.shape[:3]
     stated = _pixel_centres(arrays)
     shift = _HALF_A_PIXEL[stated or ("half" if _NAMES in names else "integer")]
+    _hold_work(arrays, count, height * width)
     cameras, notes = _cameras(arrays, (count, height, width), shift)
     called = arrays if _NAMES in names else _Numbered(arrays, count)
     images = image_poses(called, count) if "extrinsics" in names else None
@@ -203,6 +206,12 @@ def _pixel_centres(arrays: Arrays) -> str | None:
             "MapAnything, DUSt3R",
         )
     return stated
+
+
+def _hold_work(arrays: Arrays, count: int, pixels: int) -> None:
+    """Count what fusing takes beside the maps: a view at a time, and the poses of all."""
+    arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
+    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
 
 
 def _cameras(

@@ -9,13 +9,12 @@ from pydantic import Field, model_validator
 from airzoo_bench.reconstruction.alignment.consensus import RansacSettings
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings
 from airzoo_bench.reconstruction.tsdf import TsdfSettings
-from airzoo_bench.settings import Limits, Positive, Strict
+from airzoo_bench.settings import Count, Limits, Positive, Seed, Strict
 
 __all__ = ["Alignment", "Fusion", "Meshes", "Preparation", "ReconstructionScores"]
 
-Seed = Annotated[int, Field(ge=0, lt=2**31)]
-Count = Annotated[int, Field(ge=1)]
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
+_LARGEST_ANGLE_DEG = 180.0
 Share = Annotated[float, Field(gt=0, le=1)]
 
 
@@ -38,7 +37,7 @@ class Alignment(Strict):
     seed: Seed
     icp_below_m: Positive
     icp_points: Count
-    icp_iterations: Count
+    icp_iterations: Annotated[int, Field(ge=1, le=100_000)]
     icp_tolerance: Positive
     icp_with_scale: bool
 
@@ -112,7 +111,7 @@ class Preparation(Strict):
     """What is done to both clouds before distances are taken."""
 
     crop: Literal["covered", "box", "none"]
-    crop_margin_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    crop_margin_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
     crop_cell_m: Positive
     region: Literal["observed", "all"]
     observed_photos: Count
@@ -130,15 +129,17 @@ class ReconstructionScores(Strict):
     curve_steps: Annotated[int, Field(ge=2, le=10_000)]
     pose_auc_below_deg: Limits
     pose_auc_rule: Literal["exact", "depth-anything-3"]
-    least_baseline_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    least_baseline_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
     trajectory_alignment: Literal["umeyama", "cloud"]
     max_distance_m: Positive | Literal["none"]
 
     @model_validator(mode="after")
-    def _whole_degrees(self) -> Self:
-        whole = all(limit.is_integer() and limit <= 180 for limit in self.pose_auc_below_deg)
+    def _angles_are_angles(self) -> Self:
+        whole = all(limit.is_integer() for limit in self.pose_auc_below_deg)
         if self.pose_auc_rule == "depth-anything-3" and not whole:
             raise ValueError("pose_auc_below_deg must be whole degrees for depth-anything-3")
+        if self.pose_auc_below_deg[-1] > _LARGEST_ANGLE_DEG:
+            raise ValueError("pose_auc_below_deg are angles, at most 180")
         return self
 
     @property

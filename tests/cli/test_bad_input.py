@@ -506,7 +506,7 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     ),
     "too little memory": (
         ["eval", "retrieval", GOOD, "--max-memory", "1K"],
-        ["takes 3,", "more than the limit", "at most 1,024 bytes", "raise --max-memory"],
+        ["query_ids", "more than the limit", "at most 1,024 bytes", "raise --max-memory"],
     ),
     "a folder as predictions": (
         ["eval", "retrieval", "."],

@@ -275,7 +275,7 @@ def test_no_prediction_file(tmp_path: Path, name: str) -> None:
 
 def test_too_large_for_the_memory(tmp_path: Path) -> None:
     with pytest.raises(PredictionError, match="query_xy"):
-        read_matching(written(tmp_path / "m.npz", MATCHES), 72)
+        read_matching(written(tmp_path / "m.npz", MATCHES), 350)
 
 
 @pytest.mark.parametrize(

@@ -42,8 +42,8 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
     ----------
     path : Path
     limit_bytes : int
-        The most that one array may take in memory; points that `numpy.savez` wrote are mapped and
-        may be larger.
+        The most that the arrays may take in memory together; points that
+        `numpy.savez` wrote are mapped and may be larger.
 
     Raises
     ------
