@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from airzoo_bench.printed.marks import plain_name
 from airzoo_bench.printed.scores import is_known, is_plain_score
 
-__all__ = ["Head", "is_summary_name", "names_summary", "read_heads"]
+__all__ = ["Head", "is_summary_name", "names_summary", "read_heads", "split_unit"]
 
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]|(.*\w) (%)")
@@ -65,7 +65,7 @@ def read_heads(columns: Sequence[str], groups: Sequence[str], *, has_scenes: boo
     return [_counted(head) for head in heads]
 
 
-def _split_unit(name: str) -> tuple[str, str]:
+def split_unit(name: str) -> tuple[str, str]:
     """Split ``R@1 (%) ↑`` into name and unit."""
     plain = plain_name(name)
     found = _UNIT.fullmatch(plain)
@@ -75,8 +75,8 @@ def _split_unit(name: str) -> tuple[str, str]:
 
 
 def _grouped(column: str, group: str) -> Head:
-    name, unit = _split_unit(column)
-    above, unit_above = _split_unit(group)
+    name, unit = split_unit(column)
+    above, unit_above = split_unit(group)
     unit = unit or unit_above
     if not above:
         return Head(column, name, unit)
