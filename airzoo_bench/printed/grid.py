@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +12,7 @@ __all__ = ["Grid", "GridRow", "check_width", "is_method_head"]
 # What papers, and our own tables, call the column of names.
 METHOD_NAMES = frozenset(
     ("method", "methods", "model", "models", "approach", "approaches", "algorithm", "matcher")
-    + ("network", "baseline", "descriptor", "technique")
-)
+) | {"network", "baseline", "descriptor", "technique"}
 _MENDS = {
     "CSV": "put a field that holds a comma into double quotes",
     "Markdown": "write | inside a field as \\|",

@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from airzoo_bench.errors import ResultError
 from airzoo_bench.printed.latex_source import OPTION, Macro, expanded, group_end
+from airzoo_bench.printed.tabulars import TABULARS, Tabular, behind_arguments, has_tabulars
 
-__all__ = ["Line", "SpannedCell", "Tabular", "lines_of", "looks_like_latex", "tabulars_of"]
+__all__ = ["Line", "SpannedCell", "lines_of", "looks_like_latex"]
 
-_TABULARS = (
-    r"tabular[*xy]?|xltabular|longtable|longtabu|tabu|supertabular|NiceTabular\*?|tblr|longtblr"
-)
-_BEGIN = re.compile(rf"\\begin\{{(?:{_TABULARS}|array)\}}")
-_FLOATS = (
-    r"table\*?|wraptable|sidewaystable\*?|subtable|subfigure|figure\*?|minipage|threeparttable"
-    r"|longtable|document"
-)
-_EDGE = re.compile(
-    rf"\\(?:(begin|end)\{{(?:({_TABULARS}|array)|({_FLOATS}))\}}|label\{{([^{{}}]*)\}})"
-)
-_NESTED = re.compile(rf"\\(begin|end)\{{(?:{_TABULARS}|array)\}}")
+_NESTED = re.compile(rf"\\(begin|end)\{{(?:{TABULARS})\}}")
 _FIELD_END = re.compile(r"(?<!\\)&")
 _OPTION = re.compile(OPTION)
 _ARGUMENT = r"\s*\{[^{}]*\}"
@@ -76,109 +65,14 @@ class Line:
         return sum(cell.span for cell in self.cells)
 
 
-@dataclass(frozen=True)
-class Tabular:
-    """Where the rows of one table begin and end in the text, and its label (empty without)."""
-
-    start: int
-    end: int
-    label: str
-
-
-@dataclass
-class _Float:
-    """What surrounds tables and gives them labels."""
-
-    labels: list[str] = field(default_factory=list)
-    places: list[tuple[int, int]] = field(default_factory=list)
-
-
 def looks_like_latex(text: str) -> bool:
     """Whether a text holds rows of a LaTeX table."""
-    return bool(_BEGIN.search(text)) or any(map(_is_row, text.split("\n")))
+    return has_tabulars(text) or any(map(_is_row, text.split("\n")))
 
 
 def _is_row(line: str) -> bool:
     found = _FIELD_END.search(line)
     return found is not None and r"\\" in line[found.end() :]
-
-
-def tabulars_of(text: str) -> list[Tabular]:
-    """Find the outermost tables of a source; all of it, where there is no environment.
-
-    A table is called by the label of the float around it, with its number there where several
-    share one.
-    """
-    if not _BEGIN.search(text):
-        return [Tabular(0, len(text), "")]
-    named = sorted(pair for found in _floats(text) for pair in _named(found))
-    seen = Counter(label for _, label in named)
-    return [
-        # Labels that stand in a source twice name nothing.
-        Tabular(_behind_arguments(text, start), end, label if seen[label] == 1 else "")
-        for (start, end), label in named
-    ]
-
-
-def _floats(text: str) -> list[_Float]:
-    """Walk once through a source; the first of what it returns is no float."""
-    floats = [_Float()]
-    inside = [floats[0]]
-    depth = start = 0
-    for edge in _EDGE.finditer(text):
-        begins, is_float = edge[1] == "begin", bool(edge[3]) or edge[2] == "longtable"
-        if edge[4] is not None:
-            inside[-1].labels.append(edge[4])
-            continue
-        if begins and is_float:
-            floats.append(_Float())
-            inside.append(floats[-1])
-        if edge[2]:
-            start = edge.start() if begins and depth == 0 else start
-            depth = max(0, depth + (1 if begins else -1))
-            if depth == 0 and not begins:
-                inside[-1].places.append((start, edge.start()))
-        if is_float and not begins:
-            if depth:
-                # The table never ends: the float does.
-                inside[-1].places.append((start, edge.start()))
-                depth = 0
-            closed = inside.pop() if len(inside) > 1 else inside[0]
-            _hand_up(closed, inside[-1], named=edge[3] in (None, "subtable", "subfigure"))
-    if depth:
-        inside[-1].places.append((start, len(text)))
-    floats[0].labels.clear()
-    return floats
-
-
-def _hand_up(closed: _Float, around: _Float, *, named: bool) -> None:
-    """Leave to what surrounds a box, such as a minipage, the tables that it has no label for."""
-    if closed is not around and not closed.labels and not named:
-        around.places += closed.places
-        closed.places = []
-
-
-def _named(found: _Float) -> list[tuple[tuple[int, int], str]]:
-    places, labels = sorted(found.places), found.labels
-    if len(labels) == len(places):
-        return list(zip(places, labels, strict=True))
-    if labels and len(places) == 1:
-        return [(places[0], labels[0])]
-    if not labels:
-        return [(place, "") for place in places]
-    return [(place, f"{labels[0]} ({number})") for number, place in enumerate(places, 1)]
-
-
-def _behind_arguments(text: str, start: int) -> int:
-    found = _BEGIN.match(text, start)
-    if found is None:  # pragma: no cover - a place is where such a match begins
-        return start
-    at = found.end()
-    name = found[0][len(r"\begin{") : -1]
-    for _ in range(2 if name[-1] in "*xy" or name == "xltabular" else 1):
-        option = _OPTION.match(text, at)
-        at = group_end(text, option.end() if option else at)
-    return at
 
 
 def lines_of(
@@ -221,7 +115,7 @@ def _flat(body: str) -> str:
         begins = edge[1] == "begin"
         if begins and depth == 0:
             kept.append(body[at : edge.start()])
-            start = _behind_arguments(body, edge.start())
+            start = behind_arguments(body, edge.start())
         depth = max(0, depth + (1 if begins else -1))
         if depth == 0 and not begins and start:
             inner = re.sub(

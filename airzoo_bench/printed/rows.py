@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from airzoo_bench.printed.fields import Field
+from airzoo_bench.printed.layout import Field
 from airzoo_bench.printed.marks import is_no_number, plain_name
 
 __all__ = ["told_apart", "without_differences"]

@@ -14,9 +14,10 @@ from pathlib import Path
 from airzoo_bench.errors import ResultError
 from airzoo_bench.files import read_text
 from airzoo_bench.printed.grid import Grid, GridRow, check_width
-from airzoo_bench.printed.latex import Tabular, lines_of, looks_like_latex, tabulars_of
+from airzoo_bench.printed.latex import lines_of, looks_like_latex
 from airzoo_bench.printed.latex_grids import latex_grids
 from airzoo_bench.printed.latex_source import Macro, macros_of, text_of
+from airzoo_bench.printed.tabulars import Tabular, tabulars_of
 
 __all__ = ["Source", "read_sources"]
 
