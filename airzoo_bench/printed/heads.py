@@ -13,6 +13,7 @@ __all__ = ["Head", "is_summary_name", "names_summary", "read_heads", "split_unit
 
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]|(.*\w) (%)")
+_LONGEST = 200
 _COUNTED = re.compile(r"(.*\S) \(([0-9]{1,9})\)")
 # What our own tables write above the columns of a benchmark.
 _BENCHMARK = re.compile(r".* v[0-9]{1,4}|.*, (?:retrieval|matching|reconstruction)")
@@ -112,7 +113,7 @@ def _with_scenes(heads: Sequence[Head]) -> list[Head]:
 def _split_scene(head: Head) -> tuple[str, str]:
     """Return what stands before the longest known score that a name ends in, and that score."""
     name = head.metric
-    if head.scene or is_plain_score(name):
+    if head.scene or len(name) > _LONGEST or is_plain_score(name):
         return "", name
     for space in re.finditer(" ", name):
         if is_plain_score(name[space.end() :]):

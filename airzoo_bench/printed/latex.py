@@ -14,6 +14,7 @@ from airzoo_bench.printed.tabulars import TABULARS, Tabular, behind_arguments, h
 __all__ = ["Line", "SpannedCell", "lines_of", "looks_like_latex"]
 
 _NESTED = re.compile(rf"\\(begin|end)\{{(?:{TABULARS})\}}")
+_BROKEN = re.compile(r"\\\\\*?|\\(?:begin|end)\{[^{}]*\}|(?<!\\)&")
 _FIELD_END = re.compile(r"(?<!\\)&")
 _OPTION = re.compile(OPTION)
 _ARGUMENT = r"\s*\{[^{}]*\}"
@@ -110,20 +111,17 @@ def _blank(text: str) -> str:
 def _flat(body: str) -> str:
     """Put a table inside a field onto one line, in braces: it is how authors break lines there."""
     kept: list[str] = []
-    at = depth = start = 0
+    at = depth = begun = 0
     for edge in _NESTED.finditer(body):
         begins = edge[1] == "begin"
-        if begins and depth == 0:
-            kept.append(body[at : edge.start()])
-            start = behind_arguments(body, edge.start())
+        begun = edge.start() if begins and depth == 0 else begun
+        closes = depth == 1 and not begins
         depth = max(0, depth + (1 if begins else -1))
-        if depth == 0 and not begins and start:
-            inner = re.sub(
-                r"\\\\\*?|\\(?:begin|end)\{[^{}]*\}|(?<!\\)&", " ", body[start : edge.start()]
-            )
-            kept.append(f"{{{inner}}}")
-            at, start = edge.end(), 0
-    return "".join(kept) + (body[at:] if not start else body[start:])
+        if closes:
+            inner = body[behind_arguments(body, begun, edge.start()) : edge.start()]
+            kept += [body[at:begun], "{", _BROKEN.sub(" ", inner), "}"]
+            at = edge.end()
+    return "".join(kept) + body[at:]
 
 
 def _rows(path: Path, body: str, before: int) -> Iterator[Line]:

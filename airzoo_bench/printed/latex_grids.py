@@ -16,6 +16,7 @@ from airzoo_bench.printed.scores import is_known
 __all__ = ["latex_grids"]
 
 _NUMBER_LIKE = re.compile(r"[^A-Za-z@]*[0-9][^A-Za-z@]*|[+-]?[0-9]+[.,][0-9]+(?![0-9]* ?[a-z°]).*")
+_LONGEST_VALUE = 200
 _MOST_HEADS = 12
 _MOST_FIELDS = 200_000
 
@@ -87,7 +88,7 @@ def _is_above_head(lines: Sequence[Line], index: int) -> bool:
 def _is_value(text: str) -> bool:
     # A field with a footnote is one too: it is refused where it is read.
     plain = plain_name(text)
-    return bool(plain) and (
+    return 0 < len(plain) <= _LONGEST_VALUE and (
         is_no_number(plain)
         or not isinstance(read_marked(text), str)
         or bool(_NUMBER_LIKE.fullmatch(plain))

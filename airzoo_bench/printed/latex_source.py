@@ -22,8 +22,8 @@ _UNREAD = re.compile(
 )
 _DOCUMENT_END = r"\end{document}"
 _DEFINITION = re.compile(
-    r"\\(?:(?:(?:re)?newcommand|providecommand|DeclareRobustCommand)\*?\s*\{?\s*"
-    rf"\\([A-Za-z@]+)\s*\}}?(?:\s*\[([0-9])\])?({OPTION}?)"
+    r"\\(?:(?:(?:re)?newcommand|providecommand|DeclareRobustCommand)\*?\s*(?:\{\s*)?"
+    rf"\\([A-Za-z@]+)(?:\s*\}})?(?:\s*\[([0-9])\])?({OPTION}?)"
     r"|[gex]?def\s*\\([A-Za-z@]+)((?:#[0-9])*))(?=\s*\{)"
 )
 _CALL = re.compile(r"\\([A-Za-z@]+)")
@@ -63,17 +63,21 @@ def _typeset(text: str) -> Iterator[str]:
     yield text[at:]
 
 
-def group_end(text: str, at: int) -> int:
-    """Return the place behind the group in braces that begins there, or the place itself."""
-    begin = _GROUP.match(text, at)
+def group_end(text: str, at: int, end: int | None = None) -> int:
+    """Return the place behind the group in braces that begins there, or the place itself.
+
+    A group that does not close before `end`, or in the text, ends with it.
+    """
+    end = len(text) if end is None else end
+    begin = _GROUP.match(text, at, end)
     if not begin:
         return at
     depth = 0
-    for found in _SIGN.finditer(text, begin.end() - 1):
+    for found in _SIGN.finditer(text, begin.end() - 1, end):
         depth += {"{": 1, "}": -1}.get(found[0], 0)
         if depth == 0:
             return found.end()
-    return len(text)
+    return end
 
 
 def without_macro(text: str, name: str) -> str:

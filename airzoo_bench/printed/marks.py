@@ -56,7 +56,7 @@ _SPELLED = {
     r"\textbar": "|",
     r"\textbackslash": "\\",
 }
-_CITED = re.compile(r"[~\s]*\\cite[a-z]*\*?(?:\[[^]]*\])*\{[^}]*\}")
+_CITED = re.compile(r"(?<![~\s])[~\s]*\\cite[a-z]*\*?(?:\[[^]]*\])*\{[^}]*\}")
 _SIGNS = str.maketrans({"−": "-", "–": "-", "~": " ", "\u00a0": " ", "\u202f": " "})
 _VALUE = re.compile(r"([+-]?[0-9.,]+) ?(%?)")
 # A colour may hold digits, as gray!15.
@@ -66,6 +66,8 @@ _LOOSE = re.compile(r"(?:[†‡*§¶^ ]|\^[a-e]\b|[±] ?[0-9.,]+%?|\([0-9.,]+ ?
 # A gain is told by its sign: a number in brackets without one may be a deviation.
 _GAIN = re.compile(r"(?:\(([+\-↑↓] ?[0-9.,]+) ?%?\)|([+\-↑↓] ?[0-9.,]+) ?%?)")
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")
+# With all its marks and colours a number is no longer; longer ones are made to take long.
+_LONGEST = 1000
 _MACROS = re.compile(rf"({'|'.join(map(re.escape, _SPELLED))})(?![a-zA-Z])(?:\{{\}})?")
 
 
@@ -98,6 +100,8 @@ def read_marked(text: str) -> Marked | str:
     Marked or str
         What is wrong with it, where it is no such thing.
     """
+    if len(text) > _LONGEST:
+        return f"{text[:80]!r} is no printed number"
     sentence = _sentence(text)
     value = _VALUE.match(sentence)
     number = _number(value[1]) if value else None
@@ -127,10 +131,10 @@ def read_loosely(text: str) -> Marked | None:
     Marked or None
         None where it is no number with such things behind it.
     """
-    sentence = _sentence(text)
+    sentence = _sentence(text[:_LONGEST])
     value = _VALUE.match(sentence)
     number = _number(value[1]) if value else None
-    if value is None or number is None:
+    if value is None or number is None or len(text) > _LONGEST:
         return None
     rest = _INTERVAL.sub("", sentence[value.end() :]).strip()
     gain = _gain(_LOOSE.sub("", rest, count=1).strip()) or _gain(rest)

@@ -23,7 +23,7 @@ __all__ = ["Source", "read_sources"]
 
 # Printed tables are small; checks compare methods with each other.
 _LARGEST_BYTES = 2 << 20
-_MOST_TABLES = 300
+_MOST_TABLES = 200
 # Before what a spreadsheet would take for a formula, as our own tables have it.
 _DEFUSED = re.compile(r"^'(?=[=+@-])")
 _SEPARATORS = (",", ";", "\t")

@@ -58,7 +58,7 @@ def tabulars_of(text: str) -> list[Tabular]:
     seen = Counter(label for _, label in named)
     return [
         # Labels that stand in a source twice name nothing.
-        Tabular(behind_arguments(text, start), end, label if seen[label] == 1 else "")
+        Tabular(behind_arguments(text, start, end), end, label if seen[label] == 1 else "")
         for (start, end), label in named
     ]
 
@@ -137,14 +137,14 @@ def _named(found: _Float) -> list[tuple[tuple[int, int], str]]:
     return [(place, f"{labels[0]} ({number})") for number, place in enumerate(places, 1)]
 
 
-def behind_arguments(text: str, start: int) -> int:
-    """Return the place behind the column types of the table that begins at a place."""
+def behind_arguments(text: str, start: int, end: int) -> int:
+    """Return the place behind the column types of the table between two places."""
     found = _BEGIN.match(text, start)
     if found is None:  # pragma: no cover - a place is where such a match begins
         return start
     at = found.end()
     name = found[0][len(r"\begin{") : -1]
     for _ in range(2 if name[-1] in "*xy" or name == "xltabular" else 1):
-        option = _OPTION.match(text, at)
-        at = group_end(text, option.end() if option else at)
+        option = _OPTION.match(text, at, end)
+        at = group_end(text, option.end() if option else at, end)
     return at
