@@ -29,6 +29,8 @@ from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
 
 BRIGHTON = Path(__file__).resolve().parents[1] / ".." / "shared" / "real" / "brighton"
 PAPER = Path(__file__).resolve().parents[1] / ".." / "shared" / "paper"
+# Every number of the paper's result tables, as it travels with the package.
+PUBLISHED = Path(__file__).resolve().parents[1] / "protocols" / "published" / "airzoo-paper.csv"
 
 TILE_SIZE_DEG = 0.001
 
