@@ -310,7 +310,7 @@ def test_intervals(
     shown = json.loads(capsys.readouterr().out)
     place = [column.get("group") for column in shown["columns"]].index("Scene east")
     low, high = (shown["uncertainties"][0][place][key] for key in ("low", "high"))
-    assert 0 < low < shown["rows"][0][place] < high == 100
+    assert 0 < low < shown["rows"][0][place] < high < 100
     assert any(note.startswith("in square brackets: 95 % intervals") for note in shown["notes"])
     # Of one result, a row a scene.
     assert run_main("table", tmp_path / "out", "--intervals", "--format", "json") == 0
