@@ -66,7 +66,7 @@ def table(
         typer.Option(help="LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable."),
     ] = None,
     intervals: Annotated[
-        bool, typer.Option("--intervals", help="Write 95 % intervals (BCa) beside the values.")
+        bool, typer.Option("--intervals", help="Write 95 % intervals beside the values.")
     ] = False,
     floors: Annotated[
         bool,

@@ -197,7 +197,9 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
 def test_intervals_are_called_what_they_are(tmp_path: Path) -> None:
     methods = [retrieval_method("a", 0)]
     note = made_page(tmp_path, *write_methods(tmp_path, methods)).sections[0]["intervals"]["note"]
-    assert note.startswith("95 % intervals of R@1, Median, Wilson or MOVER over queries within")
+    assert note.startswith(
+        "95 % intervals of R@1, Median, Wilson or MOVER over queries within scenes; BCa, 10000 "
+    )
     # Of a median that one query more makes infinite there is no BCa.
     errors = np.where(np.arange(40) % 4 < 2, np.inf, np.arange(40.0))
     records = methods[0].records.assign(error_m=errors)

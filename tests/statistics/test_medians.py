@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.comparison import compare
 from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.intervals import interval_limits
@@ -114,10 +115,10 @@ def test_verdict_and_interval_of_medians_agree() -> None:
 def test_medians_with_a_scene_too_small_to_resample_are_not_tested() -> None:
     random = np.random.default_rng(0)
     scenes = [
-        {"east": {"error_m": [1.0, 2.0]}, "west": {"error_m": random.random(30) + shift}}
+        {"east": {"error_m": [1.0, 2.0]}, "west": {"error_m": (random.random(30) + shift).tolist()}}
         for shift in (0.0, 5.0)
     ]
-    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]  # type: ignore[arg-type]
+    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
     comparison = compare(methods, [ERROR], plan=FAST)
     pair = comparison.pairs[0]
     assert (pair.test.p_value, pair.test.patterns, verdict(pair)) == (1.0, 0, "too few")
@@ -154,7 +155,7 @@ def test_the_table_says_which_test_was_made() -> None:
 
 
 @pytest.mark.parametrize("column", [HIT, ERROR])
-def test_last_digits_are_ties(column) -> None:  # type: ignore[no-untyped-def]
+def test_last_digits_are_ties(column: ScoreColumn) -> None:
     # What processors may differ by changes neither wins nor p.
     random = np.random.default_rng(0)
     one = random.random(40)

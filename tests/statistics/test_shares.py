@@ -167,6 +167,7 @@ def test_coverage_at_the_sizes_of_uav_visloc(rates: str) -> None:
 @pytest.mark.parametrize("scenes", [*SATURATED, *map(uav_visloc, UAV_RATES)])
 def test_coverage_of_averages_and_differences(scenes: Scenes, soft: bool) -> None:
     single, paired, _ = coverage_of_shares(scenes, 4_000, 0.0, soft=soft)
-    few = scenes[0][1] < 0.1  # queries that differ
-    assert 0.93 <= single <= 0.975
-    assert 0.93 <= paired <= (1.0 if few else 0.975)
+    # Two of a hundred hits: so few queries differ that 0 is seldom left out.
+    few = scenes[0][1] < 0.1
+    assert 0.93 <= single <= (0.985 if few else 0.97)
+    assert 0.93 <= paired <= (1.0 if few else 0.985)

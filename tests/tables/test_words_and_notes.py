@@ -191,8 +191,13 @@ ALIKE = "all queries are alike: resamples cannot differ"
     ("one", "two", "shown", "expected"),
     [
         ((MIXED, MIXED), (MIXED, MIXED), (OVERALL,), [f"the average (Distance): {ALIKE}"]),
-        ((MIXED, SAME), (MIXED, MIXED), ("b",), [f"Bay (one; two: Distance): {ALIKE}"]),
-        ((SAME, SAME), (SAME, SAME), ("a", "b", OVERALL), [f"Alp, Bay, the average: {ALIKE}"]),
+        ((MIXED, SAME), (MIXED, MIXED), ("b",), [f"Bay (Distance): {ALIKE}"]),
+        (
+            (SAME, SAME),
+            (SAME, SAME),
+            ("a", "b", OVERALL),
+            [f"Alp, Bay, the average (Distance): {ALIKE}"],
+        ),
         (
             (MIXED, MIXED[:3]),
             (MIXED, MIXED[:3]),

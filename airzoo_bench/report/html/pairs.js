@@ -1,6 +1,5 @@
 // Two methods that a reader picks, with the paired tests between them, which were made with the page.
-function pairPicker(section) {
-  if (!section.pairs) return null;
+function pairsView(section) {
   const holder = el("div", {});
   const state = { one: 0, other: 1 };
   const { count } = section.pairs;
@@ -17,7 +16,7 @@ function pairPicker(section) {
   picks[1].select.value = "1";
   drawn.push(draw());
   const most = count < section.methods.length ? ` Of the best ${count} methods: there are too many for all pairs.` : "";
-  return el("details", { class: "pairs", id: `${section.id}-pairs` }, el("summary", {}, "Compare two methods"),
+  return panel(section, "pairs", "Two methods",
     el("div", { class: "controls" }, picks.map((pick) => pick.node)), holder,
     el("p", { class: "note" }, `Paired by ${section.byQuery ? "query" : "scene"}, of the average over scenes; p corrected: after Holm for all pairs of methods; ${section.pairs.resamples} resamples.${most}`));
 }

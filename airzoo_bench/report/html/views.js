@@ -89,7 +89,7 @@ function summaryView(section) {
   draw();
   return panel(section, "summary", "Summary",
     el("div", { class: "controls" }, scope.node, name.node, every.node), holder,
-    pairPicker(section), meanings, el("p", { class: "note" }, section.intervals.note),
+    meanings, el("p", { class: "note" }, section.intervals.note),
     section.standings.note ? el("p", { class: "note" }, section.standings.note) : null,
     section.references.map((floor) => el("p", { class: "note" }, `${floor.name}: ${floor.meaning}`)),
     notesView(section));
