@@ -157,7 +157,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
         )
     if queries.empty:
         raise BenchmarkError(
-            f"scene {scene} has no query left: all {len(excluded)} photos are excluded",
+            f"scene {scene} has no query: {len(excluded)} photos are excluded",
             where=home / "excluded.csv",
             expected="at least one photo that a tile answers",
             mend="prepare the benchmark again with other photos, or leave the scene out of the "

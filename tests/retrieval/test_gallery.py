@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from pyproj import Transformer
 from rasterio.transform import Affine
 
 from airzoo_bench.errors import RasterError
+from airzoo_bench.geometry.frames import unwrapped
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
 from airzoo_bench.retrieval.settings import Gallery
@@ -218,3 +220,19 @@ def test_shares_of_valid_pixels_are_counted_exactly(
 def test_black_without_a_tag_is_a_picture(tmp_path: Path) -> None:
     path = masked_map(tmp_path / "m.tif", np.zeros((100, 150), bool), "untagged")
     assert valid_shares(path, np.array([[0, 0, 150, 100]])).tolist() == [1.0]
+
+
+@given(
+    lon=st.floats(-540, 540), about=st.floats(-200, 200), lat=st.floats(-90, 90) | st.just(math.nan)
+)
+def test_unwrapped_longitudes_are_the_same_places_near_by(
+    lon: float, about: float, lat: float
+) -> None:
+    moved, same = unwrapped([lon, lat], about)
+    assert abs(moved - about) <= 180 + 1e-9
+    assert math.isclose((moved - lon) % 360 % 360, 0, abs_tol=1e-9) or math.isclose(
+        (moved - lon) % 360, 360, abs_tol=1e-9
+    )
+    np.testing.assert_equal(same, lat)
+    if abs(lon - about) < 180:
+        assert moved == lon  # to the last bit

@@ -13,7 +13,13 @@ from airzoo_bench.errors import PredictionError
 from airzoo_bench.retrieval.chance import chance_scores
 from airzoo_bench.runner.checks import check_predictions
 from airzoo_bench.runner.retrieval import evaluate_retrieval
-from tests.support import MadeScene, run_main, write_predictions
+from tests.support import (
+    MadeScene,
+    made_protocol,
+    run_main,
+    write_benchmark,
+    write_predictions,
+)
 
 MEMORY = 1 << 30
 
@@ -196,6 +202,18 @@ def _scores_of(data: Path) -> Any:
     from airzoo_bench.protocol import find_protocol
 
     return find_protocol("made-retrieval", data).scores
+
+
+def test_a_scene_without_a_query_is_named_and_no_traceback(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenes = [MadeScene("east", [[q, q + 1] for q in range(6)], 12), MadeScene("west", [], 8)]
+    write_benchmark(data / "made", made_protocol(scenes), scenes)
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    assert run_main("eval", "retrieval", path, "--data", data) == 2
+    assert "scene west has no query: 0 photos" in capsys.readouterr().err
+    assert run_main("check", path, "--data", data) == 0
+    assert "scene west has no query" in capsys.readouterr().err
 
 
 def test_the_template_says_what_chance_scores(

@@ -328,6 +328,25 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
 
 
 @pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("n_tiles", [2, 40, 900])
+@pytest.mark.parametrize("memory_bytes", [1 << 14, 1 << 30])
+def test_a_gallery_that_rounding_alone_tells_apart_is_no_ranking(metric, n_tiles, memory_bytes):
+    base = np.random.default_rng(5).standard_normal(96)
+    gallery = np.stack([np.random.default_rng(i).permutation(base) for i in range(n_tiles)])
+    found = rank_by_descriptors(
+        np.full((2, 96), 0.1),
+        gallery,
+        k=10,
+        metric=metric,
+        positives=positives_of([0], []),
+        depth=5,
+        memory_bytes=memory_bytes,
+    )
+    assert (found.tiles == -1).all()
+    assert found.tie_dependent.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("metric", METRICS)
 def test_where_every_tile_answers_a_constant_scorer_is_right(metric):
     found = rank_by_descriptors(
         np.ones((1, 4)),
