@@ -1,9 +1,10 @@
 """The protocol `aerialextrematch-matching-original` against AerialExtreMatch's own functions.
 
 aerialextrematch.json holds what they gave on the made-up matches that it holds too: `DOMLocalizer`
-of immatch/localize/dom_localize.py (`interpolate_depth`, `main_localize`, seven runs without a seed,
-and `eval`) and `aggregate_stats` of immatch/utils/util.py, from github.com/Xecades/AerialExtreMatch,
-branch Benchmark, commit e52ca15. The ground has heights below zero, a height of zero and holes.
+of immatch/localize/dom_localize.py (`interpolate_depth`, `main_localize`, seven runs without a
+seed, and `eval`) and `aggregate_stats` of immatch/utils/util.py, as they are in
+github.com/Xecades/AerialExtreMatch, branch Benchmark, commit e52ca15, with NumPy in place of torch.
+The ground has heights below zero, a height of zero and holes.
 """
 
 from __future__ import annotations
