@@ -34,6 +34,7 @@ Region = Box | Columns
 
 # Where voxels of both clouds have a corner, whatever the clouds.
 _GRID_ORIGIN = np.zeros(3)
+_LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
 _ROBUST = (1.0, 99.0)
 
@@ -178,12 +179,17 @@ def prepared(
     region : Region or None
         What it is cropped to.
     block_points : int
-        Points that are read at a time.
+        Points that are read at a time, and about as many voxels may be occupied.
+
+    Raises
+    ------
+    UsageError
+        More voxels are occupied.
     """
     kept = _Kept(source, region)
     grid = None
     if not isinstance(settings.voxel_m, str):
-        grid = VoxelGrid(settings.voxel_m, _GRID_ORIGIN)
+        grid = VoxelGrid(settings.voxel_m, _GRID_ORIGIN, max(block_points, _LEAST_VOXELS))
     not_finite = outside = inside = 0
     sample = _Sample(source.count)
     for piece in source.pieces(block_points):
