@@ -31,12 +31,13 @@ _NUMBERS = frozenset(
     )
 )
 _LARGEST_WHOLE = 1 << 31
+_LARGEST, _LARGEST_LON, _LARGEST_LAT = 1e9, 540.0, 90.0
 _NAMED = 3
 _SHOWN = 40
 _MEND = "correct it, or prepare the benchmark again"
 
 
-def read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
+def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = ()) -> pd.DataFrame:
     """Read a CSV or parquet table of a scene.
 
     Parameters
@@ -44,6 +45,8 @@ def read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     path : Path
     columns : sequence of str
         Those that there must be.
+    complete : sequence of str
+        Those of them in which no number may be missing.
 
     Returns
     -------
@@ -82,7 +85,11 @@ def read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
             expected=", ".join(columns),
             mend="prepare the benchmark again",
         )
-    return table.assign(**{name: _typed(path, table[name]) for name in _known(table)})
+    typed = table.assign(**{name: _typed(path, table[name]) for name in _known(table)})
+    for name in complete:
+        values = typed[name]
+        _refuse(path, name, table[name].tolist(), values.isna().tolist(), "a number")
+    return typed
 
 
 def _csv(path: Path) -> pd.DataFrame:
@@ -112,16 +119,26 @@ def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
         if name == "id":
             _refuse(path, name, values, column.duplicated().tolist(), "each id once")
         return column.astype(str)
-    if column.dtype.kind in "iuf" and name in _NUMBERS:
+    if column.dtype.kind in "iu" and name in _NUMBERS:
         return column
     numbers = np.array([_number(value) for value in values], np.float64)
-    wrong = np.isnan(numbers) & ~np.array([_is_missing(value) for value in values], np.bool_)
-    _refuse(path, name, values, wrong.tolist(), "a number")
+    missing = np.array([_is_missing(value) for value in values], np.bool_)
+    limit = _limit(name)
+    wrong = ~(np.abs(numbers) <= limit) & ~missing
+    _refuse(path, name, values, wrong.tolist(), f"a number, at most {limit:.12g} in size")
     if name in _NUMBERS:
         return pd.Series(numbers, column.index, name=name)
     wrong = ~((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST_WHOLE))
     _refuse(path, name, values, wrong.tolist(), "a whole number")
     return pd.Series(numbers.astype(np.int64), column.index, name=name)
+
+
+def _limit(name: str) -> float:
+    """Return the largest size of a column's numbers: degrees are degrees, metres on this planet."""
+    parts = name.split("_")
+    if "lon" in parts or "lat" in parts:
+        return _LARGEST_LON if "lon" in parts else _LARGEST_LAT
+    return _LARGEST
 
 
 def _is_text(value: object) -> bool:

@@ -61,7 +61,7 @@ class Protocol(Strict):
 
     schema_version: Literal[1] = Field(alias="schema")
     name: Name
-    version: Annotated[int, Field(ge=1)]
+    version: Annotated[int, Field(ge=1, le=10**6)]
     title: Annotated[str, Field(min_length=1, max_length=120)]
     summary: Annotated[str, Field(min_length=1)]
     benchmark: Name
@@ -156,7 +156,7 @@ def load_protocol(path: Path) -> Protocol:
     """
     data = read_toml(path, ProtocolError, "protocol file")
     track = data.get("track")
-    if track not in _TRACKS:
+    if not isinstance(track, str) or track not in _TRACKS:
         raise ProtocolError(
             "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
             where=path,

@@ -112,7 +112,8 @@ def _floats(row: list[str], path: Path) -> list[float]:
 
 
 def _check_unit(quaternions: NDArray[np.float64], names: NDArray[np.str_], path: Path) -> None:
-    length = np.linalg.norm(quaternions, axis=1)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternions, axis=1)
     bad = np.flatnonzero(np.abs(length - 1) > _UNIT_TOLERANCE)
     if bad.size:
         raise PredictionError(

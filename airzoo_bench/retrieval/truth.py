@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import struct
+import tokenize
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +42,11 @@ NO_GROUND_POINT = "no ray meets the ground"
 NO_TILE = "the footprint meets no tile"
 _WINDOW_COLUMNS = ("x", "y", "width", "height")
 _TILE_COLUMNS = ("id", "size_px", "size_m", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
+_DAMAGE = (
+    *(EOFError, KeyError, MemoryError, NotImplementedError, OSError, RuntimeError, SyntaxError),
+    *(TypeError, ValueError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
+)
+"""What NumPy and zipfile raise over damaged bytes."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +154,9 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries = read_queries(folder, excluded)
     footprints = read_table(home / "footprints.csv", ("id", *FOOTPRINT_COLUMNS))
-    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS)
+    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
     _check_boxes(boxes_of(tiles), home / "tiles.parquet")
-    dropped = read_table(home / "dropped_tiles.csv", _TILE_COLUMNS)
+    dropped = read_table(home / "dropped_tiles.csv", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
     if footprints["id"].tolist() != queries["id"].tolist():
         raise BenchmarkError(
             "the footprints are not those of queries.csv",
@@ -200,7 +208,7 @@ def _load_sparse(path: Path, n_queries: int, n_tiles: int) -> Positives:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         offsets, tiles = arrays["offsets"], arrays["tiles"]
-    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except _DAMAGE as error:
         raise BenchmarkError(
             f"the positives are damaged: {error}",
             where=path,

@@ -21,14 +21,17 @@ import sys
 import tempfile
 import time
 import warnings
-from contextlib import contextmanager
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
+from unittest import mock
 
 import numpy as np
+import typer
 
+from airzoo_bench.cli import main as cli
 from tests.hostile.inputs import Input, made_inputs, spoilt
 from tests.support import run_main
 
@@ -125,7 +128,9 @@ def run_cases(seed: int, numbers: list[int], only: str, keep: Path) -> int:
     """Run cases and print what fails; return how many did."""
     keep.mkdir(parents=True, exist_ok=True)
     failures = 0
-    with tempfile.TemporaryDirectory() as home:
+    # Typer builds its tree of commands anew for every call, which takes longer than most cases.
+    built = mock.patch("airzoo_bench.cli.main.app", typer.main.get_command(cli.app))
+    with tempfile.TemporaryDirectory() as home, built:
         with _captured(keep / "made"):
             inputs = [one for one in made_inputs(Path(home)) if only in one.name]
         for number in numbers:
@@ -138,7 +143,8 @@ def run_cases(seed: int, numbers: list[int], only: str, keep: Path) -> int:
                 place = keep / f"{seed}-{number}"
                 shutil.rmtree(place, ignore_errors=True)
                 shutil.copytree(folder, place, ignore_dangling_symlinks=True)
-                print(json.dumps(asdict(failure)), flush=True)
+                sys.stdout.write(json.dumps(asdict(failure)) + "\n")
+                sys.stdout.flush()
             shutil.rmtree(folder)
     (keep / "running").unlink(missing_ok=True)
     return failures

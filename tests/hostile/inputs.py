@@ -11,15 +11,13 @@ import shutil
 import tarfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from airzoo_bench.files import sha256_of
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.ply import write_ply
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
 from tests.matching import world as matching
 from tests.readers import cloud_support as clouds
@@ -242,6 +240,9 @@ def _reconstruction(home: Path) -> list[Input]:
     near = reconstruction.true_points("yard")[few]
     for scene in ("yard", "lot"):
         reconstruction.replace_cloud(world, scene, near)
+    protocol_file = world.folder / "protocols" / f"{reconstruction.PROTOCOL}.toml"
+    text = protocol_file.read_text().replace("points = 2000000", "points = 300")
+    protocol_file.write_text(text)
     given = home / "given"
     given.mkdir()
     (given / "protocol.txt").write_text(reconstruction.PROTOCOL)
@@ -274,22 +275,7 @@ def _reconstruction(home: Path) -> list[Input]:
     np.savez(given / "some.cameras.npz", **world.cameras("yard"))
     protocol = ("--protocol", reconstruction.PROTOCOL)
     data_root = str(home / "data")
-    spoils: dict[str, Spoil] = {".npz": spoil_arrays, ".obj": spoil_text}
-    made = []
-    for path in sorted(given.iterdir()):
-        if path.name in ("protocol.txt", "some.cameras.npz"):
-            continue
-        one = home / "entries" / path.name
-        one.mkdir(parents=True)
-        file = f"yard{path.suffix}"
-        shutil.copy(path, one / file)
-        spoil = spoils.get(path.suffix, spoil_bytes)
-        if "ascii" in path.name:
-            spoil = spoil_text
-        commands = (("eval", "reconstruction", "FILE", *protocol), ("check", "FILE", *protocol))
-        made.append(
-            Input(f"reconstruction/{path.name}", one, file, spoil, commands, data_root, 0.4)
-        )
+    made = _entries(home, given, data_root, protocol)
     made += _packs(home, given, data_root)
     whole = home / "whole"
     shutil.copytree(home / "data", whole / "data")
@@ -304,6 +290,24 @@ def _reconstruction(home: Path) -> list[Input]:
     ):
         name = f"folder/reconstruction {Path(file).name}"
         made.append(Input(name, whole, file, spoil, command, "data", 0.3, sealed=True))
+    return made
+
+
+def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> list[Input]:
+    """Each file alone in a folder, named by its scene."""
+    commands = (("eval", "reconstruction", "FILE", *protocol), ("check", "FILE", *protocol))
+    made = []
+    for path in sorted(given.iterdir()):
+        if path.name in ("protocol.txt", "some.cameras.npz"):
+            continue
+        one = home / "entries" / path.name
+        one.mkdir(parents=True)
+        shutil.copy(path, one / f"yard{path.suffix}")
+        spoil = {".npz": spoil_arrays, ".obj": spoil_text}.get(path.suffix, spoil_bytes)
+        if "ascii" in path.name:
+            spoil = spoil_text
+        name = f"reconstruction/{path.name}"
+        made.append(Input(name, one, f"yard{path.suffix}", spoil, commands, data, 0.4))
     return made
 
 
@@ -368,7 +372,11 @@ _LONG = "method,scene,metric,value\n" + "".join(
     for s in ("City", "Rural")
     for k in ("R@1", "R@5")
 )
-_WIDE = "| Method | R@1 | R@5 | AP@5 |\n|---|---|---|---|\n| A | 50.31 | 61.49 | 40.0 |\n| **B** | 1 | 2 | 3 |\n"
+_WIDE = """| Method | R@1 | R@5 | AP@5 |
+|---|---|---|---|
+| A | 50.31 | 61.49 | 40.0 |
+| **B** | 1 | 2 | 3 |
+"""
 _LATEX = r"""\begin{tabular}{l|cc|cc}
 \toprule
 \multirow{2}{*}{Method} & \multicolumn{2}{c|}{City (161)} & \multicolumn{2}{c}{Rural (190)} \\
@@ -390,7 +398,7 @@ def _tables(home: Path) -> list[Input]:
 
 def _prepare(home: Path) -> list[Input]:
     home.mkdir()
-    place = make_place(home, {"a.jpg": (64.0, 64.0), "b.jpg": (192.0, 64.0)})
+    make_place(home, {"a.jpg": (64.0, 64.0), "b.jpg": (192.0, 64.0)})
     options = {
         "--name": "park",
         "--images": "FOLDER/photos",
@@ -401,14 +409,12 @@ def _prepare(home: Path) -> list[Input]:
         "--out": "FOLDER/out",
     }
     command = ("prepare", "photos", *(text for pair in options.items() for text in pair))
-    made = [
+    return [
         Input("prepare/poses.json", home, "poses.json", spoil_text, (command,), None, 0.15),
         Input("prepare/photo", home, "photos/a.jpg", spoil_bytes, (command,), None, 0.1),
         Input("prepare/dom.tif", home, "dom.tif", spoil_bytes, (command,), None, 0.1),
         Input("prepare/dsm.tif", home, "dsm.tif", spoil_bytes, (command,), None, 0.1),
     ]
-    del place
-    return made
 
 
 # --- a case --------------------------------------------------------------------------------------
@@ -460,4 +466,4 @@ def _resealed(values: dict[str, Any]) -> dict[str, Any]:
         return values
 
 
-__all__ = ["Input", "made_inputs", "replace", "spoilt", "write_ply", "Cloud"]
+__all__ = ["Input", "made_inputs", "spoilt"]

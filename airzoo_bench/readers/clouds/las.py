@@ -26,6 +26,7 @@ from airzoo_bench.readers.clouds.source import (
     columns_to_points,
     fault,
     read_block,
+    uncounted,
 )
 from airzoo_bench.reconstruction.clouds import Cloud
 
@@ -152,16 +153,12 @@ def _end_of_points(raw: bytes, version: tuple[int, int], start: int, size: int) 
 def _more_than_promised(path: Path, header: LasHeader) -> tuple[str, ...]:
     if not header.compressed:
         left = header.end - header.start - header.count * header.record_bytes
-        held = "" if left < header.record_bytes else f"{left:,} bytes follow"
-    else:
-        with path.open("rb") as stream:
-            stream.seek(header.start)
-            held = beyond_count(
-                path, stream, header.laszip or b"", header.record_bytes, header.count
-            )
-    return (
-        (f"{held} the {header.count:,} points that its header promises: not read",) if held else ()
-    )
+        return uncounted(left if left >= header.record_bytes else 0, "bytes", header.count)
+    with path.open("rb") as stream:
+        stream.seek(header.start)
+        laszip = header.laszip or b""
+        left, what = beyond_count(path, stream, laszip, header.record_bytes, header.count)
+    return uncounted(left, what, header.count)
 
 
 def _check_header(

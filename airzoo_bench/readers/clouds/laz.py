@@ -87,8 +87,8 @@ def open_decompressor(
 
 def beyond_count(
     path: Path, stream: IO[bytes], laszip: bytes, record_bytes: int, count: int
-) -> str:
-    """Say what the compressed points hold beyond those that the header counts.
+) -> tuple[int, str]:
+    """Return how much the compressed points hold beyond those that the header counts, and of what.
 
     Layered chunks say how many points they hold. Of others the last is decoded: what it did not
     take of its bytes are further points.
@@ -100,8 +100,10 @@ def beyond_count(
 
     Returns
     -------
-    str
-        Such as ``"1,203 bytes follow"``; empty where there is nothing.
+    left : int
+        At most 0 where there is nothing.
+    what : str
+        ``"points"`` or ``"compressed bytes"``.
 
     Raises
     ------
@@ -112,14 +114,13 @@ def beyond_count(
     try:
         chunks = _checked_chunks(path, stream, laszip, start, record_bytes, count)
         if not chunks:
-            return ""
+            return 0, "points"
         if struct.unpack_from("<H", laszip)[0] == _LAYERED:
-            held = _layered_points(stream, chunks, start + 8, record_bytes)
-            return f"{held - count:,} points follow" if held > count else ""
+            return _layered_points(stream, chunks, start + 8, record_bytes) - count, "points"
         left = _left_in_last_chunk(path, laszip, chunks, start, record_bytes, count)
     except _DAMAGE as error:
         raise _damaged(path, str(error)) from error
-    return f"{left:,} compressed bytes follow" if left > _END_OF_CODE else ""
+    return left if left > _END_OF_CODE else 0, "compressed bytes"
 
 
 class _Dripping(io.FileIO):
