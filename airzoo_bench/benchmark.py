@@ -13,18 +13,15 @@ and every file of it is held to its checksum.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, verify
 from airzoo_bench.data_root import DATA_VARIABLE, data_root
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.validation import read_toml, validated
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = [
     "DATA_VARIABLE",
@@ -34,7 +31,6 @@ __all__ = [
     "benchmark_folders",
     "data_root",
     "find_benchmark",
-    "read_table",
 ]
 
 
@@ -181,45 +177,6 @@ def find_benchmark(name: str, data: Path) -> Benchmark:
             mend="name the right folder with --data, or the right protocol with --protocol",
         )
     return benchmark
-
-
-def read_table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
-    """Read a CSV or parquet table of a scene; text columns stay text.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing or lacks a column.
-    """
-    import pandas as pd
-
-    if not path.is_file():
-        raise BenchmarkError(
-            "the benchmark folder has no truth here",
-            where=path,
-            mend="prepare the benchmark again; `check` needs no truth, `eval` does",
-        )
-    ids = {"id": str, "image": str, "reason": str}
-    try:
-        if path.suffix == ".parquet":
-            table = pd.read_parquet(path)
-        else:
-            table = pd.read_csv(path, dtype=ids, keep_default_na=False, na_values=["nan", ""])
-    except (ValueError, OSError) as error:
-        raise BenchmarkError(
-            f"not a readable table: {(str(error) or type(error).__name__).splitlines()[0]}",
-            where=path,
-            mend="prepare the benchmark again",
-        ) from error
-    lacking = [name for name in columns if name not in table.columns]
-    if lacking:
-        raise BenchmarkError(
-            f"lacks the columns {', '.join(lacking)}",
-            where=path,
-            expected=", ".join(columns),
-            mend="prepare the benchmark again",
-        )
-    return table
 
 
 def _differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:

@@ -14,10 +14,15 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["PHOTO_SUFFIXES", "assign_queries", "check_ids", "scene_of"]
+__all__ = ["PHOTO_SUFFIXES", "assign_queries", "check_ids", "scene_of", "with_endings"]
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 """What the names of photos end in; their ids leave it out."""
+
+_IMAGE_SUFFIXES = (
+    *PHOTO_SUFFIXES,
+    *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
+)
 
 Texts = NDArray[np.str_]
 
@@ -25,6 +30,12 @@ Texts = NDArray[np.str_]
 def scene_of(ids: Texts) -> Texts:
     """Return the scene part of ids ``scene/name``."""
     return np.char.partition(ids, "/")[..., 0]
+
+
+def with_endings(ids: Texts) -> bool:
+    """Tell whether most ids end as files of images do, in letters of either case."""
+    ends = [str(name).lower().endswith(_IMAGE_SUFFIXES) for name in ids]
+    return sum(ends) * 2 > len(ends)
 
 
 def check_ids(ids: Texts, where: str) -> None:
@@ -37,7 +48,7 @@ def check_ids(ids: Texts, where: str) -> None:
     """
     if not ids.size:
         raise PredictionError(
-            "holds no id", where=where, expected="ids such as City/DJI_0001", mend="fill the file"
+            "holds no id", where=where, expected="ids such as city/DJI_0001", mend="fill the file"
         )
     place = np.char.find(ids, "/")
     unscened = np.flatnonzero((place <= 0) | (place == np.char.str_len(ids) - 1))
@@ -46,7 +57,7 @@ def check_ids(ids: Texts, where: str) -> None:
         raise PredictionError(
             f"ids without a scene or a name: {first_of(listed, len(ids))}",
             where=where,
-            expected="scene/name, such as City/DJI_0001",
+            expected="scene/name, such as city/DJI_0001",
             mend="put the scene before each name",
         )
     unique, counts = np.unique(ids, return_counts=True)

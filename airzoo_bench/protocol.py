@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from airzoo_bench.errors import ProtocolError
 from airzoo_bench.files import fingerprint
-from airzoo_bench.matching.settings import Crop, MatchingScores, Prior, Solver
+from airzoo_bench.matching.settings import Crop, Lift, MatchingScores, Prior, Solver
 from airzoo_bench.reconstruction.settings import (
     Alignment,
     Fusion,
@@ -61,7 +61,7 @@ class Protocol(Strict):
 
     schema_version: Literal[1] = Field(alias="schema")
     name: Name
-    version: Annotated[int, Field(ge=1)]
+    version: Annotated[int, Field(ge=1, le=10**6)]
     title: Annotated[str, Field(min_length=1, max_length=120)]
     summary: Annotated[str, Field(min_length=1)]
     benchmark: Name
@@ -112,6 +112,7 @@ class MatchingProtocol(Protocol):
     track: Literal["matching"]
     crop: Crop
     prior: Prior
+    lift: Lift
     solver: Solver
     scores: MatchingScores
 
@@ -125,6 +126,16 @@ class ReconstructionProtocol(Protocol):
     meshes: Meshes
     preparation: Preparation
     scores: ReconstructionScores
+
+    @model_validator(mode="after")
+    def _voxels_below_scores(self) -> Self:
+        voxel, finest = self.preparation.voxel_m, self.scores.finest_m
+        if not isinstance(voxel, str) and finest < 2 * voxel:
+            raise ValueError(
+                f"scores at {finest:g} m of clouds thinned by voxels of {voxel:g} m mean nothing: "
+                "thresholds must be at least two voxels"
+            )
+        return self
 
 
 _TRACKS: dict[str, type[Protocol]] = {
@@ -145,7 +156,7 @@ def load_protocol(path: Path) -> Protocol:
     """
     data = read_toml(path, ProtocolError, "protocol file")
     track = data.get("track")
-    if track not in _TRACKS:
+    if not isinstance(track, str) or track not in _TRACKS:
         raise ProtocolError(
             "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
             where=path,

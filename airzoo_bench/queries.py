@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import read_table
+from airzoo_bench.benchmark_tables import read_table
 from airzoo_bench.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix

@@ -32,6 +32,7 @@ __all__ = [
     "SHARE_SLACK",
     "PredictionsUsed",
     "ProtocolUsed",
+    "Reference",
     "Result",
     "ScoreColumn",
     "TruthUsed",
@@ -113,10 +114,41 @@ class ScoreColumn(_Model):
     headline: bool
 
 
+class Reference(_Model):
+    """What scores without a method at work, in the shape of a method's own summary.
+
+    Such as the chance level of a retrieval, or the prior pose taken as the answer.
+
+    Attributes
+    ----------
+    meaning : str
+        How it was made, in a sentence that tables print below the row.
+    scenes, overall, pooled
+        As in `Result`; scores for which it makes no sense are left out, of all three alike.
+    """
+
+    meaning: str
+    scenes: dict[str, dict[str, Value]]
+    overall: dict[str, Value]
+    pooled: dict[str, Value]
+
+
 def _check_range(value: float, column: ScoreColumn) -> None:
     if value < 0 or (column.unit == "share" and value > 1 + SHARE_SLACK):
         allowed = "0 to 1" if column.unit == "share" else "0 or more"
         raise ValueError(f"the score {column.key} is {value:g}, expected {allowed}")
+
+
+def _check_reference(
+    name: str, reference: Reference, columns: dict[str, ScoreColumn], scenes: set[str]
+) -> None:
+    if set(reference.scenes) != scenes:
+        raise ValueError(f"the reference {name!r} and the scores are not of the same scenes")
+    for part in (*reference.scenes.values(), reference.overall, reference.pooled):
+        if not set(part) or set(part) != set(reference.overall) or set(part) - set(columns):
+            raise ValueError(f"scores of the reference {name!r} do not fit the columns")
+        for key, value in part.items():
+            _check_range(value, columns[key])
 
 
 class Result(_Model):
@@ -130,6 +162,8 @@ class Result(_Model):
         What a reader of the numbers must know, in sentences.
     scenes, overall, pooled
         Scores by key; `overall` is the unweighted mean over scenes.
+    references : dict of str to Reference
+        By the name that tables print; none in results of older versions.
     records_sha256 : str
         Of the file of records that was written beside it; empty where none was.
     checksum : str
@@ -149,6 +183,7 @@ class Result(_Model):
     scenes: dict[str, dict[str, Value]]
     overall: dict[str, Value]
     pooled: dict[str, Value]
+    references: dict[Name, Reference] = {}
     records_sha256: str = ""
     checksum: str = ""
 
@@ -170,6 +205,13 @@ class Result(_Model):
             raise ValueError("the version of airzoo-bench is not given")
         return self
 
+    @model_validator(mode="after")
+    def _references_fit(self) -> Result:
+        columns = {column.key: column for column in self.columns}
+        for name, reference in self.references.items():
+            _check_reference(name, reference, columns, set(self.scenes))
+        return self
+
     @property
     def unit(self) -> Literal["query", "scene"]:
         """What a record is of; of scenes it is where a track scores each as a whole."""
@@ -188,7 +230,10 @@ class Result(_Model):
         return self.checksum == self._content_hash()
 
     def _content_hash(self) -> str:
-        return fingerprint(json.loads(self.model_dump_json(by_alias=True, exclude={"checksum"})))
+        content = json.loads(self.model_dump_json(by_alias=True, exclude={"checksum"}))
+        if not self.references:  # a field that older results lack
+            del content["references"]
+        return fingerprint(content)
 
 
 def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
@@ -235,16 +280,11 @@ def read_result(path: Path) -> Result:
     try:
         result = Result.model_validate_json(text)
     except ValidationError as error:
-        if error.errors()[0]["type"] == "json_invalid":
-            # Pydantic names line and column.
-            raise ResultError(
-                f"not a result: {validation_message(error, Result)}",
-                where=path,
-                expected=_EXPECTED,
-                mend=_MEND,
-            ) from error
+        is_json = error.errors()[0]["type"] != "json_invalid"
+        # Of what is no JSON, Pydantic names line and column.
+        what = "not a result of this version:\n    " if is_json else "not a result: "
         raise ResultError(
-            f"not a result of this version:\n    {validation_message(error, Result)}",
+            f"{what}{validation_message(error, Result)}",
             where=path,
             expected=_EXPECTED,
             mend=_MEND,

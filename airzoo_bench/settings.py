@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-__all__ = ["SAFE_NAME", "Limits", "Name", "Positive", "Ranks", "Strict"]
+__all__ = ["SAFE_NAME", "Count", "Limits", "Name", "Positive", "Ranks", "Seed", "Strict"]
 
 SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 """Names that become folders, parts of ids and cells of tables."""
@@ -19,7 +19,9 @@ def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 Name = Annotated[str, Field(pattern=SAFE_NAME)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]
+"""Metres, pixels, degrees or seconds: larger ones are slips, and would overflow further on."""
+
 Ranks = Annotated[
     tuple[Annotated[int, Field(ge=1, le=1000)], ...],
     Field(min_length=1, max_length=16),
@@ -30,6 +32,10 @@ Limits = Annotated[
     Field(min_length=1, max_length=16),
     AfterValidator(_ascending),
 ]
+
+
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+Count = Annotated[int, Field(ge=1, le=10**9)]
 
 
 class Strict(BaseModel):

@@ -29,6 +29,8 @@ from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
 
 BRIGHTON = Path(__file__).resolve().parents[1] / ".." / "shared" / "real" / "brighton"
 PAPER = Path(__file__).resolve().parents[1] / ".." / "shared" / "paper"
+# Every number of the paper's result tables, as it travels with the package.
+PUBLISHED = Path(__file__).resolve().parents[1] / "protocols" / "published" / "airzoo-paper.csv"
 
 TILE_SIZE_DEG = 0.001
 
@@ -125,6 +127,7 @@ def made_truth(scene: MadeScene) -> RetrievalTruth:
             "lat_min": 28.0,
             "lon_max": lon + TILE_SIZE_DEG,
             "lat_max": 28.0 + TILE_SIZE_DEG,
+            "valid_share": 1.0,
         }
     )
     queries = pd.DataFrame(
@@ -141,7 +144,8 @@ def made_truth(scene: MadeScene) -> RetrievalTruth:
     flat = np.array([t for found in scene.positives for t in sorted(found)], dtype=np.int32)
     excluded = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
     positives = Positives(offsets_of(counts), flat)
-    return RetrievalTruth(scene.id, queries, footprints, tiles, positives, excluded)
+    none = tiles.iloc[:0]
+    return RetrievalTruth(scene.id, queries, footprints, tiles, positives, excluded, none)
 
 
 def write_predictions(path: Path, name: str, **arrays: Any) -> Path:

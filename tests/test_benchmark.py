@@ -13,8 +13,8 @@ from airzoo_bench.benchmark import (
     benchmark_folders,
     data_root,
     find_benchmark,
-    read_table,
 )
+from airzoo_bench.benchmark_tables import read_table
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import write_npz
 from airzoo_bench.protocol import RetrievalProtocol

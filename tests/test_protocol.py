@@ -166,12 +166,14 @@ def test_the_fingerprint_sees_what_changes_scores_and_nothing_else(tmp_path: Pat
     assert not changed(under(title="T", summary="S"))
     assert not changed(lambda v: v["scenes"][0].update(title="T", queries=7))
     for edit in (
-        under(version=2),
+        under(version=3),
         under(name="other"),
         lambda v: v["scenes"][0].update(id="other"),
         under("gallery", overlap=0.25),
         under("gallery", tile_sizes_px=[512, 1024]),
+        under("gallery", least_valid_share="none"),
         under("ground_truth", rule="dsm"),
+        under("ground_truth", box_growth=0.2),
         under("ground_truth", without_positive="miss"),
         under("scores", ap="min"),
         under("scores", sdm_scale_per_m=0.002),

@@ -126,6 +126,7 @@ def test_alignment_json_brings_a_cloud_to_its_place(world: World, tmp_path: Path
     assert set(found) == {
         *("method", "scale", "matrix", "cameras", "cameras_missing", "inliers", "inlier_limit_m"),
         *("used_orientations", "robust", "centres", "inlier_centres", "rotations_deg", "icp"),
+        *("icp_failure", "inlier_names"),
     }
     assert found["scale"] == pytest.approx(4.0)
     assert found["robust"] is True
@@ -147,6 +148,127 @@ def test_alignment_json_with_icp(world: World, tmp_path: Path) -> None:
     assert icp["after"]["fitness"] == 1.0
 
 
+def test_a_cloud_that_icp_cannot_refine_is_scored(world: World, tmp_path: Path) -> None:
+    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard") + 500.0})
+    chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "sim3+icp"})
+    arguments = ("--protocol", chosen, "--out", tmp_path / "out")
+    assert run_main("eval", "reconstruction", path, *arguments) == 0
+    found = json.loads((tmp_path / "out" / "alignment.json").read_text())["yard"]
+    assert found["icp"] is None
+    assert "0 of 15264 predicted points within 2" in found["icp_failure"]
+    notes = json.loads((tmp_path / "out" / "result.json").read_text())["notes"]
+    assert any("aligned by cameras only" in note for note in notes)
+
+
+def notes_of(world: World, path: Path, protocol: str = PROTOCOL) -> list[str]:
+    """Return the notes of an evaluation, which are those of a check."""
+    notes = list(world.score(path, protocol=protocol).evaluation.result.notes)
+    checked = check_reconstruction(path, data=world.root, protocol=protocol, memory_bytes=MEMORY)
+    assert not checked.faults
+    assert list(checked.notes) == notes
+    return notes
+
+
+def test_a_mirrored_cloud_is_named_by_eval_and_check(world: World, tmp_path: Path) -> None:
+    points, cameras = true_points("yard"), world.cameras("yard")
+    origin = points.mean(axis=0) - np.array((0.0, 0.0, 30.0))
+    extrinsics = cameras["extrinsics"].copy()
+    extrinsics[..., 3] += (extrinsics[..., :3] @ origin[:, None])[..., 0]
+    mirrored = (points - origin) * np.array((1, 1, -1))
+    path = predict_clouds(world, tmp_path / "p", {"yard": mirrored})
+    save(path / "yard.cameras.npz", cameras | {"extrinsics": extrinsics})
+    notes = notes_of(world, path)
+    assert any("mirrored or turned over" in note and "z negated" in note for note in notes)
+
+
+@pytest.mark.parametrize("kind", ["ply", "npz", "points"])
+def test_digits_that_were_lost_are_named(kind: str, world: World, tmp_path: Path) -> None:
+    points, folder = true_points("yard") + 0.123, tmp_path / "p"
+    folder.mkdir()
+    if kind == "ply":
+        rows = "\n".join(" ".join(f"{x:.6g}" for x in row) for row in points[:2000])
+        head = "ply\nformat ascii 1.0\nelement vertex 2000\n"
+        axes = "".join(f"property double {axis}\n" for axis in "xyz")
+        (folder / "yard.ply").write_text(f"{head}{axes}end_header\n{rows}\n")
+    elif kind == "npz":
+        save(folder / "yard.npz", {"points": points.astype("f4")})
+    else:
+        maps = points[: 6 * 40 * 50].reshape(6, 40, 50, 3).astype("f4")
+        save(folder / "yard.npz", world.cameras("yard") | {"points": maps})
+    notes = notes_of(world, folder)
+    told = "6 digits only, steps of 10 m" if kind == "ply" else "float32 only, steps of 0.5 m"
+    assert any(told in note for note in notes), notes
+
+
+def test_half_a_pixel_is_asked_for_where_it_matters(world: World, tmp_path: Path) -> None:
+    exact, folder = world.views("lot"), tmp_path / "p"
+    unsaid = {name: values for name, values in exact.items() if name != "pixel_centres"}
+    # Depth 35 m at a focal length of 80 px: half a pixel in x and y is 0.3 m.
+    notes = notes_of(world, save(folder / "lot.npz", unsaid).parent)
+    (note,) = [note for note in notes if "does not say where K" in note]
+    assert "taken as half" in note
+    error = float(note.partition("points are ")[2].partition(" m off")[0])
+    median = np.median(unsaid["depth"][unsaid["depth"] > 0])
+    assert error == pytest.approx(np.hypot(0.5, 0.5) / 80 * median, rel=0.01)
+    assert not any(
+        "does not say" in n for n in notes_of(world, save(folder / "lot.npz", exact).parent)
+    )
+    coarse = world.protocol(
+        tmp_path / "c.toml", scores={"f1_below_m": (10.0,), "headline_below_m": 10.0}
+    )
+    save(folder / "lot.npz", unsaid)
+    assert not any("does not say" in note for note in notes_of(world, folder, str(coarse)))
+
+
+def test_integer_pixel_centres_give_the_points_of_half_ones(world: World, tmp_path: Path) -> None:
+    half = world.views("lot")
+    integer = half | {"pixel_centres": np.array("integer"), "intrinsics": half["intrinsics"].copy()}
+    integer["intrinsics"][:, :2, 2] -= 0.5
+    wrong = integer | {"pixel_centres": np.array("half")}
+    records = [
+        world.score(save(tmp_path / name / "lot.npz", fields).parent).scored["lot"].record
+        for name, fields in (("half", half), ("integer", integer), ("wrong", wrong))
+    ]
+    assert records[0] == records[1]
+    assert records[2] != records[0]
+
+
+def test_files_without_names_are_read_as_depth_anything_3_writes_them(
+    world: World, tmp_path: Path
+) -> None:
+    named = world.views("lot") | {"pixel_centres": np.array("integer")}
+    bare = {key: named[key] for key in ("depth", "intrinsics", "extrinsics")}
+    records = [
+        world.score(save(tmp_path / name / "lot.npz", fields).parent).scored["lot"].record
+        for name, fields in (("named", named), ("bare", bare))
+    ]
+    assert records[0] == records[1]
+
+
+def test_cameras_may_be_required(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = both(world, tmp_path)
+    required = world.protocol(tmp_path / "c.toml", alignment={"cameras": "required"})
+    assert run_main("eval", "reconstruction", path, "--protocol", required) == 2
+    assert "holds no cameras, and the protocol requires them" in capsys.readouterr().err
+    assert any("holds no cameras: taken as it stands" in note for note in notes_of(world, path))
+
+
+@pytest.mark.parametrize("value", [1e300, -1e308, 1e160])
+def test_cameras_beyond_all_measure_are_missing(value: float, world: World, tmp_path: Path) -> None:
+    fields = world.views("yard")
+    fields["extrinsics"] = fields["extrinsics"].copy()
+    fields["extrinsics"][1, :, 3] = value
+    path = save(tmp_path / "p" / "yard.npz", fields).parent
+    record = world.score(path).scored["yard"].record
+    assert record["cameras_missing"] == 1
+    assert record["f1_1m"] > 0.5
+    fields["extrinsics"][:, :, 3] = value
+    save(path / "yard.npz", fields)
+    assert run_main("eval", "reconstruction", path, "--protocol", PROTOCOL) == 2
+
+
 def records_of(world: World, path: Path, tmp_path: Path, *options: object) -> pd.DataFrame:
     assert run_main("eval", "reconstruction", path, "--out", tmp_path / "out", *options) == 0
     return pd.read_csv(tmp_path / "out" / "records.csv").set_index("scene")
@@ -155,7 +277,9 @@ def records_of(world: World, path: Path, tmp_path: Path, *options: object) -> pd
 def test_records_and_counts(world: World, tmp_path: Path) -> None:
     clouds = {"yard": np.concatenate([true_points("yard"), [[np.nan, 0, 0]]])}
     path = predict_clouds(world, tmp_path / "p", clouds)
-    chosen = world.protocol(tmp_path / "c.toml", preparation={"voxel_m": 1.0})
+    chosen = world.protocol(
+        tmp_path / "c.toml", preparation={"voxel_m": 1.0}, scores={"f1_below_m": (2.0,)}
+    )
     records = records_of(world, path, tmp_path, "--protocol", chosen)
     text = (tmp_path / "out" / "records.csv").read_text()
     assert records["answered"].tolist() == [True, False]

@@ -13,6 +13,7 @@ from airzoo_bench.errors import ResultError
 from airzoo_bench.result import (
     PredictionsUsed,
     ProtocolUsed,
+    Reference,
     Result,
     ScoreColumn,
     TruthUsed,
@@ -199,3 +200,48 @@ def test_what_is_no_result(text: str, tmp_path: Path) -> None:
 def test_versions_name_what_numbers_depend_on() -> None:
     assert {"airzoo-bench", "numpy", "pyproj", "faiss-cpu"} <= set(versions())
     assert all(version[0].isdigit() for version in versions().values())
+
+
+def chance(**changes: dict[str, Any]) -> Reference:
+    values = {"recall@1": 0.25}
+    parts: dict[str, Any] = {"scenes": {"s": values}, "overall": values, "pooled": values}
+    return Reference.model_validate({"meaning": "A random order."} | parts | changes)
+
+
+def test_references_are_kept_and_sealed(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    made = result().model_copy(update={"references": {"chance": chance()}}).sealed()
+    assert made.checksum != result().checksum
+    write_result(path, made)
+    assert read_result(path).references == {"chance": chance()}
+    path.write_text(path.read_text().replace("0.25", "0.05"))
+    with pytest.raises(ResultError, match="changed after it was written"):
+        read_result(path)
+
+
+def test_a_result_of_a_version_without_references_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    write_result(path, result())
+    content = json.loads(path.read_text())
+    assert content.pop("references") == {}
+    # As that version wrote it.
+    assert content["checksum"] == "534c4d2bb46b689577a72e9f013c539ec783f46e722f6402f1391fe1cbbaaa0c"
+    path.write_text(json.dumps(content))
+    assert read_result(path) == result()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scenes": {}}, "'chance' and the scores are not of the same scenes"),
+        ({"overall": {"mrr": 0.5}}, "'chance' do not fit the columns"),
+        ({"overall": {"distance_m": 3.0}}, "'chance' do not fit the columns"),
+        ({"overall": {}}, "'chance' do not fit the columns"),
+        ({"pooled": {"recall@1": 1.5}}, "recall@1 is 1.5, expected 0 to 1"),
+    ],
+)
+def test_references_that_do_not_fit(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    references = {"chance": json.loads(chance(**changes).model_dump_json())}
+    (tmp_path / "result.json").write_text(json.dumps(changed(references, "references")))
+    with pytest.raises(ResultError, match=message):
+        read_result(tmp_path / "result.json")

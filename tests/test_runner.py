@@ -15,7 +15,14 @@ from airzoo_bench.runner.common import Evaluation, save
 from airzoo_bench.runner.retrieval import evaluate_retrieval
 from airzoo_bench.runner.templates import write_template
 from tests.statistics.support import made_method, write_method
-from tests.support import MadeScene, files_below, run_main, write_predictions
+from tests.support import (
+    MadeScene,
+    files_below,
+    made_protocol,
+    run_main,
+    write_benchmark,
+    write_predictions,
+)
 
 MEMORY = 1 << 30
 
@@ -93,6 +100,70 @@ def test_a_constant_scorer_scores_nothing(data: Path, tmp_path: Path, scenes: An
     result = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays), data).result
     assert result.overall["recall@5"] == 0.0
     assert result.counts["east"]["tie_dependent"] == 6
+
+
+N_TIED = 300
+
+
+def constant_claims(scene: MadeScene) -> dict[str, dict[str, Any]]:
+    """Every way of saying the same of all tiles, with the tile that answers in the first place."""
+    random = np.random.default_rng(0)
+    n = len(scene.positives)
+    lists = [[scene.tile(t) for t in [q, *range(q), *range(q + 1, N_TIED)]] for q in range(n)]
+    ids = {"query_ids": scene.query_ids}
+    claims = {}
+    for listed in (5, 20, 100, 101, N_TIED):
+        ranked = [row[:listed] for row in lists]
+        claims[f"ids {listed}"] = ids | {"ranked_ids": ranked, "scores": np.ones((n, listed))}
+    short = [[*row[:3], "", ""] for row in lists]
+    claims["ids 3"] = ids | {"ranked_ids": short, "scores": np.ones((n, 5))}
+    described = ids | {"gallery_ids": scene.tile_ids}
+    for name, rows in {
+        "equal": np.ones((N_TIED, 8)),
+        "multiples": np.outer(random.uniform(0.1, 9, N_TIED), random.standard_normal(8)),
+    }.items():
+        for dtype in (np.float16, np.float32, np.float64):
+            queries = random.standard_normal((n, 8)).astype(dtype)
+            claims[f"{name} {dtype.__name__}"] = described | {
+                "query_descriptors": queries,
+                "gallery_descriptors": rows.astype(dtype),
+            }
+    return claims
+
+
+@pytest.mark.parametrize("claim", constant_claims(MadeScene("s", [[0]], N_TIED)))
+def test_constant_scorers_of_every_form_score_exactly_nothing(claim: str, tmp_path: Path) -> None:
+    scene = MadeScene("s", [[q, q + 5] for q in range(4)], N_TIED)
+    chosen = made_protocol([scene])
+    chosen = type(chosen).model_validate(
+        chosen.model_dump(by_alias=True)
+        | {"scores": chosen.scores.model_dump() | {"descriptor_metric": "cosine"}}
+    )
+    write_benchmark(tmp_path / "data" / "made", chosen, [scene])
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **constant_claims(scene)[claim])
+    result = score(path, tmp_path / "data").result
+    assert result.overall.pop("distance_m") == np.inf
+    assert set(result.overall.values()) == {0.0}
+    assert result.counts["s"]["tie_dependent"] == 4
+
+
+def test_a_tie_is_broken_before_a_list_is_cut(tmp_path: Path) -> None:
+    # One tile is told apart and wrong; 299 tie, and the one that answers stands second.
+    scene = MadeScene("s", [[7]], N_TIED)
+    write_benchmark(tmp_path / "data" / "made", made_protocol([scene]), [scene])
+    others = [scene.tile(t) for t in range(N_TIED) if t not in (7, 40)]
+    path = write_predictions(
+        tmp_path / "p.npz",
+        "made-retrieval",
+        query_ids=scene.query_ids,
+        ranked_ids=[[scene.tile(40), scene.tile(7), *others]],
+        scores=[[1.0, *[0.5] * (N_TIED - 1)]],
+    )
+    evaluation = score(path, tmp_path / "data")
+    assert evaluation.result.overall["map"] == 0.0
+    assert evaluation.result.overall["mrr"] == 0.0
+    assert evaluation.records["ranked"].tolist() == [100]
+    assert evaluation.records["tie_dependent"].tolist() == [True]
 
 
 def test_descriptors_and_their_ranked_ids_agree(

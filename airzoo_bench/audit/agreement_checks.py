@@ -48,7 +48,7 @@ def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome
 
 def _pairs(published: Published) -> list[tuple[Printed, Printed]]:
     """Return one number in two tables each."""
-    groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.score.name))
+    groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.measure))
     return [
         (first, second)
         for cells in groups.values()
@@ -147,7 +147,7 @@ def _is_telling(row: Row) -> bool:
 
 
 def _values(row: Row) -> frozenset[object]:
-    return frozenset((cell.score.name, cell.number.value) for cell in row)
+    return frozenset((cell.measure, cell.number.value) for cell in row)
 
 
 def _alike(rows: Iterable[Row]) -> Iterable[list[Row]]:
@@ -163,8 +163,8 @@ def _is_another(row: Row, other: Printed, rows: dict[RowKey, Row]) -> bool:
     own = rows.get((other.table, *other.group, other.scene, row[0].method))
     if own is None or own[0].method == other.method:
         return False
-    printed = {cell.score.name: cell.number.value for cell in own}
-    return any(printed.get(c.score.name, c.number.value) != c.number.value for c in row)
+    printed = {cell.measure: cell.number.value for cell in own}
+    return any(printed.get(c.measure, c.number.value) != c.number.value for c in row)
 
 
 def _lines(row: Row) -> set[int]:

@@ -88,7 +88,7 @@ def _scenes(published: Published) -> Scenes:
     scenes: dict[tuple[str, ...], dict[str, dict[str, Printed]]] = {}
     for cell in published.cells:
         if not cell.is_summary:
-            by_scene = scenes.setdefault((*cell.group, cell.score.name), {})
+            by_scene = scenes.setdefault((*cell.group, cell.measure), {})
             # Of a cell that is printed twice the first counts; another check compares them.
             by_scene.setdefault(cell.scene, {}).setdefault(cell.method, cell)
     return scenes
@@ -100,7 +100,7 @@ def _averaged(
     queries: Mapping[Key, Queries],
     exact: Callable[[Printed], Interval],
 ) -> Averaged | None:
-    by_scene = scenes.get((*cell.group, cell.score.name), {})
+    by_scene = scenes.get((*cell.group, cell.measure), {})
     parts = [by_method[cell.method] for by_method in by_scene.values() if cell.method in by_method]
     if len(parts) < 2 or len(parts) < len(by_scene):
         return None
@@ -125,7 +125,7 @@ def _exact(cell: Printed, queries: Mapping[Key, Queries], variants: Mapping[Key,
     known = queries.get(key_of(cell))
     if known is not None and cell.score.family is Family.HITS:
         return counted_share(cell.number, known.number, cell.full)
-    variant = variants.get((*cell.group, cell.score.name))
+    variant = variants.get((*cell.group, cell.measure))
     if known is not None and variant == "precision":
         return counted_share(cell.number, known.number * cell.score.cutoff, cell.full)
     return cell.number.interval
@@ -197,7 +197,7 @@ def _judge(average: Averaged, same: Sequence[Printed], *, pooled: bool) -> Findi
 
 
 def _identity(cell: Printed) -> tuple[object, ...]:
-    return cell.group, cell.method, cell.score.name
+    return cell.group, cell.method, cell.measure
 
 
 def _elsewhere(cell: Printed, same: Sequence[Printed]) -> list[Printed]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from airzoo_bench.printed.scores import Family
 __all__ = ["Share", "check_counts", "judge_shares"]
 
 _CHECK = "counts"
+# Of one scene, so that its digits were cut off for certain.
+_FEWEST_CUTS = 3
 _NONE = "no share of queries, such as R@1, is printed"
 
 
@@ -99,12 +102,29 @@ def judge_shares(check: str, shares: Sequence[Share]) -> tuple[list[Finding], li
     conclusions: list[Conclusion] = []
     for table, own in _by_table(shares).items():
         wrong = [share for share in own if not share.fits]
-        cut = bool(wrong) and all(share.is_cut for share in own)
+        all_cut = bool(wrong) and all(share.is_cut for share in own)
+        cut = all_cut or _shows_cuts(wrong, own)
         if cut:
-            text = f"digits are cut off, not rounded: so all {len(own)} shares are counts"
+            told = f"so all {len(own)} shares are counts" if all_cut else "as one scene shows"
+            text = f"digits are cut off, not rounded: {told}"
             conclusions.append(Conclusion(check, table, text))
         findings.extend(_no_count(check, share, cut=cut) for share in wrong)
     return findings, conclusions
+
+
+def _shows_cuts(wrong: Sequence[Share], own: Sequence[Share]) -> bool:
+    """Whether some scene shows that a table cuts: other concluded numbers of queries are in doubt.
+
+    All shares of that scene are counts whose digits were cut off, and several of them no others.
+    """
+    if any(share.queries.is_given and not share.is_cut for share in wrong):
+        return False
+    scenes = Counter(key_of(share.cell) for share in wrong if share.is_cut)
+    shown = {scene for scene, number in scenes.items() if number >= _FEWEST_CUTS}
+    for share in own:
+        if not share.is_cut:
+            shown.discard(key_of(share.cell))
+    return bool(shown)
 
 
 def _by_table(shares: Sequence[Share]) -> dict[str, list[Share]]:

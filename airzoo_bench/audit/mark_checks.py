@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published
+from airzoo_bench.printed.cells import Printed, Published, grouped
 from airzoo_bench.printed.numbers import Rounded, decimal_text
 
 __all__ = ["check_bold", "check_gains"]
@@ -103,7 +103,7 @@ def _value(cell: Printed) -> Fraction:
 
 
 def _column(cell: Printed) -> tuple[str, ...]:
-    return *cell.group, cell.scene, cell.score.name
+    return *cell.group, cell.scene, cell.measure
 
 
 def _over(gain: _Gain, column: Sequence[Printed], base: str | None) -> _Gain:
@@ -188,7 +188,11 @@ def check_bold(published: Published) -> Outcome:
     if not published.has_bold:
         return Outcome("bold", 0, what, "the file does not say what is bold")
     columns = published.by(lambda c: (c.table, *_column(c))).values()
-    races = [column for column in columns if _is_race(column)]
+    races = [
+        race
+        for column in columns
+        if _is_race(race := [cell for cell in column if cell.competes or cell.bold])
+    ]
     judged = [column for column in races if any(cell.bold for cell in column)]
     plain = [column for column in races if column not in judged]
     left = []
@@ -198,13 +202,39 @@ def check_bold(published: Published) -> Outcome:
         left.append(f"{len(plain)} columns in which nothing is bold ({shown})")
     if len(races) < len(columns):
         left.append(f"{len(columns) - len(races)} columns of one method or an unknown score")
-    findings = [finding for column in judged for finding in _judge_column(column)]
+    findings: list[Finding] = []
+    conclusions: list[Conclusion] = []
+    tables: dict[str, list[list[Printed]]] = {}
+    for column in judged:
+        tables.setdefault(column[0].table, []).append(column)
+    for table, own in tables.items():
+        found, by_section = _judge_table(own)
+        findings += found
+        if by_section:
+            text = "the best of each part of the table, between rules or titles, is bold"
+            conclusions.append(Conclusion("bold", table, text))
     cells = tuple(cell for column in judged for cell in column)
-    return Outcome("bold", len(judged), what, " and ".join(left), tuple(findings), cells=cells)
+    said, not_judged = tuple(conclusions), " and ".join(left)
+    return Outcome("bold", len(judged), what, not_judged, tuple(findings), said, cells)
+
+
+def _judge_table(columns: Sequence[Sequence[Printed]]) -> tuple[list[Finding], bool]:
+    """Judge whole columns, or the parts of these, by what explains more of a table's bold."""
+    whole = [finding for column in columns for finding in _judge_column(column)]
+    parts = [
+        part
+        for column in columns
+        for part in grouped(column, lambda cell: cell.section).values()
+        if any(cell.bold for cell in part)
+    ]
+    apart = [finding for part in parts for finding in _judge_column(part)]
+    # A part that has nothing bold says nothing; several that have, each of their own, do.
+    by_section = len(parts) > len(columns) and len(apart) < len(whole)
+    return (apart, True) if by_section else (whole, False)
 
 
 def _is_race(column: Sequence[Printed]) -> bool:
-    return column[0].score.higher_is_better is not None and len(column) > 1
+    return bool(column) and column[0].score.higher_is_better is not None and len(column) > 1
 
 
 def _judge_column(column: Sequence[Printed]) -> list[Finding]:

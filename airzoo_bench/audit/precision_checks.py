@@ -132,7 +132,7 @@ def _share(cell: Printed, queries: Mapping[Key, Queries], definition: Definition
 def _groups(published: Published) -> dict[Key, list[Bounded]]:
     rows = published.by(lambda cell: (cell.table, *key_of(cell), cell.method))
     cells = [c for c in published.cells if c.score.family is Family.AVERAGE_PRECISION]
-    groups = grouped(cells, lambda cell: (*cell.group, cell.score.name))
+    groups = grouped(cells, lambda cell: (*cell.group, cell.measure))
     return {
         name: [_bounded(c, rows[(c.table, *key_of(c), c.method)]) for c in group]
         for name, group in groups.items()

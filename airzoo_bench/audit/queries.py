@@ -52,7 +52,7 @@ class Queries:
 
 def key_of(cell: Printed) -> Key:
     """Return what has one number of queries: benchmark, track and scene."""
-    return cell.benchmark, cell.track, cell.scene
+    return *cell.group, cell.scene
 
 
 def row_of(cell: Printed) -> RowKey:
@@ -134,7 +134,7 @@ def _implied(cells: list[Printed], variants: Mapping[Key, str]) -> Implied | Non
     precisions = [
         (c.number, c.full, c.score.cutoff)
         for c in cells
-        if variants.get((*c.group, c.score.name)) == "precision" and c.score.cutoff <= _MOST_PLACES
+        if variants.get((*c.group, c.measure)) == "precision" and c.score.cutoff <= _MOST_PLACES
     ]
     # Average precision alone would take its definition on trust.
     return implied_total([*hits, *precisions]) if hits else None
@@ -157,11 +157,11 @@ def is_average(published: Published) -> Callable[[Printed], bool]:
     The former are no shares of queries.
     """
     with_scenes = {
-        (cell.group, cell.score.name)
+        (cell.group, cell.measure)
         for cell in published.cells
         if not cell.is_summary and cell.score.is_share
     }
-    return lambda cell: cell.is_summary and (cell.group, cell.score.name) in with_scenes
+    return lambda cell: cell.is_summary and (cell.group, cell.measure) in with_scenes
 
 
 def _check_names(groups: Iterable[Key], counts: Mapping[str, int]) -> None:
@@ -179,7 +179,7 @@ def _check_names(groups: Iterable[Key], counts: Mapping[str, int]) -> None:
 def _given(cells: list[Printed], counts: Mapping[str, int]) -> int | None:
     first = cells[0]
     stated = {cell.queries: cell.line for cell in cells if cell.queries is not None}
-    for name in (f"{first.benchmark}/{first.scene}", first.scene):
+    for name in (f"{first.group[0]}/{first.scene}", first.scene):
         # The name with its benchmark is the more exact one.
         if name in counts:
             stated[counts[name]] = 0

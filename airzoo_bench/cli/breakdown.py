@@ -33,7 +33,7 @@ def breakdown(
         bool,
         typer.Option(
             "--intervals",
-            help="Write 95 % intervals (BCa) beside the values; always, where the table is "
+            help="Write 95 % intervals beside the values; always, where the table is "
             "one score of one result.",
         ),
     ] = False,

@@ -94,6 +94,12 @@ def matching(
     figures: Annotated[
         bool, typer.Option("--figures", help="Draw error curves, matches and maps into --out.")
     ] = False,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            min=1, max=1000, help="Solve under so many seeds and say how far the scores spread."
+        ),
+    ] = 1,
     jobs: JobsOption = 2,
     max_memory: MemoryOption = "2G",
 ) -> None:
@@ -122,6 +128,12 @@ def matching(
         drawn = draw_figures(scored, resolve_data(data), out / "figures", progress)
         say(f"drew {drawn} pictures into {out / 'figures'}")
     _print_result(scored.evaluation.result, form, every_score=every_score)
+    if seeds > 1:
+        from airzoo_bench.runner.matching_seeds import spread_over_seeds
+
+        say(f"average over scenes under {seeds} seeds, of which the result has the first:")
+        for spread in spread_over_seeds(scored, seeds, jobs=jobs, progress=progress):
+            say(f"  {spread}")
     _print_next(out)
 
 
@@ -208,7 +220,7 @@ def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
         content = json.loads(result.model_dump_json(by_alias=True))
         put(json.dumps(content, indent=1) + "\n")
     else:
-        show(scenes_table(result, every_score=every_score), form)
+        show(scenes_table(result, every_score=every_score, floors=True), form)
 
 
 def _print_next(out: Path | None) -> None:

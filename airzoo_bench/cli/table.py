@@ -66,8 +66,27 @@ def table(
         typer.Option(help="LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable."),
     ] = None,
     intervals: Annotated[
-        bool, typer.Option("--intervals", help="Write 95 % intervals (BCa) beside the values.")
+        bool, typer.Option("--intervals", help="Write 95 % intervals beside the values.")
     ] = False,
+    floors: Annotated[
+        bool,
+        typer.Option(
+            "--floors", help="Add rows of what scores without a method: chance, the prior itself."
+        ),
+    ] = False,
+    sort: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCORE",
+            help="Put the best methods by this score on top, or with 'method' go by their names.",
+        ),
+    ] = None,
+    decimals: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=6, help="Digits behind the point (default: 2).", show_default=False
+        ),
+    ] = None,
     queries: Annotated[
         bool, typer.Option("--queries", help="With scenes: write their numbers of queries.")
     ] = False,
@@ -87,7 +106,7 @@ def table(
         list[str] | None,
         typer.Option(
             help="OLD=NEW: another name for a method, scene, benchmark or score, as the table "
-            "shows it; repeatable."
+            "shows it; methods of different benchmarks with one name share a row. Repeatable."
         ),
     ] = None,
     siunitx: Annotated[
@@ -96,6 +115,13 @@ def table(
     standalone: Annotated[
         bool, typer.Option("--standalone", help="LaTeX: a document that compiles by itself.")
     ] = False,
+    caption: Annotated[
+        str, typer.Option(help="LaTeX: a float with this caption, of plain text.")
+    ] = "",
+    label: Annotated[str, typer.Option(help="LaTeX: the label of the float, for \\ref.")] = "",
+    fit: Annotated[
+        bool, typer.Option("--fit", help="LaTeX: shrink what is wider than the line to the line.")
+    ] = False,
 ) -> None:
     """Print one result by scene, or several side by side by method.
 
@@ -103,10 +129,12 @@ def table(
 
     Example: airzoo-bench table */result.json --layout scenes --published -f latex --standalone
 
+    Example: airzoo-bench table */result.json -f latex --fit --caption "Results." --label tab:all
+
     Example: airzoo-bench table --published --protocol uav-visloc-retrieval --layout scenes
     """
     from airzoo_bench.cli.table_making import make_table
-    from airzoo_bench.tables.latex import LatexStyle
+    from airzoo_bench.tables.latex_float import LatexStyle, check_style, options_of
 
     request = TableRequest(
         results=tuple(results or ()),
@@ -126,10 +154,20 @@ def table(
         average=average,
         per_block=per_block,
         renamed=tuple(rename or ()),
+        floors=floors,
+        sort=sort,
+        decimals=decimals,
     )
-    for_latex = {"--siunitx": siunitx, "--standalone": standalone, "--cite": cite}
-    odd = [name for name, given in for_latex.items() if given]
-    if odd and form is not Format.LATEX:
+    style = LatexStyle(siunitx, standalone, caption, label, fit)
+    if form is Format.LATEX:
+        check_style(style)
+    else:
+        _check_no_latex({**options_of(style), "--cite": cite})
+    show(make_table(request), form, style)
+
+
+def _check_no_latex(given: dict[str, object]) -> None:
+    odd = [name for name, value in given.items() if value]
+    if odd:
         are = "is" if len(odd) == 1 else "are"
         raise UsageError(f"{' and '.join(odd)} {are} for LaTeX", mend="add --format latex")
-    show(make_table(request), form, LatexStyle(siunitx, standalone))

@@ -13,6 +13,9 @@ from airzoo_bench.errors import UsageError
 from airzoo_bench.result import Result, ScoreColumn, read_result
 from airzoo_bench.result_files import result_paths
 from airzoo_bench.tables.entries import OVERALL, Board, board_of, with_published
+from airzoo_bench.tables.floors import with_floors
+from airzoo_bench.tables.layouts import AVERAGE
+from airzoo_bench.tables.marks import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.rename import rename
 from airzoo_bench.validation import nearest
 
@@ -66,15 +69,19 @@ class _TableMaker:
 
         (board,) = self._boards()
         (entry,) = board.entries
-        made = scenes_table(self.results[0], scores=board.scores, uncertainties=entry.uncertainties)
+        made = scenes_table(
+            self.results[0],
+            scores=board.scores,
+            uncertainties=entry.uncertainties,
+            floors=self.request.floors,
+        )
         # The table has the result's own notes, and whose they are goes without saying.
         notes, about = board.notes, board.about_intervals
-        if self.request.intervals and made.rows[-1].cells[0].value == POOLED:
+        if self.request.intervals and any(row.cells[0].value == POOLED for row in made.rows):
             pooled = f"no interval for {POOLED}: they are of scenes and of the average over them"
             notes, about = (*notes, pooled), (*about, pooled)
-        return rename(
-            replace(made, notes=(*notes, *made.notes), legend=about), self.request.renamed
-        )
+        made = replace(made, notes=(*notes, *made.notes), legend=(*about, *made.legend))
+        return rename(self._in_digits(made), self.request.renamed)
 
     def _laid_out(self) -> Table:
         from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
@@ -121,6 +128,8 @@ class _TableMaker:
             board = self._with_intervals(board, places)
         if self.request.published:
             board = self._with_published(board, self.results[places[0]])
+        if self.request.floors and self.layout is not Layout.RESULT:
+            board = with_floors(board, [self.results[place] for place in places])
         return board
 
     def _with_intervals(self, board: Board, places: Sequence[int]) -> Board:
@@ -195,14 +204,31 @@ class _TableMaker:
         from airzoo_bench.tables.model import mark_best
 
         asked = self.request
+        made = self._in_digits(self._sorted(made))
         made = mark_best(made, second=asked.second, reported=asked.mark_published)
         rule = self._rule_of_marks(made)
         made = replace(made, notes=(*rule, *made.notes), legend=(*rule, *made.legend))
         made = highlight(made, asked.highlighted)
         baselines = parse_baselines(made, asked.baselines)
         made = self._cited(made) if asked.citations else made
-        # Options go by the names of results, and what is said of gains by those of the table.
-        return add_gains(rename(made, asked.renamed), baselines)
+        # Options go by the names of results, and all that is said by those of the table.
+        return rename(add_gains(made, baselines), asked.renamed)
+
+    def _in_digits(self, made: Table) -> Table:
+        decimals = self.request.decimals
+        return made if decimals is None else with_decimals(made, decimals)
+
+    def _sorted(self, made: Table) -> Table:
+        wanted = self.request.sort
+        if wanted is None:
+            return made
+        if wanted != BY_NAME:
+            shown = {column.title for column in made.columns}
+            columns = {score.key: score for result in self.results for score in result.columns}
+            scores = [score for score in columns.values() if score.title in shown]
+            _check_scores(scores, [wanted], "--sort")
+            wanted = _named(scores)[wanted].title
+        return sort_rows(made, wanted, AVERAGE)
 
     def _cited(self, made: Table) -> Table:
         from airzoo_bench.published import published_sources, read_source_file
@@ -215,7 +241,7 @@ class _TableMaker:
 
     def _rule_of_marks(self, made: Table) -> list[str]:
         # Among reported rows alone there is nothing to tell apart.
-        if len({bool(row.reported) for row in made.rows}) < 2:
+        if len({bool(row.reported) for row in made.rows if not row.floor}) < 2:
             return []
         who = "all rows" if self.request.mark_published else "the rows that were scored here"
         return [f"the best of each score is that of {who}"]
@@ -233,7 +259,9 @@ def _named(scores: Sequence[ScoreColumn]) -> dict[str, ScoreColumn]:
     return {score.key: score for score in scores} | {score.title: score for score in scores}
 
 
-def _check_scores(scores: Sequence[ScoreColumn], wanted: Sequence[str]) -> None:
+def _check_scores(
+    scores: Sequence[ScoreColumn], wanted: Sequence[str], option: str = "--score"
+) -> None:
     """Refuse the name of a score that nothing has."""
     by_name = _named(scores)
     for name in wanted:
@@ -241,7 +269,7 @@ def _check_scores(scores: Sequence[ScoreColumn], wanted: Sequence[str]) -> None:
             titles = dict.fromkeys(score.title for score in scores)
             raise UsageError(
                 f"there is no score {name[:80]!r}{nearest(name[:80], list(by_name))}",
-                where="--score",
+                where=option,
                 expected="one of " + ", ".join(titles),
             )
 

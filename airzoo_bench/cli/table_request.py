@@ -66,6 +66,9 @@ class TableRequest:
     average: bool = True
     per_block: int | None = None
     renamed: tuple[str, ...] = ()
+    floors: bool = False
+    sort: str | None = None
+    decimals: int | None = None
 
     def checked_layout(self, results: Sequence[Result]) -> Layout:
         """Return the layout that was asked for, or the usual one, and hold all options to it.
@@ -93,8 +96,9 @@ class TableRequest:
                 expected="result files, or --published with --protocol and no results",
                 mend="such as `airzoo-bench table --published --protocol uav-visloc-retrieval`",
             )
-        if self.intervals:
-            raise UsageError("--intervals needs results", mend="leave it out, or name results")
+        for name, given in {"--intervals": self.intervals, "--floors": self.floors}.items():
+            if given:
+                raise UsageError(f"{name} needs results", mend="leave it out, or name results")
         layout = self.layout or Layout.METHODS
         self._check(layout, ())
         if layout not in (Layout.METHODS, Layout.SCENES):
@@ -151,6 +155,7 @@ class TableRequest:
             "--scene": self.scene,
             "--highlight": self.highlighted,
             "--cite": self.citations,
+            "--sort": self.sort,
         }
         _refuse_alone(compared, "nothing to be compared with", "name more results")
         _refuse_alone(of_methods, "scenes for rows", "add --layout methods")

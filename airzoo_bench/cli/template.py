@@ -35,16 +35,20 @@ def template(
     kind: Annotated[Kind, typer.Option(help="What the file shall hold.")] = Kind.RANKED_IDS,
     data: DataOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of what is random.")] = 0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write over a file that is there.")
+    ] = False,
 ) -> None:
     """Write an example prediction: every query, with random tiles, matches or depth maps.
 
     Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
     """
-    from airzoo_bench.protocol import find_protocol
+    from airzoo_bench.protocol import RetrievalProtocol, find_protocol
     from airzoo_bench.runner.templates import write_template
 
     root = resolve_data(data)
-    track = find_protocol(protocol, root).track
+    chosen = find_protocol(protocol, root)
+    track = chosen.track
     target = out or Path("template" if track == "reconstruction" else "template.npz")
     write_template(
         protocol,
@@ -52,6 +56,11 @@ def template(
         out=target,
         descriptors=kind is Kind.DESCRIPTORS,
         seed=seed,
+        force=force,
     )
-    say(f"wrote {target}: replace its arrays, which are random and score near nothing, by your own")
+    say(f"wrote {target}: replace its arrays, which are random, by your own")
+    if isinstance(chosen, RetrievalProtocol):
+        from airzoo_bench.runner.retrieval import chance_words
+
+        say(f"random tiles score by chance: {chance_words(chosen, root)}")
     say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")

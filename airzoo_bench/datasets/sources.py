@@ -90,8 +90,16 @@ def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
     """Read width and height of every photo below a folder, by name relative to it."""
     if not folder.is_dir():
         raise UsageError("no such folder of photos", where=folder)
-    found = (path for path in folder.rglob("*") if path.is_file())
-    paths = sorted(path for path in found if path.suffix.lower() in PHOTO_SUFFIXES)
+    named = (path for path in folder.rglob("*") if path.suffix.lower() in PHOTO_SUFFIXES)
+    paths = sorted(path for path in named if not path.is_dir())
+    special = [path.relative_to(folder).as_posix() for path in paths if not path.is_file()]
+    if special:
+        raise BenchmarkError(
+            f"a pipe, a device or a link to nothing: {first_of(map(repr, special), len(paths))}",
+            where=folder,
+            expected="photos that are files",
+            mend="remove them, or put the photos there",
+        )
     if not paths:
         raise BenchmarkError(
             "holds no photo", where=folder, expected="files ending in " + ", ".join(PHOTO_SUFFIXES)

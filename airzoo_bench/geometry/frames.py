@@ -26,6 +26,7 @@ __all__ = [
     "geodetic_to_ecef",
     "horizontal_crs",
     "to_lonlat",
+    "unwrapped",
 ]
 
 _WGS84 = CRS.from_epsg(4326)
@@ -80,6 +81,26 @@ def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
 def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
     """Take WGS84 longitude and latitude (..., 2) to a CRS; the inverse of `to_lonlat`."""
     return _transformed(_transformer(_WGS84, horizontal_crs(crs)), lonlat)
+
+
+def unwrapped(lonlat: ArrayLike, about_lon: float) -> Floats:
+    """Move longitudes by whole turns to within 180 degrees of one, so that none jumps at +-180.
+
+    Parameters
+    ----------
+    lonlat : (..., 2) array
+        Degrees; what needs no turn stays as it is to the last bit.
+    about_lon : float
+        A longitude amid the place.
+
+    Returns
+    -------
+    (..., 2) array
+        East of the 180th meridian, say, 180.1 instead of -179.9.
+    """
+    given = np.asarray(lonlat, dtype=np.float64)
+    turns = np.round((about_lon - given[..., 0]) / 360)
+    return given + 360 * np.stack([turns, np.zeros_like(turns)], axis=-1)
 
 
 def geodetic_to_ecef(lonlatheight: ArrayLike) -> Floats:

@@ -161,9 +161,10 @@ def check_rotations(
         )
     not_finite = ~np.isfinite(matrices).all(axis=(1, 2))
     refuse_cameras(not_finite, "rotation has NaN or infinite entries", names=names, where=where)
-    off = np.abs(multiply(_transposed(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(multiply(_transposed(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
     refuse_cameras(
-        off > _ROTATION_TOLERANCE,
+        ~(off <= _ROTATION_TOLERANCE),
         "rotation is not orthonormal",
         names=names,
         details=[f"|R^T R - I| = {value:.2g}" for value in off],

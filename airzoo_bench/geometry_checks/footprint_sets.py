@@ -109,7 +109,7 @@ def _cast_scene(scene: PosedScene, max_range_m: float) -> tuple[Floats, Bools]:
 def _read_csv(path: Path) -> NamedFootprints:
     import pandas as pd
 
-    from airzoo_bench.benchmark import read_table
+    from airzoo_bench.benchmark_tables import read_table
 
     table = read_table(path, ("id", *CORNER_COLUMNS))
     columns = [pd.to_numeric(table[name], errors="coerce") for name in CORNER_COLUMNS]

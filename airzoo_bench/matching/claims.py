@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.geometry.poses import (
-    Poses,
-    matrix_to_quaternion,
-    quaternion_to_matrix,
-    rotation_angle_deg,
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
+from airzoo_bench.geometry.rasters import gsd_m
+from airzoo_bench.matching.conventions import refuse_other_conventions
+from airzoo_bench.matching.predictions import (
+    Correspondences,
+    MatchingPredictions,
+    PoseClaim,
+    check_digits,
 )
-from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions, PoseClaim
 from airzoo_bench.matching.truth import MatchingTruth
 
 __all__ = ["SceneClaim", "claim_of_scene"]
@@ -23,11 +26,9 @@ Floats = NDArray[np.float64]
 
 # Coordinates may lie this far outside a picture: sub-pixel refinement oversteps its border.
 _SLACK_PX = 1.0
-# Poses are taken for inverted where that brings most of them this many times nearer to the priors.
-_TIMES_NEARER = 10.0
-# Rotations are taken for another convention where they are this far from the IMU's, and that
-# convention is this near. Yaw may be wrong by 180 degrees in a few photos: medians do not mind.
-_FAR_DEG, _NEAR_DEG = 60.0, 20.0
+# Pixels are taken for those of crops, or for rows before columns, where at least so many fit that
+# and at most so many fit what they should be.
+_NEARLY_ALL, _SOME = 0.98, 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,10 @@ def claim_of_scene(
     claim = predictions.claim
     try:
         if isinstance(claim, PoseClaim):
-            return _pose_claim(claim, truth, rows)
+            taken = _pose_claim(claim, truth, rows)
+            # After its convention: of poses that are something else, other digits count.
+            check_digits(claim, predictions.query_ids)
+            return taken
         return _correspondence_claim(claim, truth, rows)
     except PredictionError as error:
         raise error.inside(predictions.path) from error
@@ -98,57 +102,11 @@ def _pose_claim(claim: PoseClaim, truth: MatchingTruth, rows: NDArray[np.intp]) 
     rotation = np.where(there[:, None, None], claim.poses.rotation[rows], np.nan)
     centres = np.where(there[:, None], claim.poses.centres[rows], np.nan)
     poses = Poses(rotation=rotation, centres=centres)
-    _refuse_inverted(poses, truth, there)
+    refuse_other_conventions(poses.take(there), truth.priors.take(there))
     nothing = np.zeros((0, 2))
     return SceneClaim(
         answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses
     )
-
-
-def _refuse_inverted(poses: Poses, truth: MatchingTruth, there: NDArray[np.bool_]) -> None:
-    """Refuse poses whose translation, not whose centre, lies where the camera was."""
-    if not there.any():
-        return
-    given, priors = poses.take(there), truth.priors.take(there)
-    as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
-    inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
-    if np.mean(inverted * _TIMES_NEARER < as_given) > 0.5:
-        raise PredictionError(
-            f"the poses look camera-to-world: taken so, cameras lie {np.median(inverted):.1f} m "
-            f"from their GPS positions; as world-to-camera, {np.median(as_given):.1f} m",
-            where="field 'poses'",
-            expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
-            mend=_way_back(given, priors),
-        )
-    _refuse_turned(given, priors)
-
-
-def _way_back(given: Poses, priors: Poses) -> str:
-    off = np.median(rotation_angle_deg(given.rotation, priors.rotation))
-    back = np.median(rotation_angle_deg(np.swapaxes(given.rotation, 1, 2), priors.rotation))
-    if off < back:
-        return "the rotations are right and the last column is the centre: t = -R @ centre"
-    return "invert them: R.T and -R.T @ t"
-
-
-def _refuse_turned(given: Poses, priors: Poses) -> None:
-    """Refuse rotations that agree with the IMU only when they are read in another way."""
-    quaternions = matrix_to_quaternion(given.rotation)
-    ways = {
-        "camera-to-world": np.swapaxes(given.rotation, 1, 2),
-        "quaternions in the order x y z w": quaternion_to_matrix(np.roll(quaternions, 1, axis=1)),
-    }
-    off = float(np.median(rotation_angle_deg(given.rotation, priors.rotation)))
-    for way, rotation in ways.items():
-        other = float(np.median(rotation_angle_deg(rotation, priors.rotation)))
-        if off > _FAR_DEG and other < _NEAR_DEG:
-            raise PredictionError(
-                f"the rotations look like {way}: they differ from the IMU's by {off:.0f} degrees, "
-                f"read so by {other:.0f}",
-                where="the poses",
-                expected="world-to-camera rotations, x_cam = R X + t, quaternions as w x y z",
-                mend="convert them before you write the file",
-            )
 
 
 def _correspondence_claim(
@@ -163,11 +121,74 @@ def _correspondence_claim(
     _check_image_size(claim, truth, rows)
     _check_query_pixels(query_xy, truth, query)
     map_xy = None if claim.map_xy is None else claim.map_xy[taken]
+    _refuse_coarse_pixels(query_xy, map_xy, truth)
     if map_xy is not None and claim.map_frame == "crop":
         _check_crop_pixels(map_xy, truth, query)
         map_xy = map_xy + truth.crops[query, :2]
+    elif map_xy is not None:
+        _refuse_other_frame(map_xy, truth, query, stated=claim.map_frame is not None)
     points = np.zeros((0, 3)) if claim.points3d is None else claim.points3d[taken]
     return SceneClaim(answered, offsets, query_xy, map_xy, points, None)
+
+
+def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: MatchingTruth) -> None:
+    """Refuse pixels that float16 has moved by more than a centimetre of ground."""
+    gsd = float(np.mean(gsd_m(truth.dom)))
+    fields = {"query_xy": (query_xy, gsd * _zoom(truth)), "map_xy": (map_xy, gsd)}
+    for name, (values, metres) in fields.items():
+        if values is None or not was_rounded_to(values, np.float16):
+            continue
+        error = float(np.sqrt((rounding_errors(values) ** 2).mean()))
+        if error * metres > COARSEST_M:
+            raise PredictionError(
+                f"the pixels went through float16, which keeps one such as {values.max():.0f} to "
+                f"{np.spacing(np.float16(values.max())):g} px: on average {error:.2g} px or "
+                f"{error * metres:.2g} m of ground are lost",
+                where=f"field '{name}'",
+                expected="float32 or float64",
+                mend="keep pixels in float32 from the method to the file",
+            )
+
+
+def _zoom(truth: MatchingTruth) -> float:
+    """Say how many map pixels a pixel of a photo sees, about: by the diagonals of the crops."""
+    cameras = truth.cameras
+    photo = np.hypot(cameras.width, cameras.height)
+    return float(np.median(np.hypot(*truth.crops[:, 2:].T) / photo))
+
+
+def _refuse_other_frame(
+    map_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64], *, stated: bool
+) -> None:
+    """Refuse pixels that fit the crops, or rows and columns exchanged, and not the map."""
+    if not len(map_xy):
+        return
+    crop = truth.crops[query]
+    as_map = _share_inside(map_xy - crop[:, :2], crop)
+    if as_map > _SOME:
+        return
+    suspicions = {
+        "rows before columns": (map_xy[:, ::-1] - crop[:, :2], "write x, the column, before y"),
+        "pixels of the crop": (
+            map_xy,
+            "say map_frame='crop', or map_frame='map' if they are pixels of the map all the same",
+        ),
+    }
+    for what, (local, mend) in list(suspicions.items())[: 1 if stated else 2]:
+        inside = _share_inside(local, crop)
+        if inside >= _NEARLY_ALL:
+            raise PredictionError(
+                f"the map pixels look like {what}: read so, {inside:.0%} lie in the crop of their "
+                f"query; as pixels (x, y) of the whole map, {as_map:.0%}",
+                where="field 'map_xy'",
+                expected="pixels (x, y) of the whole map, or of the crop with map_frame='crop'",
+                mend=mend,
+            )
+
+
+def _share_inside(local: Floats, crop: NDArray[np.int64]) -> float:
+    inside = (local >= -_SLACK_PX) & (local <= crop[:, 2:] + _SLACK_PX)
+    return float(inside.all(axis=1).mean())
 
 
 def _check_image_size(claim: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]) -> None:
@@ -184,7 +205,9 @@ def _check_image_size(claim: Correspondences, truth: MatchingTruth, rows: NDArra
             f"first is {true[first, 0]}x{true[first, 1]} px, its matches are for "
             f"{said[first, 0]}x{said[first, 1]}",
             where="field 'image_size'",
-            mend="multiply x and y by the ratio of the widths and of the heights",
+            mend="write x, the column, before y, and width before height"
+            if (said[bad] == true[bad, ::-1]).all()
+            else "multiply x and y by the ratio of the widths and of the heights",
         )
 
 
@@ -194,6 +217,7 @@ def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[n
     outside = ((query_xy < -_SLACK_PX) | (query_xy > size + _SLACK_PX)).any(axis=1)
     if outside.any():
         first = query_xy[outside][0]
+        swapped = (query_xy[:, ::-1] <= size + _SLACK_PX).all()
         rows = np.unique(query[outside])
         width, height = size[outside][0]
         raise PredictionError(
@@ -201,7 +225,9 @@ def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[n
             f"the first is ({first[0]:.1f}, {first[1]:.1f}) in a photo of {width}x{height} px",
             where="field 'query_xy'",
             expected="pixels of the photo at its full size, the corner being (0, 0)",
-            mend="scale them from the size that the method worked in",
+            mend="write x, the column, before y: the other way round all lie inside"
+            if swapped
+            else "scale them from the size that the method worked in",
         )
 
 

@@ -42,7 +42,7 @@ class LiftStatus(IntEnum):
     OUTSIDE_DSM = 2
     """Off the surface model, or beyond the domain of one of the two CRS."""
     NO_HEIGHT = 3
-    """No neighbour nearer than a pixel has a height."""
+    """No neighbour nearer than a pixel has a height, or one is not above `heights_above_m`."""
     NOT_FINITE = 4
 
 
@@ -72,7 +72,12 @@ class Lifted(NamedTuple):
 
 
 def lift(
-    map_xy: ArrayLike, dom: RasterInfo, dsm: RasterInfo | str | Path, *, workers: int
+    map_xy: ArrayLike,
+    dom: RasterInfo,
+    dsm: RasterInfo | str | Path,
+    *,
+    heights_above_m: float | None = None,
+    workers: int,
 ) -> Lifted:
     """Lift matches onto the surface model.
 
@@ -87,6 +92,8 @@ def lift(
         The map, in any CRS.
     dsm : RasterInfo, str or Path
         The surface model; its grid and CRS need not be the map's.
+    heights_above_m : float, optional
+        Drop matches of which a neighbour that counts has no height above this.
     workers : int
         Threads. The result is the same bytes for any number of them.
 
@@ -109,7 +116,7 @@ def lift(
     with ExitStack() as stack:
         stack.enter_context(small_cache())
         datasets = [stack.enter_context(opened(ground.path))]
-        task = _Task.of(xy, dom, ground, window_shape(datasets[0], _BLOCK_PIXELS))
+        task = _Task.of(xy, dom, ground, window_shape(datasets[0], _BLOCK_PIXELS), heights_above_m)
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(task.locate, range(0, len(xy), _POINTS)))
         order, runs = task.runs()
@@ -130,6 +137,7 @@ class _Task:
     dsm: RasterInfo
     to_dsm: Callable[[Floats], Floats]
     shape: tuple[int, int]
+    heights_above_m: float | None
     across: int
     blocks: int
     points: Floats
@@ -137,7 +145,14 @@ class _Task:
     key: NDArray[Any]
 
     @classmethod
-    def of(cls, xy: Floats, dom: RasterInfo, dsm: RasterInfo, shape: tuple[int, int]) -> _Task:
+    def of(
+        cls,
+        xy: Floats,
+        dom: RasterInfo,
+        dsm: RasterInfo,
+        shape: tuple[int, int],
+        heights_above_m: float | None,
+    ) -> _Task:
         across, down = -(-dsm.width // shape[0]), -(-dsm.height // shape[1])
         return cls(
             xy,
@@ -145,6 +160,7 @@ class _Task:
             dsm,
             change_of_plane(dom.crs, dsm.crs),
             shape,
+            heights_above_m,
             across,
             across * down,
             points=np.empty((len(xy), 3)),
@@ -211,7 +227,23 @@ class _Task:
         heights = read_metres(dataset, Window(left, top, right - left, bottom - top))
         # Whole pixels are taken off without rounding.
         local = np.stack((pixel[:, 0] - left, pixel[:, 1] - top), axis=-1)
-        return HeightField(heights, self.dsm.transform, self.dsm.crs).sample_pixels(local)
+        field = HeightField(heights, self.dsm.transform, self.dsm.crs)
+        sampled = field.sample_pixels(local)
+        if self.heights_above_m is not None:
+            sampled[~_all_above(field, local - 0.5, self.heights_above_m)] = np.nan
+        return sampled
+
+
+def _all_above(field: HeightField, grid: Floats, limit: float) -> Bools:
+    """Tell where all neighbours that have a weight have a height above the limit."""
+    last = np.array(field.heights.shape[::-1]) - 1
+    low = np.clip(np.floor(grid), 0, last).astype(np.int64)
+    high = np.clip(np.ceil(grid), 0, last).astype(np.int64)
+    above = np.ones(len(grid), np.bool_)
+    for column in (low[:, 0], high[:, 0]):
+        for row in (low[:, 1], high[:, 1]):
+            above &= field.heights_at(column, row) > limit
+    return above
 
 
 def _cells(pixel: Floats) -> tuple[Ints, Ints]:

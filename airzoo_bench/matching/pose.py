@@ -17,7 +17,7 @@ from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
-from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.solvers import Ransac, Solver, check_settings, find_pose
 from airzoo_bench.progress import Progress, silent
@@ -62,6 +62,8 @@ class PoseEstimate:
         Matches that the pose explains; none on failure.
     status : Status
         A failure is anything but ``SOLVED``.
+    left_out : int
+        Matches beyond `max_matches`, which were not used.
     seconds : float
         Spent on it; the one thing that differs from run to run.
     """
@@ -70,6 +72,7 @@ class PoseEstimate:
     centre: Floats
     inliers: Bools
     status: Status
+    left_out: int = 0
     seconds: float = 0.0
 
 
@@ -91,6 +94,8 @@ class PoseSettings(TypedDict):
     max_trials: int
     confidence: float
     seed: int
+    max_matches: int
+    max_trials_times_matches: int
 
 
 def solve_pose(
@@ -105,6 +110,8 @@ def solve_pose(
     max_trials: int,
     confidence: float,
     seed: int,
+    max_matches: int,
+    max_trials_times_matches: int,
 ) -> PoseEstimate:
     """Find the camera pose that most matches agree on.
 
@@ -128,7 +135,13 @@ def solve_pose(
     confidence : float
         Probability of having drawn one sample without outliers, at which trials may end.
     seed : int
-        Of the sampling, 0 or above. The answer depends on the arguments and on nothing else.
+        Of the sampling, 0 or above. The answer depends on the arguments and on nothing else, and
+        not on the order of the matches or on matches that stand more than once.
+    max_matches : int
+        Of more different matches so many are chosen by the seed and solved.
+    max_trials_times_matches : int
+        Bounds the trials, those of `min_trials` too: about ten seconds on any machine of today
+        for 5e8.
 
     Returns
     -------
@@ -153,8 +166,31 @@ def solve_pose(
     ransac = Ransac(max_error_px, min_inlier_ratio, min_trials, max_trials, confidence, seed)
     check_settings(solver, ransac)
     _check_problem(camera, query_xy, points)
-    if not _has_distinct(np.concatenate((query_xy, points), axis=1), MIN_MATCHES):
+    given = np.concatenate((query_xy, points), axis=1)
+    rows, place = np.unique(given, axis=0, return_inverse=True)
+    if len(rows) < MIN_MATCHES:
         return _failure(Status.TOO_FEW_MATCHES, len(points))
+    chosen = _chosen(len(rows), max_matches, seed)
+    most = max(1, max_trials_times_matches // len(chosen))
+    bounded = ransac._replace(
+        min_trials=min(ransac.min_trials, most), max_trials=min(ransac.max_trials, most)
+    )
+    estimate = _solve(solver, camera, rows[chosen], bounded)
+    of_rows = np.zeros(len(rows), np.bool_)
+    of_rows[chosen] = estimate.inliers
+    left_out = len(points) - int(np.isin(place, chosen).sum())
+    return replace(estimate, inliers=of_rows[place], left_out=left_out)
+
+
+def _chosen(count: int, most: int, seed: int) -> Ints:
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
+
+
+def _solve(solver: Solver, camera: Cameras, rows: Floats, ransac: Ransac) -> PoseEstimate:
+    """Solve for rows (M, 5) of query_xy and points."""
+    query_xy, points = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
     origin = _middle(points)
     # Points so far away that numbers overflow make no pose, or one that is not finite.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -209,14 +245,17 @@ def solve_poses(
         estimate = solve_pose(*problem, **settings)
         return replace(estimate, seconds=perf_counter() - begin)
 
-    estimates = map(solve, problems) if workers == 1 else _threaded(solve, problems, workers)
-    return list(progress(estimates, "poses", len(problems)))
+    return list(progress(_threaded(solve, problems, workers), "poses", len(problems)))
 
 
 def _threaded(
     solve: Callable[[PoseProblem], PoseEstimate], problems: Sequence[PoseProblem], workers: int
 ) -> Iterator[PoseEstimate]:
-    """Map in order, with a bounded number of problems taken and not yet answered."""
+    """Map in order, with a bounded number of problems taken and not yet answered.
+
+    One worker is a thread too: the solvers release the interpreter's lock, so that Ctrl-C reaches
+    the main thread at once, which does not wait for the problems under way.
+    """
     pending: deque[Future[PoseEstimate]] = deque()
     pool = ThreadPoolExecutor(workers)
     try:
@@ -227,7 +266,7 @@ def _threaded(
         while pending:
             yield pending.popleft().result()
     finally:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _check_problem(camera: Cameras, query_xy: Floats, points: Floats) -> None:
@@ -239,15 +278,6 @@ def _check_problem(camera: Cameras, query_xy: Floats, points: Floats) -> None:
         )
     if not (np.isfinite(query_xy).all() and np.isfinite(points).all()):
         raise ValueError("query_xy or points hold NaN or infinity")
-
-
-def _has_distinct(rows: Floats, count: int) -> bool:
-    """Tell whether there are `count` different rows, in that many passes."""
-    for _ in range(count):
-        if len(rows) == 0:
-            return False
-        rows = rows[(rows != rows[0]).any(axis=1)]
-    return True
 
 
 def _middle(points: Floats) -> Floats:

@@ -17,9 +17,17 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.precision import COARSEST_M
 from airzoo_bench.ids import check_ids
 
-__all__ = ["FIELDS", "Correspondences", "MatchingPredictions", "PoseClaim", "faults"]
+__all__ = [
+    "FIELDS",
+    "Correspondences",
+    "MatchingPredictions",
+    "PoseClaim",
+    "check_digits",
+    "faults",
+]
 
 FIELDS = (
     "protocol",
@@ -31,6 +39,8 @@ FIELDS = (
     "points3d",
     "image_size",
     "poses",
+    "rotations",
+    "centres",
 )
 
 Floats = NDArray[np.float64]
@@ -49,8 +59,8 @@ class Correspondences:
         Pixels of the query at its full size; the image's corner is (0, 0).
     map_xy : (M, 2) float64 or None
         Pixels of the map or of the query's crop.
-    map_frame : {"map", "crop"}
-        Which of the two.
+    map_frame : {"map", "crop"} or None
+        Which of the two; the map where the file does not say.
     points3d : (M, 3) float64 or None
         Instead of `map_xy`: points in the scene's CRS.
     image_size : (Q, 2) int64 or None
@@ -60,7 +70,7 @@ class Correspondences:
     offsets: Ints
     query_xy: Floats
     map_xy: Floats | None
-    map_frame: Literal["map", "crop"]
+    map_frame: Literal["map", "crop"] | None
     points3d: Floats | None
     image_size: Ints | None
 
@@ -79,10 +89,13 @@ class PoseClaim:
         Whether there is a pose.
     poses : Poses
         World-to-camera, in the scene's CRS; meaningless where there is none.
+    errors_m : (Q,) float64
+        How far the digits that the file keeps leave the cameras open; see `pose_errors_m`.
     """
 
     found: NDArray[np.bool_]
     poses: Poses
+    errors_m: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +139,28 @@ def faults(predictions: MatchingPredictions) -> Iterator[PredictionError]:
             check()
         except PredictionError as error:
             yield error
+
+
+def check_digits(claim: PoseClaim, query_ids: NDArray[np.str_]) -> None:
+    """Refuse poses whose digits leave open where their cameras are, by more than a centimetre.
+
+    Raises
+    ------
+    PredictionError
+        Which they are, and by how much.
+    """
+    coarse = np.flatnonzero(claim.errors_m > COARSEST_M)
+    if coarse.size:
+        error = float(np.sqrt((claim.errors_m[coarse] ** 2).mean()))
+        raise PredictionError(
+            f"poses have too few digits in {first_of(query_ids[coarse], len(query_ids))} queries: "
+            f"what they leave out moves a camera by {error:.2g} m on average, since its centre is "
+            "-R^T t",
+            where="the poses",
+            expected=f"digits that fix camera centres to {COARSEST_M:g} m",
+            mend="compute in float64 and write all digits (%.17g in text), or write an .npz with "
+            "rotations and centres, which lose nothing",
+        )
 
 
 def _check_offsets(predictions: MatchingPredictions, claim: Correspondences) -> None:

@@ -10,7 +10,8 @@ __all__ = ["RECORDED", "auc_column", "matching_scores", "pose_column", "translat
 RECORDED = frozenset(
     (
         *("scene", "query", "answered", "status", "failed"),
-        *("matches", "lifted", "outside_map", "outside_dsm", "no_height", "inliers"),
+        *("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"),
+        "inliers",
     )
 )
 """Columns of the records that are neither scores nor conditions of the queries."""

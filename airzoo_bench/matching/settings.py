@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from airzoo_bench.settings import Limits, Positive, Strict
 
-__all__ = ["Crop", "MatchingScores", "Prior", "Solver"]
+__all__ = ["Crop", "Lift", "MatchingScores", "Prior", "Solver"]
+
+_MOST_TRIALS = 10_000_000
+_MOST_MATCHES = 1_000_000
+_MOST_WORK = 10**12
 
 
 def _ascending_pairs(pairs: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -32,22 +36,47 @@ class Prior(Strict):
     source: Literal["metadata", "truth"]
 
 
+class Lift(Strict):
+    """How pixels of the map become points."""
+
+    map_pixel_centres: Literal["half", "integer"]
+    heights_above_m: Annotated[float, Field(allow_inf_nan=False)] | Literal["any"]
+
+
 class Solver(Strict):
     """How matches become a pose."""
 
     name: Literal["colmap", "colmap+refine", "poselib"]
     max_error_px: Positive
     min_inlier_ratio: Annotated[float, Field(gt=0, lt=1)]
-    min_trials: Annotated[int, Field(ge=1)]
-    max_trials: Annotated[int, Field(ge=1)]
+    min_trials: Annotated[int, Field(ge=1, le=_MOST_TRIALS)]
+    max_trials: Annotated[int, Field(ge=1, le=_MOST_TRIALS)]
     confidence: Annotated[float, Field(gt=0, lt=1)]
     seed: Annotated[int, Field(ge=0, lt=2**31)]
+    least_matches: Annotated[int, Field(ge=4, le=1000)]
+    max_matches: Annotated[int, Field(ge=4, le=_MOST_MATCHES)]
+    max_trials_times_matches: Annotated[int, Field(ge=1, le=_MOST_WORK)]
+
+    @model_validator(mode="after")
+    def _limits_fit(self) -> Solver:
+        if self.max_trials < self.min_trials:
+            raise ValueError(
+                f"max_trials is {self.max_trials}, below min_trials, {self.min_trials}"
+            )
+        least = self.min_trials * self.max_matches
+        if self.max_trials_times_matches < least:
+            raise ValueError(
+                f"max_trials_times_matches is {self.max_trials_times_matches}: min_trials with "
+                f"max_matches are {least} already"
+            )
+        return self
 
 
 class MatchingScores(Strict):
     """Thresholds of the scores, all strict."""
 
     orientation_is_trusted: bool
+    failed_rotation_deg: Annotated[float, Field(gt=0, le=180)] | Literal["infinite"]
     translation_below_m: Limits
     pose_below_m_deg: Annotated[
         tuple[tuple[Positive, Positive], ...],

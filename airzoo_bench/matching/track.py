@@ -14,14 +14,14 @@ from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import PoseErrors, area_share, pose_errors, within
 from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
 from airzoo_bench.matching.scores import auc_column, pose_column, translation_column
-from airzoo_bench.matching.settings import MatchingScores, Solver
+from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ScoredScene", "score_scene"]
+__all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -68,6 +68,7 @@ class _Posed:
 def score_scene(
     truth: MatchingTruth,
     claim: SceneClaim,
+    lifting: Lift,
     solver: Solver,
     settings: MatchingScores,
     *,
@@ -82,7 +83,7 @@ def score_scene(
         With Q queries.
     claim : SceneClaim
         Of the same Q queries.
-    solver, settings : Solver, MatchingScores
+    lifting, solver, settings : Lift, Solver, MatchingScores
         The protocol's.
     workers : int
         Threads; the records do not depend on it.
@@ -93,27 +94,39 @@ def score_scene(
     ScoredScene
         A failure has infinite errors and stays in the records.
     """
-    import pandas as pd
-
     if claim.poses is not None:
         posed = _given(claim.poses)
     else:
-        posed = _solved(truth, claim, solver, workers, progress)
+        posed = _solved(truth, claim, lifting, solver, workers, progress)
+    records = _records(truth, claim.answered, posed, settings)
+    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds)
+
+
+def _records(
+    truth: MatchingTruth, answered: NDArray[np.bool_], posed: _Posed, settings: MatchingScores
+) -> pd.DataFrame:
+    import pandas as pd
+
     true = truth.poses
     rotation = true.rotation if settings.orientation_is_trusted else None
     errors = pose_errors(posed.rotations, posed.centres, rotation, true.centres)
     columns: dict[str, Any] = {
         "scene": truth.scene,
         "query": truth.queries["id"].to_numpy(),
-        "answered": claim.answered,
-        "status": np.where(claim.answered, posed.status, MISSING),
+        "answered": answered,
+        "status": np.where(answered, posed.status, MISSING),
         "failed": ~np.isfinite(errors.translation_m),
         **posed.counts,
-        **_error_columns(errors),
+        **_error_columns(errors, settings),
         **_score_columns(errors, settings),
     }
-    records = pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
-    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds)
+    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+
+
+def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
+    """Return the records of a method that answers every query by its prior pose."""
+    answered = np.ones(len(truth.queries), np.bool_)
+    return _records(truth, answered, _given(truth.priors), settings)
 
 
 def _given(poses: Poses) -> _Posed:
@@ -130,10 +143,16 @@ def _given(poses: Poses) -> _Posed:
 
 
 def _solved(
-    truth: MatchingTruth, claim: SceneClaim, solver: Solver, workers: int, progress: Progress
+    truth: MatchingTruth,
+    claim: SceneClaim,
+    lifting: Lift,
+    solver: Solver,
+    workers: int,
+    progress: Progress,
 ) -> _Posed:
-    points, status = _points(truth, claim, workers)
-    lifted = status == LiftStatus.LIFTED
+    points, status = lifted_points(truth, claim, lifting, workers)
+    given = np.diff(claim.offsets)
+    lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
     cameras = truth.cameras
     problems = [
         PoseProblem(
@@ -141,17 +160,9 @@ def _solved(
         )
         for row, part in enumerate(claim.parts())
     ]
+    settings = solver.model_dump(exclude={"name", "least_matches"})
     found = solve_poses(
-        problems,
-        workers=workers,
-        progress=progress,
-        solver=solver.name,
-        max_error_px=solver.max_error_px,
-        min_inlier_ratio=solver.min_inlier_ratio,
-        min_trials=solver.min_trials,
-        max_trials=solver.max_trials,
-        confidence=solver.confidence,
-        seed=solver.seed,
+        problems, workers=workers, progress=progress, solver=solver.name, **settings
     )
     return _Posed(
         np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
@@ -166,13 +177,17 @@ def _solved(
     )
 
 
-def _points(
-    truth: MatchingTruth, claim: SceneClaim, workers: int
+def lifted_points(
+    truth: MatchingTruth, claim: SceneClaim, lifting: Lift, workers: int
 ) -> tuple[Floats, NDArray[np.uint8]]:
     """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
     if claim.map_xy is None:
         return claim.points, np.full(len(claim.points), LiftStatus.LIFTED, np.uint8)
-    lifted = lift(claim.map_xy, truth.dom, truth.dsm, workers=workers)
+    heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
+    shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
+    lifted = lift(
+        claim.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
+    )
     return lifted.points, lifted.status
 
 
@@ -196,18 +211,22 @@ def _counts(
     counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
     for name, kind in names.items():
         counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)
+    counts["beyond_limit"] = np.array([estimate.left_out for estimate in found], np.int64)
     counts["inliers"] = np.array([estimate.inliers.sum() for estimate in found], np.int64)
     return counts
 
 
-def _error_columns(errors: PoseErrors) -> dict[str, Floats]:
+def _error_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
     columns = {
         "error_m": errors.translation_m,
         "horizontal_m": errors.horizontal_m,
         "vertical_m": errors.vertical_m,
     }
     if errors.rotation_deg is not None:
-        columns["rotation_deg"] = errors.rotation_deg
+        worst = settings.failed_rotation_deg
+        failed = np.inf if worst == "infinite" else worst
+        known = np.isfinite(errors.rotation_deg)
+        columns["rotation_deg"] = np.where(known, errors.rotation_deg, failed)
     return columns
 
 

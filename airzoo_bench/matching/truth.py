@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import Benchmark, read_table
+from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark_tables import read_table
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import read_text, sha256_of
 from airzoo_bench.geometry.cameras import Cameras

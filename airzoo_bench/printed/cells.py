@@ -35,6 +35,17 @@ class Printed:
     may_average : bool
         Whether its scene may be a benchmark of several: it stands above columns, without an
         average beside it.
+    section : int
+        Of the rows of its table, which rules and titles divide.
+    competes : bool
+        Not so where it is printed in grey, as an upper bound is.
+    partial : bool
+        Whether some column of its table could not be read.
+    domain : str
+        A table of the same benchmark, by which all such tables are told from others; empty where
+        the file tells benchmarks apart by itself.
+    known_as : str
+        What the first of those tables calls the score; empty where it is the same.
     """
 
     line: int
@@ -51,6 +62,11 @@ class Printed:
     bold: bool | None
     queries: int | None
     may_average: bool = False
+    section: int = 0
+    competes: bool = True
+    partial: bool = False
+    domain: str = ""
+    known_as: str = ""
 
     @property
     def is_summary(self) -> bool:
@@ -70,7 +86,12 @@ class Printed:
     @property
     def group(self) -> tuple[str, str]:
         """Benchmark and track: what scenes and their averages have in common."""
-        return self.benchmark, self.track
+        return self.benchmark or self.domain, self.track
+
+    @property
+    def measure(self) -> str:
+        """What the score is called in all tables of its benchmark."""
+        return self.known_as or self.score.name
 
     @property
     def place(self) -> str:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.grid import Grid
-from airzoo_bench.printed.heads import Head, names_summary, read_heads
+from airzoo_bench.printed.grid import METHOD_NAMES, Grid, GridRow
+from airzoo_bench.printed.heads import Head, names_summary, read_heads, split_unit
+from airzoo_bench.printed.layout import Field, Layout
 from airzoo_bench.printed.marks import is_no_number, plain_name, read_marked
 from airzoo_bench.printed.scores import is_known
 from airzoo_bench.validation import nearest
 
-__all__ = ["Field", "Layout", "fields_of"]
+__all__ = ["fields_of"]
 
 _IDS = ("table", "benchmark", "track", "scene", "method")
 _LONG = ("method", "scene", "metric", "value")
@@ -22,13 +23,7 @@ _KNOWN = tuple(dict.fromkeys((*_LONG, *_IDS, *_BESIDE)))
 _WIDE = (*_IDS, "n")
 _EXPECTED = "the columns method, scene, metric, value; or method, scene, and a column a score"
 # What papers, and our own tables, call these columns.
-_ALSO = {
-    "methods": "method",
-    "model": "method",
-    "models": "method",
-    "approach": "method",
-    "queries": "n",
-}
+_ALSO = dict.fromkeys(METHOD_NAMES, "method") | {"queries": "n"}
 _MENDS = {
     "CSV": "put the names of the columns, separated by commas, into the first line",
     "Markdown": "put the names of the columns into the line above the rule",
@@ -36,50 +31,7 @@ _MENDS = {
     "Method & Scene & R@1 \\\\",
 }
 _UNNAMED = "(unnamed)"
-
-
-@dataclass(frozen=True)
-class Field:
-    """What the file says of one printed number.
-
-    Attributes
-    ----------
-    path : Path
-    line : int
-    texts : mapping of str to str
-        By the names of the columns of a long table.
-    columns : mapping of str to str
-        How the file calls them, where otherwise.
-    may_average : bool
-        Whether the scene stands above columns without an average beside it, so that it may be a
-        benchmark.
-    """
-
-    path: Path
-    line: int
-    texts: Mapping[str, str]
-    columns: Mapping[str, str]
-    may_average: bool = False
-
-    def __getitem__(self, name: str) -> str:
-        return self.texts.get(name, "")
-
-    def where(self, name: str) -> str:
-        """Return file, line and column, for messages."""
-        return f"{self.path}, line {self.line}, column {self.columns.get(name, name)[:80]!r}"
-
-
-@dataclass(frozen=True)
-class Layout:
-    """All fields, the columns that were not used, and whether a column says what is bold.
-
-    `notes` say what was read otherwise than it stands there.
-    """
-
-    fields: tuple[Field, ...]
-    unused: tuple[str, ...]
-    has_bold: bool
-    notes: tuple[str, ...] = ()
+_MOST_BESIDE = 6
 
 
 def fields_of(path: Path, grid: Grid) -> Layout:
@@ -91,19 +43,28 @@ def fields_of(path: Path, grid: Grid) -> Layout:
         A column is missing, mistyped, or there twice.
     """
     folded = _folded(grid)
+    folded = _named_first(grid, folded)
     _check_once(path, grid, folded)
-    others = set(folded) - set(_KNOWN)
-    if not {"metric", "value"} & set(folded) and others:
+    if not _is_long(folded) and set(folded) - set(_KNOWN):
+        if "metric" in folded and _are_scores(grid, folded):
+            return _by_metric(path, grid, folded)
         if "method" in folded:
             return _wide(path, grid, folded)
-        if "scene" in folded and any(_is_score_head(name) for name in others):
+        if "scene" in folded and any(_is_score_head(name) for name in folded):
             return _wide(path, grid, folded)
     missing = [name for name in _LONG if name not in folded]
     if missing:
+        if grid.is_markup and len(missing) == len(_LONG):
+            raise ResultError(
+                f"no column of methods and no known score (found: {_shown(grid)})",
+                where=path,
+                expected=_EXPECTED,
+                mend=_MENDS[grid.kind] + " (docs/audit.md)",
+            )
         if "method" not in folded:
             _refuse_mistyped(path, [name for name in folded if name not in _KNOWN])
         raise ResultError(
-            f"no column {', '.join(map(repr, missing))} (found: {_shown(grid.columns)})",
+            f"no column {', '.join(map(repr, missing))} (found: {_shown(grid)})",
             where=path,
             expected=_EXPECTED,
             mend=_MENDS[grid.kind] + " (docs/audit.md)",
@@ -124,12 +85,50 @@ def _folded(grid: Grid) -> tuple[str, ...]:
     return tuple(f if f in _KNOWN else name for f, name in zip(free, names, strict=True))
 
 
+def _named_first(grid: Grid, columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Take the first column of a laid out table of scores for that of the methods."""
+    known = {"method", "scene", "value"} & set(columns)
+    if not grid.is_markup or known or not any(map(_is_score_head, columns[1:])):
+        return columns
+    return ("method", *columns[1:])
+
+
+def _is_long(columns: Sequence[str]) -> bool:
+    return "value" in columns
+
+
+def _are_scores(grid: Grid, columns: Sequence[str]) -> bool:
+    """Whether a column of metrics holds names of scores, and no head is one."""
+    at = columns.index("metric")
+    names = {plain_name(row.texts[at]) for row in grid.rows} - {""}
+    return bool(names) and all(map(_is_score_head, names)) and not any(map(_is_score_head, columns))
+
+
+def _by_metric(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
+    """Read a line a score: the other columns are scenes, or methods where none names these."""
+    over = "scene" if "method" in columns else "method"
+    rows, notes = _filled(grid, columns, "metric")
+    places = [i for i, name in enumerate(columns) if name not in _KNOWN]
+    fields = []
+    for row in rows:
+        ids = {n: plain_name(t) for n, t in zip(columns, row.texts, strict=True) if n in _KNOWN}
+        label = {"table": grid.label} if grid.label else {}
+        metric, unit = split_unit(ids["metric"])
+        for i in places:
+            name = " ".join(filter(None, (grid.groups[i], columns[i])))
+            own = {"metric": metric, "unit": unit, "value": row.texts[i], over: name}
+            texts = {"scene": "overall"} | label | ids | own
+            fields.append(Field(path, row.line, texts, {"value": columns[i]}, row=row))
+    return Layout(tuple(fields), (), False, notes)
+
+
 def _is_score_head(name: str) -> bool:
     return any(is_known(head.metric) for head in read_heads([name], [""], has_scenes=True))
 
 
-def _shown(columns: Sequence[str]) -> str:
-    return ", ".join(columns)[:200] or "none"
+def _shown(grid: Grid) -> str:
+    names = map(plain_name, grid.columns) if grid.is_markup else grid.columns
+    return ", ".join(names)[:200] or "none"
 
 
 def _check_once(path: Path, grid: Grid, columns: Sequence[str]) -> None:
@@ -150,35 +149,35 @@ def _refuse_mistyped(path: Path, names: Sequence[str]) -> None:
 def _long(path: Path, grid: Grid, columns: tuple[str, ...], unused: tuple[str, ...]) -> Layout:
     fields = []
     rows, notes = _filled(grid, columns)
-    for line, row in rows:
-        texts = dict(zip(columns, row, strict=True))
+    for row in rows:
+        texts = dict(zip(columns, row.texts, strict=True))
         if grid.is_markup:
             texts |= {name: plain_name(texts[name]) for name in (*_IDS, "metric") if name in texts}
         texts["gain"] = texts.get("gain", "") or texts.pop("printed_delta", "")
-        fields.append(Field(path, line, texts, {}))
+        fields.append(Field(path, row.line, texts, {}))
     return Layout(tuple(fields), unused, "bold" in columns, notes)
 
 
 def _filled(
-    grid: Grid, columns: Sequence[str]
-) -> tuple[list[tuple[int, list[str]]], tuple[str, ...]]:
+    grid: Grid, columns: Sequence[str], *others: str
+) -> tuple[list[GridRow], tuple[str, ...]]:
     """Return the rows, with the name above where a field for one is empty, and what was so read.
 
     In a table that is laid out for readers an empty scene is the one above too.
     """
-    repeated = ["method", "scene"] if grid.is_markup else ["method"]
-    above = dict.fromkeys(name for name in repeated if name in columns)
+    repeated = ["method", "scene", *others] if grid.is_markup else ["method"]
+    above = dict.fromkeys((name for name in repeated if name in columns), "")
     filled: list[int] = []
     rows = []
-    for line, row in grid.rows:
-        texts = [_one_line(text) for text in row]
+    for row in grid.rows:
+        texts = [_one_line(text) for text in row.texts]
         for name in above:
             index = columns.index(name)
             if not texts[index] and above[name]:
-                texts[index] = above[name] or ""
-                filled.append(line)
+                texts[index] = above[name]
+                filled.append(row.line)
             above[name] = texts[index]
-        rows.append((line, texts))
+        rows.append(replace(row, texts=tuple(texts)))
     lines = ", ".join(map(str, dict.fromkeys(filled)))
     note = f"an empty name is read as the one above it: line {lines}" if filled else ""
     return rows, (note,) if note else ()
@@ -209,15 +208,14 @@ def _wide(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
     )
     scores = {i: h for i, h in zip(places, heads, strict=True) if _is_score(grid, i, h)}
     unused = [columns[i] for i in places if i not in scores]
-    _refuse_mistyped(path, unused)
+    if not grid.is_markup:
+        _refuse_mistyped(path, unused)
     if not scores:
         raise ResultError(
-            f"no column is a score (found: {_shown(grid.columns)})", where=path, expected=_EXPECTED
+            f"no column is a score (found: {_shown(grid)})", where=path, expected=_EXPECTED
         )
     rows, notes = _filled(grid, columns)
-    fields = [
-        field for line, row in rows for field in _of_row(path, line, row, columns, scores, grid)
-    ]
+    fields = [field for row in rows for field in _of_row(path, row, columns, scores, grid)]
     return Layout(tuple(fields), tuple(unused), False, notes)
 
 
@@ -225,33 +223,36 @@ def _is_score(grid: Grid, index: int, head: Head) -> bool:
     """Whether a column's name is that of a score, or else all of it is numbers."""
     if is_known(head.metric):
         return True
-    texts = [row[index] for _, row in grid.rows if not is_no_number(row[index])]
+    texts = [row.texts[index] for row in grid.rows if not is_no_number(row.texts[index])]
     return bool(texts) and not any(isinstance(read_marked(text), str) for text in texts)
 
 
 def _of_row(
-    path: Path,
-    line: int,
-    row: Sequence[str],
-    columns: Sequence[str],
-    scores: Mapping[int, Head],
-    grid: Grid,
+    path: Path, row: GridRow, columns: Sequence[str], scores: Mapping[int, Head], grid: Grid
 ) -> list[Field]:
     tidy: Callable[[str], str] = plain_name if grid.is_markup else _one_line
-    names = {name: tidy(text) for name, text in zip(columns, row, strict=True) if name in _WIDE}
+    said = list(zip(columns, row.texts, strict=True))
+    names = {name: tidy(text) for name, text in said if name in _WIDE}
     # A table of one method need not name it; one without scenes is of one place, all there is.
     names.setdefault("method", _UNNAMED)
     names.setdefault("scene", "overall")
     if grid.label:
         names.setdefault("table", grid.label)
     loose = not names_summary(scores.values())
+    known = {i for i, head in scores.items() if is_known(head.metric)}
+    beside = tuple(
+        (name, tidy(text))
+        for i, (name, text) in enumerate(said)
+        if i not in known and name not in _WIDE
+    )[:_MOST_BESIDE]
     fields = []
     for index, head in scores.items():
         name = columns[index]
-        gain = row[columns.index(f"{name} gain")] if f"{name} gain" in columns else ""
+        gain = row.texts[columns.index(f"{name} gain")] if f"{name} gain" in columns else ""
         above = {"scene": head.scene, "benchmark": head.benchmark, "n": head.queries}
-        texts = {"metric": head.metric, "unit": head.unit, "value": row[index], "gain": gain}
+        texts = {"metric": head.metric, "unit": head.unit, "value": row.texts[index], "gain": gain}
         texts |= {key: text for key, text in above.items() if text}
         called = {"value": name, "gain": f"{name} gain", "unit": name, "metric": name}
-        fields.append(Field(path, line, names | texts, called, bool(head.scene) and loose))
+        averages = bool(head.scene) and loose and not head.queries
+        fields.append(Field(path, row.line, names | texts, called, averages, row, beside))
     return fields

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from airzoo_bench.printed.marks import plain_name
 from airzoo_bench.printed.scores import is_known, is_plain_score
 
-__all__ = ["Head", "is_summary_name", "names_summary", "read_heads"]
+__all__ = ["Head", "is_summary_name", "names_summary", "read_heads", "split_unit"]
 
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]|(.*\w) (%)")
+_LONGEST = 200
 _COUNTED = re.compile(r"(.*\S) \(([0-9]{1,9})\)")
 # What our own tables write above the columns of a benchmark.
 _BENCHMARK = re.compile(r".* v[0-9]{1,4}|.*, (?:retrieval|matching|reconstruction)")
@@ -65,7 +66,7 @@ def read_heads(columns: Sequence[str], groups: Sequence[str], *, has_scenes: boo
     return [_counted(head) for head in heads]
 
 
-def _split_unit(name: str) -> tuple[str, str]:
+def split_unit(name: str) -> tuple[str, str]:
     """Split ``R@1 (%) ↑`` into name and unit."""
     plain = plain_name(name)
     found = _UNIT.fullmatch(plain)
@@ -75,8 +76,8 @@ def _split_unit(name: str) -> tuple[str, str]:
 
 
 def _grouped(column: str, group: str) -> Head:
-    name, unit = _split_unit(column)
-    above, unit_above = _split_unit(group)
+    name, unit = split_unit(column)
+    above, unit_above = split_unit(group)
     unit = unit or unit_above
     if not above:
         return Head(column, name, unit)
@@ -112,7 +113,7 @@ def _with_scenes(heads: Sequence[Head]) -> list[Head]:
 def _split_scene(head: Head) -> tuple[str, str]:
     """Return what stands before the longest known score that a name ends in, and that score."""
     name = head.metric
-    if head.scene or is_plain_score(name):
+    if head.scene or len(name) > _LONGEST or is_plain_score(name):
         return "", name
     for space in re.finditer(" ", name):
         if is_plain_score(name[space.end() :]):

@@ -3,32 +3,42 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from airzoo_bench.errors import ResultError
+from airzoo_bench.printed.latex_source import OPTION, Macro, expanded, group_end
+from airzoo_bench.printed.tabulars import TABULARS, Tabular, behind_arguments, has_tabulars
 
-__all__ = ["Line", "SpannedCell", "latex_tables", "looks_like_latex", "without_macro"]
+__all__ = ["Line", "SpannedCell", "lines_of", "looks_like_latex"]
 
-_TABULARS = r"tabular[*xy]?|longtable|longtabu|tabu|array"
-_BEGIN = re.compile(rf"\\begin\{{({_TABULARS})\}}")
-_EDGE = re.compile(rf"\\(begin|end)\{{(?:{_TABULARS})\}}")
-_LABEL = re.compile(r"\\label\{([^}]*)\}")
-_FLOAT = re.compile(r"\\end\{(?:table|wraptable|longtable)\*?\}")
-_COMMENT = re.compile(r"(?<!\\)%.*")
+_NESTED = re.compile(rf"\\(begin|end)\{{(?:{TABULARS})\}}")
+_BROKEN = re.compile(r"\\\\\*?|\\(?:begin|end)\{[^{}]*\}|(?<!\\)&")
 _FIELD_END = re.compile(r"(?<!\\)&")
-# An option ends at the next bracket of either kind: a file of open ones is read in linear time.
-_OPTION, _ARGUMENT = r"(?:\s*\[[^][]*\])", r"\s*\{[^{}]*\}"
-# What stands between rows, or before the first field of one, and is no part of it.
-_RULES = re.compile(
-    rf"\\(?:(?:toprule|midrule|bottomrule|addlinespace|morecmidrules){_OPTION}?"
-    r"|hline|centering|small|footnotesize|scriptsize|endhead|endfirsthead|endfoot|endlastfoot"
-    rf"|(?:cmidrule|cdashline|cline|hhline|noalign|Xhline|vspace\*?|arrayrulecolor){_OPTION}?"
-    rf"(?:\([lr{{}}\d.a-z]*\))?{_ARGUMENT}|specialrule(?:{_ARGUMENT}){{3}}"
-    rf"|row(?:color|style){_OPTION}?{_ARGUMENT}{_OPTION}*"
-    rf"|(?:begin|end)\{{[a-z*]+\}}{_OPTION}?|label{_ARGUMENT})(?![a-zA-Z])"
+_OPTION = re.compile(OPTION)
+_ARGUMENT = r"\s*\{[^{}]*\}"
+# Rules from side to side: they divide the rows of a table into sections.
+_RULE = re.compile(
+    rf"\\(?:(?:toprule|midrule|bottomrule|hdashline){OPTION}?|hline|thickhline"
+    rf"|Xhline{_ARGUMENT}|specialrule(?:{_ARGUMENT}){{3}})(?![a-zA-Z])"
 )
+_RULED = "\x1d"
+# What stands between rows, or before the first field of one, and is no part of it.
+_BETWEEN = re.compile(
+    rf"\\(?:(?:addlinespace|morecmidrules){OPTION}?"
+    r"|centering|small|footnotesize|scriptsize|endhead|endfirsthead|endfoot|endlastfoot|nopagebreak"
+    rf"|(?:cmidrule|cdashline|cdashlinelr|cline|hhline|noalign|vspace\*?|arrayrulecolor){OPTION}?"
+    rf"(?:\([lr{{}}\d.a-z]*\))?{_ARGUMENT}|setlength(?:{_ARGUMENT}){{2}}"
+    rf"|row(?:color|style){OPTION}?{_ARGUMENT}{OPTION}*"
+    rf"|(?:begin|end)\{{[A-Za-z*]+\}}{OPTION}?|label{_ARGUMENT}|caption{OPTION}?{_ARGUMENT}"
+    r")(?![a-zA-Z])"
+)
+_PARTS = re.compile(r"\\\\\*?(?:\s*\[[^][]*\])?|\\tabularnewline\b|\\.|[{}&]", re.DOTALL)
+_SPAN = re.compile(r"\\multi(column|row)(?![a-zA-Z])")
+_STAR = re.compile(r"\s*(\*)")
+_MOST_NESTED = 4
+_MOST_COLUMNS = 200
 
 
 @dataclass(frozen=True)
@@ -41,10 +51,14 @@ class SpannedCell:
 
 @dataclass(frozen=True)
 class Line:
-    """A row of a table, with its line in the file."""
+    """A row of a table, with its line in the file.
+
+    `ruled` is whether a rule from side to side stands above it.
+    """
 
     number: int
     cells: tuple[SpannedCell, ...]
+    ruled: bool = False
 
     @property
     def width(self) -> int:
@@ -54,7 +68,7 @@ class Line:
 
 def looks_like_latex(text: str) -> bool:
     """Whether a text holds rows of a LaTeX table."""
-    return bool(_BEGIN.search(text)) or any(map(_is_row, text.split("\n")))
+    return has_tabulars(text) or any(map(_is_row, text.split("\n")))
 
 
 def _is_row(line: str) -> bool:
@@ -62,87 +76,59 @@ def _is_row(line: str) -> bool:
     return found is not None and r"\\" in line[found.end() :]
 
 
-def latex_tables(path: Path, text: str) -> list[tuple[str, list[Line]]]:
-    """Return the label (empty without one) and the rows of each table of a LaTeX source.
+def lines_of(
+    path: Path, text: str, place: Tabular, macros: Mapping[str, Macro] | None = None
+) -> list[Line]:
+    """Return the rows of one table.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    text : str
+        From `text_of`.
+    place : Tabular
+    macros : mapping of str to Macro, optional
+        What the source defines.
 
     Raises
     ------
     ResultError
-        Something that is no row stands among the rows.
+        Something that is no row stands among the rows, or a field spans no columns.
     """
-    plain = "\n".join(_COMMENT.sub("", line) for line in text.split("\n"))
-    bodies = list(_bodies(plain))
-    if not bodies:
-        return [("", list(_lines(path, plain, 0, len(plain))))]
-    return [(_label(plain, at, end), list(_lines(path, plain, at, end))) for at, end in bodies]
+    before = text.count("\n", 0, place.start)
+    where = f"{path}, line {before + 1}"
+    body = expanded(text[place.start : place.end], macros or {}, where)
+    # Rules become blanks, so that lines in the text stay the file's.
+    body = _RULE.sub(lambda found: _RULED + _blank(found[0]), _flat(body))
+    return list(_rows(path, _BETWEEN.sub(lambda found: _blank(found[0]), body), before))
 
 
-def _bodies(text: str) -> Iterator[tuple[int, int]]:
-    """Yield where the outermost tabulars begin and end, without their column types."""
-    end = 0
-    while found := _BEGIN.search(text, end):
-        start = _behind_arguments(text, found)
-        close = end = len(text)
-        depth = 1
-        for edge in _EDGE.finditer(text, found.end()):
-            depth += 1 if edge[1] == "begin" else -1
-            if depth == 0:
-                close, end = edge.start(), edge.end()
-                break
-        yield start, close
+def _blank(text: str) -> str:
+    return re.sub(r"[^\n]", " ", text)
 
 
-def _behind_arguments(text: str, found: re.Match[str]) -> int:
-    at = found.end()
-    for _ in range(2 if found[1][-1] in "*xy" else 1):
-        option = re.compile(_OPTION).match(text, at)
-        at = option.end() if option else at
-        at = _group_end(text, at)
-    return at
+def _flat(body: str) -> str:
+    """Put a table inside a field onto one line, in braces: it is how authors break lines there."""
+    kept: list[str] = []
+    at = depth = begun = 0
+    for edge in _NESTED.finditer(body):
+        begins = edge[1] == "begin"
+        begun = edge.start() if begins and depth == 0 else begun
+        closes = depth == 1 and not begins
+        depth = max(0, depth + (1 if begins else -1))
+        if closes:
+            inner = body[behind_arguments(body, begun, edge.start()) : edge.start()]
+            kept += [body[at:begun], "{", _BROKEN.sub(" ", inner), "}"]
+            at = edge.end()
+    return "".join(kept) + body[at:]
 
 
-def _label(text: str, start: int, end: int) -> str:
-    """Return the label inside a table, or of the float around it."""
-    closed = _FLOAT.search(text, end)
-    last = closed.start() if closed else len(text)
-    opened = text.rfind(r"\begin{table", 0, start)
-    labels = _LABEL.findall(text, max(opened, 0), last)
-    following = _BEGIN.search(text, end)
-    is_alone = following is None or following.start() > last
-    return labels[0] if labels and is_alone else ""
-
-
-def _group_end(text: str, at: int) -> int:
-    """Return the place behind the group in braces that begins there, or the place itself."""
-    begin = re.compile(r"\s*\{").match(text, at)
-    if not begin:
-        return at
-    depth = 0
-    for found in re.compile(r"\\.|[{}]", re.DOTALL).finditer(text, begin.end() - 1):
-        depth += {"{": 1, "}": -1}.get(found[0], 0)
-        if depth == 0:
-            return found.end()
-    return len(text)
-
-
-def without_macro(text: str, name: str) -> str:
-    r"""Remove a macro with its argument, whatever is nested in it, such as ``\phantom{..}``."""
-    start = re.compile(rf"\\{name}(?![a-zA-Z])")
-    kept, at = [], 0
-    while found := start.search(text, at):
-        kept.append(text[at : found.start()])
-        at = _group_end(text, found.end())
-    return "".join(kept) + text[at:]
-
-
-def _lines(path: Path, text: str, start: int, end: int) -> Iterator[Line]:
-    # Rules become blanks, so that places in the text stay the file's.
-    body = _RULES.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text[start:end])
-    before = text.count("\n", 0, start)
-    depth, at, fields = 0, 0, []
-    parts = re.compile(r"\\\\\*?(?:\s*\[[^][]*\])?|\\tabularnewline\b|\\.|[{}&]", re.DOTALL)
-    begun = 0
-    for found in parts.finditer(body):
+def _rows(path: Path, body: str, before: int) -> Iterator[Line]:
+    depth, at, begun = 0, 0, 0
+    number = before + 1
+    fields: list[str] = []
+    for found in _PARTS.finditer(body):
         sign = found[0]
         depth += {"{": 1, "}": -1}.get(sign, 0)
         ends_row = sign.startswith(("\\\\", r"\tabularnewline"))
@@ -152,50 +138,71 @@ def _lines(path: Path, text: str, start: int, end: int) -> Iterator[Line]:
         at = found.end()
         if ends_row:
             if any(field.strip() for field in fields):
-                yield _line(path, body, begun, before, fields)
+                yield _line(path, number + _lead(body, begun), fields)
+            number += body.count("\n", begun, at)
             fields, begun = [], at
     rest = body[at:]
     if fields and rest.strip():
-        yield _line(path, body, begun, before, [*fields, rest])
+        yield _line(path, number + _lead(body, begun), [*fields, rest])
     elif rest.strip() or fields:
         raise ResultError(
             f"{rest.strip()[:80]!r} is no row of a table",
-            where=f"{path}, line {_number(body, at, before)}",
+            where=f"{path}, line {number + body.count(chr(10), begun, at) + _lead(body, at)}",
             expected="rows that end with \\\\, and nothing else than rules between them",
         )
 
 
-def _number(body: str, at: int, before: int) -> int:
-    blank = len(body[at:]) - len(body[at:].lstrip())
-    return before + 1 + body.count("\n", 0, at + blank)
+_LEAD = re.compile(r"\s*")
 
 
-def _line(path: Path, body: str, at: int, before: int, fields: list[str]) -> Line:
-    number = _number(body, at, before)
-    return Line(number, tuple(_cell(f"{path}, line {number}", field.strip()) for field in fields))
+def _lead(body: str, at: int) -> int:
+    """How many lines the blanks go on that begin at a place."""
+    found = _LEAD.match(body, at)
+    return found[0].count("\n") if found else 0
+
+
+def _line(path: Path, number: int, fields: list[str]) -> Line:
+    where = f"{path}, line {number}"
+    cells = tuple(_cell(where, field.strip()) for field in fields)
+    if (width := sum(cell.span for cell in cells)) > _MOST_COLUMNS:
+        raise ResultError(
+            f"a row of {width} columns", where=where, expected=f"at most {_MOST_COLUMNS}"
+        )
+    return Line(number, cells, _RULED in fields[0])
 
 
 def _cell(where: str, text: str) -> SpannedCell:
     span = 1
-    while found := re.match(r"\\multi(column|row)(?![a-zA-Z])", text):
-        at = found.end()
-        arguments: list[str] = []
-        while len(arguments) < 3:
-            option = re.compile(_OPTION).match(text, at)
-            at = option.end() if option else at
-            star = re.compile(r"\s*(\*)").match(text, at)
-            following = star.end() if star else _group_end(text, at)
-            if following == at:
-                raise ResultError(
-                    f"{text[:80]!r} has not three arguments",
-                    where=where,
-                    expected=r"\multicolumn{2}{c}{City} or \multirow{2}{*}{Method}",
-                )
-            arguments.append(text[at:following].strip().removeprefix("{").removesuffix("}"))
-            at = following
+    for _ in range(_MOST_NESTED):
+        found = _SPAN.match(text)
+        if not found:
+            break
+        arguments, at = _three_arguments(where, text, found.end())
         if found[1] == "column":
-            if not (arguments[0].strip().isdigit() and 0 < int(arguments[0]) <= 1000):
-                raise ResultError(f"a field over {arguments[0][:20]!r} columns", where=where)
-            span = int(arguments[0])
+            span = _columns(where, arguments[0])
         text = f"{arguments[2]} {text[at:]}".strip()
     return SpannedCell(" ".join(text.split()), span)
+
+
+def _three_arguments(where: str, text: str, at: int) -> tuple[list[str], int]:
+    arguments: list[str] = []
+    while len(arguments) < 3:
+        option = _OPTION.match(text, at)
+        at = option.end() if option else at
+        star = _STAR.match(text, at)
+        following = star.end() if star else group_end(text, at)
+        if following == at:
+            raise ResultError(
+                f"{text[:80]!r} has not three arguments",
+                where=where,
+                expected=r"\multicolumn{2}{c}{City} or \multirow{2}{*}{Method}",
+            )
+        arguments.append(text[at:following].strip().removeprefix("{").removesuffix("}"))
+        at = following
+    return arguments, at
+
+
+def _columns(where: str, text: str) -> int:
+    if not (text.strip().isascii() and text.strip().isdigit() and 0 < int(text[:9]) <= 1000):
+        raise ResultError(f"a field over {text[:20]!r} columns", where=where)
+    return int(text)

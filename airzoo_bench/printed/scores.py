@@ -77,7 +77,12 @@ _CLOUD = re.compile(
     r"([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(cm|mm|km|m)?"
 )
 _AP = re.compile(r"(ap|p|precision) ?@ ?([0-9]{1,4})(?:/(min|trec|hits|precision))?")
-_HIGHER = re.compile(r"(map|mrr|ndcg|auc|iou|miou|psnr|ssim|sdm|pdm)\b.*")
+# Thresholds of a distance and an angle, each with its unit, are a share's without any name.
+_BARE = re.compile(
+    r"\(? ?(<? ?[0-9]{1,9}(?:\.[0-9]{1,9})? ?(?:cm|mm|km|m) ?[,/] ?"
+    r"<? ?[0-9]{1,9}(?:\.[0-9]{1,9})? ?(?:deg|°)) ?\)?"
+)
+_HIGHER = re.compile(r"(ap|map|mrr|ndcg|auc[0-9]*|iou|miou|psnr|ssim|sdm|pdm)\b.*")
 _PARTS = re.compile(r" ?[,/] ?|(?<=[a-z°]) (?=[0-9])")
 _PART = re.compile(r"<?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(cm|mm|km|m|deg|°|px|%)?")
 
@@ -173,13 +178,16 @@ def _average_precision(name: str, plain: str) -> Score | None:
 
 def _hits(name: str, plain: str) -> Score | None:
     found = _HITS.fullmatch(plain) or _BELOW.fullmatch(plain)
-    if not found:
+    bare = _BARE.fullmatch(plain)
+    if not (found or bare):
         return None
-    parts = [_PART.fullmatch(part.strip()) for part in _PARTS.split(found[2].strip("() "))]
+    inside = bare[1] if bare else found[2] if found else ""
+    parts = [_PART.fullmatch(part.strip()) for part in _PARTS.split(inside.strip("() "))]
     thresholds = [(Fraction(p[1]), (p[2] or "").replace("°", "deg")) for p in parts if p]
     if len(thresholds) < len(parts):
         return None
-    return Score(name, Family.HITS, tuple(thresholds), found[1] or "", higher_is_better=True)
+    stem = (found[1] or "") if found else ""
+    return Score(name, Family.HITS, tuple(thresholds), stem, higher_is_better=True)
 
 
 def _named(name: str, plain: str) -> Score:

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from airzoo_bench.errors import ResultError, first_of
+from airzoo_bench.printed.benchmarks import with_benchmarks
 from airzoo_bench.printed.cells import Printed, Published
 from airzoo_bench.printed.company import settled
-from airzoo_bench.printed.fields import Field, fields_of
-from airzoo_bench.printed.grid import read_grids
-from airzoo_bench.printed.marks import Marked, is_no_number, read_marked
-from airzoo_bench.printed.numbers import Rounded
-from airzoo_bench.printed.scores import Score, read_score
+from airzoo_bench.printed.fields import fields_of
+from airzoo_bench.printed.grid import Grid
+from airzoo_bench.printed.marks import is_no_number
+from airzoo_bench.printed.rows import told_apart, without_differences
+from airzoo_bench.printed.sources import Source, read_sources
+from airzoo_bench.printed.values import read_cell, readable
 
 __all__ = ["read_published"]
 
-_PERCENT = {"%", "percent"}
-_FULL = {"share": 1, "1": 1} | dict.fromkeys(_PERCENT, 100)
-_BOLD = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False, "": False}
-_MOST_QUERIES = 1_000_000_000
+_MOST_NUMBERS = 50_000
+_AMBIGUOUS = "all shares are at most 1: percent, or from 0 to 1?"
+
+
+@dataclass(frozen=True)
+class _Table:
+    """One table, read: its numbers, and what is to be said of how it was read."""
+
+    cells: tuple[Printed, ...]
+    unused: tuple[str, ...]
+    has_bold: bool
+    is_markup: bool
+    infinite: int
+    notes: tuple[str, ...]
 
 
 def read_published(path: Path) -> Published:
@@ -27,122 +41,109 @@ def read_published(path: Path) -> Published:
     Parameters
     ----------
     path : Path
-        CSV (comma, semicolon or tab), a Markdown table, or the rows of a LaTeX table. Either long,
-        a line a number: the columns method, scene, metric and value, and any of table, benchmark,
-        track, unit, n, bold, gain (or printed_delta). Or wide, a line a method: the column method,
-        and any of scene, table, benchmark, track and n; the other columns are scores. A value may
-        be marked as bold and have a gain beside it; one that is empty or a dash is left out.
+        CSV (comma, semicolon or tab), Markdown, or LaTeX, of rows or of a whole paper. A table is
+        either long, a line a number: the columns method, scene, metric and value, and any of table,
+        benchmark, track, unit, n, bold, gain (or printed_delta). Or wide, a line a method: the
+        column method, and any of scene, table, benchmark, track and n; the other columns are
+        scores. A value may be marked as bold and have a gain beside it; one that is empty or a dash
+        is left out. Of a file with several tables each is read by itself, and one that holds no
+        scores, or cannot be read, is left out with a note.
 
     Raises
     ------
     ResultError
         A column is missing or mistyped, a value is no printed number, a cell stands there twice,
-        or it cannot be told whether shares are in percent.
+        or it cannot be told whether shares are in percent; of several tables, none can be read.
     """
-    layouts = [fields_of(path, grid) for grid in read_grids(path)]
+    sources, notes = read_sources(path)
+    if len(sources) == 1:
+        tables = [_read(path, sources[0].read(), strict=True)]
+    else:
+        tables = []
+        for source in sources:
+            table = _read_or_skip(path, source)
+            if isinstance(table, str):
+                notes.append(table)
+            else:
+                tables.append(table)
+    return _published(path, tables, notes)
+
+
+def _read_or_skip(path: Path, source: Source) -> _Table | str:
+    """Read one table of several, or say why it is left out."""
+    try:
+        return _read(path, source.read(), strict=False)
+    except ResultError as error:
+        place = f"{source.label}, line {source.line}"
+        named = source.label if source.label.endswith(f"line {source.line}") else place
+        where = (error.where or "").removeprefix(str(path)).removeprefix(", ")
+        return f"left out: {named}: " + (f"{where}: " if where else "") + error.what
+
+
+def _published(path: Path, tables: Sequence[_Table], notes: Sequence[str]) -> Published:
+    if not tables:
+        raise ResultError(
+            f"none of {len(notes)} tables can be read: {notes[0][:300]}",
+            where=path,
+            expected="a table of scores, with a column of methods",
+        )
+    said = dict.fromkeys(note for table in tables for note in table.notes)
+    infinite = sum(table.infinite for table in tables)
+    if infinite:
+        said[f"infinite values, left out: {infinite}"] = None
+    cells = [cell for table in tables for cell in table.cells]
+    if len(cells) > _MOST_NUMBERS:
+        raise _too_many(path)
+    marked = any(table.has_bold for table in tables)
+    kept, linked = with_benchmarks(cells, is_markup=tables[0].is_markup)
+    unused = dict.fromkeys(name for table in tables for name in table.unused)
+    return Published(path.name, kept, tuple(unused), marked, (*notes, *said, *linked))
+
+
+def _too_many(path: Path) -> ResultError:
+    return ResultError(
+        f"more than {_MOST_NUMBERS:,} numbers", where=path, mend="audit a table at a time"
+    )
+
+
+def _read(path: Path, grids: Sequence[Grid], *, strict: bool) -> _Table:
+    if sum(len(grid.rows) * len(grid.columns) for grid in grids) > 8 * _MOST_NUMBERS:
+        raise _too_many(path)
+    layouts = [fields_of(path, grid) for grid in grids]
     fields = [field for layout in layouts for field in layout.fields]
-    cells = [cell for field in fields if (cell := _read_cell(field)) is not None]
+    notes = [note for layout in layouts for note in layout.notes]
+    is_markup = any(grid.is_markup for grid in grids)
+    if is_markup:
+        fields, dropped = without_differences(fields)
+        if dropped:
+            notes.append(f"differences between rows, left out: line {_listed(dropped)}")
+        fields, note = told_apart(fields)
+        notes += [note] if note else []
+    if len(fields) > _MOST_NUMBERS:
+        raise _too_many(path)
+    fields, said = (fields, []) if strict else readable(fields)
+    cells = [cell for field in fields if (cell := read_cell(field, strict=strict)) is not None]
     marked = any(layout.has_bold for layout in layouts) or any(cell.bold for cell in cells)
     kept = settled(cells, marked=marked)
     _check_cells(path, kept)
-    unused = dict.fromkeys(name for layout in layouts for name in layout.unused)
-    notes = dict.fromkeys(note for layout in layouts for note in layout.notes)
+    if _may_be_shares(kept):
+        if strict:
+            raise _ambiguous(path, kept)
+        kept = tuple(_as_share(cell) for cell in kept)
+        said.append("shares that are all at most 1 are read as such, not in percent")
+    label = next((cell.table for cell in kept if cell.table), "")
+    unused = tuple(name for layout in layouts for name in layout.unused)
     infinite = sum(_is_infinite(field["value"]) for field in fields)
-    if infinite:
-        notes[f"infinite values, left out: {infinite}"] = None
-    return Published(path.name, kept, tuple(unused), marked, tuple(notes))
+    named = [f"{label}: {note}" if label and not strict else note for note in (*notes, *said)]
+    return _Table(kept, unused, marked, is_markup, infinite, tuple(named))
+
+
+def _listed(lines: Sequence[int]) -> str:
+    return ", ".join(map(str, lines[:10])) + (" ..." if len(lines) > 10 else "")
 
 
 def _is_infinite(text: str) -> bool:
     return is_no_number(text) and any(sign in text.casefold() for sign in ("inf", "∞"))
-
-
-def _read_cell(field: Field) -> Printed | None:
-    for name in ("method", "metric"):
-        if not field[name]:
-            raise ResultError(f"no {name}", where=field.where(name), expected="a name")
-    if is_no_number(field["value"]):
-        return None
-    marked = _marked(field)
-    score = read_score(field["metric"])
-    unit = field["unit"] or ("%" if marked.percent else "")
-    return Printed(
-        line=field.line,
-        table=field["table"],
-        benchmark=field["benchmark"],
-        track=field["track"],
-        scene=field["scene"],
-        method=field["method"],
-        score=score,
-        unit=unit,
-        full=_full(field, score, unit),
-        number=marked.number,
-        gain=_gain(field, marked),
-        bold=_bold(field, marked),
-        queries=_queries(field),
-        may_average=field.may_average,
-    )
-
-
-def _marked(field: Field, name: str = "value") -> Marked:
-    marked = read_marked(field[name])
-    if isinstance(marked, str):
-        raise ResultError(
-            marked,
-            where=field.where(name),
-            expected="a number as printed, such as 96.21, 96.21%, **96.21** or 96.21 (+1.73)",
-            mend="leave deviations and footnotes out; a dash stands for no number",
-        )
-    return marked
-
-
-def _gain(field: Field, marked: Marked) -> Rounded | None:
-    if is_no_number(field["gain"]):
-        return marked.gain
-    beside = _marked(field, "gain").number
-    if marked.gain and marked.gain.value != beside.value:
-        raise ResultError(
-            f"gain {beside.text} here and {marked.gain.text} beside the value",
-            where=field.where("gain"),
-            mend="keep one",
-        )
-    return beside
-
-
-def _full(field: Field, score: Score, unit: str) -> int:
-    if not score.is_share:
-        return 1
-    if unit and unit.casefold() not in _FULL:
-        raise ResultError(
-            f"unit {unit[:80]!r} for {score.name[:80]!r}, a {score.family.value}",
-            where=field.where("unit"),
-            expected="% or share",
-        )
-    return _FULL[unit.casefold() or "%"]
-
-
-def _bold(field: Field, marked: Marked) -> bool | None:
-    if "bold" not in field.texts:
-        return marked.bold or None
-    text = field["bold"].casefold()
-    if text not in _BOLD:
-        raise ResultError(
-            f"bold is {field['bold'][:80]!r}", where=field.where("bold"), expected="1 or 0"
-        )
-    return marked.bold or _BOLD[text]
-
-
-def _queries(field: Field) -> int | None:
-    text = field["n"]
-    if is_no_number(text):
-        return None
-    if not (text.isascii() and text.isdigit() and 0 < int(text[:12]) <= _MOST_QUERIES):
-        raise ResultError(
-            f"n is {text[:80]!r}",
-            where=field.where("n"),
-            expected="the number of queries of the scene",
-        )
-    return int(text)
 
 
 def _check_cells(path: Path, cells: tuple[Printed, ...]) -> None:
@@ -159,13 +160,25 @@ def _check_cells(path: Path, cells: tuple[Printed, ...]) -> None:
                 mend="tell tables apart by a column 'table'",
             )
         first[names] = cell.line
+
+
+def _may_be_shares(cells: Sequence[Printed]) -> bool:
     shares = [cell for cell in cells if cell.score.is_share and not cell.unit]
     # Nothing at all is 0 by either.
     printed = [cell.number.value for cell in shares if cell.number.value]
-    if printed and all(0 < value <= 1 for value in printed):
-        raise ResultError(
-            "all shares are at most 1: percent, or from 0 to 1? "
-            + first_of(dict.fromkeys(cell.score.name for cell in shares)),
-            where=path,
-            expected="a column 'unit' that says % or share, or R@1 [%] or R@1 [share] as its name",
-        )
+    return bool(printed) and all(0 < value <= 1 for value in printed)
+
+
+def _as_share(cell: Printed) -> Printed:
+    if not cell.score.is_share or cell.unit:
+        return cell
+    return replace(cell, unit="share", full=1)
+
+
+def _ambiguous(path: Path, cells: Sequence[Printed]) -> ResultError:
+    names = dict.fromkeys(c.score.name for c in cells if c.score.is_share and not c.unit)
+    return ResultError(
+        f"{_AMBIGUOUS} {first_of(names)}",
+        where=path,
+        expected="a column 'unit' that says % or share, or R@1 [%] or R@1 [share] as its name",
+    )

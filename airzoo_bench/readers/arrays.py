@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.readers.budget import Budget
 from airzoo_bench.readers.npz import NpzFile
 from airzoo_bench.readers.parquet import read_columns
 
@@ -26,7 +27,9 @@ __all__ = [
 
 _LONGEST_ID = 256
 _LONGEST_NAME = 64
-_BLOCK_CODES = 1 << 22
+_BLOCK_CODES = 1 << 20
+_BYTES_OF_DOUBLE = 8
+_COPIES_OF_TEXT = 4  # that a run makes while it splits, sorts and compares ids
 _N_CODES = 0x110000
 
 
@@ -34,6 +37,7 @@ class Arrays(Protocol):
     """Arrays of a file by name, read one at a time."""
 
     path: Path
+    budget: Budget
 
     def names(self) -> set[str]:
         """Return the names of the fields."""
@@ -49,6 +53,7 @@ class _Npz:
     def __init__(self, path: Path, limit_bytes: int) -> None:
         self.path = path
         self._file = NpzFile(path, limit_bytes)
+        self.budget = self._file.budget
         self.read, self.map = self._file.read, self._file.map
 
     def names(self) -> set[str]:
@@ -58,7 +63,8 @@ class _Npz:
 class _Parquet:
     def __init__(self, path: Path, limit_bytes: int, columns: tuple[str, ...]) -> None:
         self.path = path
-        self._arrays = read_columns(path, columns, limit_bytes)
+        self.budget = Budget(limit_bytes)
+        self._arrays = read_columns(path, columns, self.budget)
 
     def names(self) -> set[str]:
         return set(self._arrays)
@@ -87,7 +93,7 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     ----------
     path : Path
     limit_bytes : int
-        The most that one array may take in memory.
+        The most that the arrays may take in memory together.
     columns : tuple of str
         Fields that a parquet file may hold; none where the track has no such files.
 
@@ -177,8 +183,10 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
             name,
             values,
             expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
-            mend=f"np.array({name}, dtype=str), with ids such as City/DJI_0001",
+            mend=f"np.array({name}, dtype=str), with ids such as city/DJI_0001",
         )
+    copies = f"field '{name}' while its ids are compared"
+    arrays.budget.hold(arrays.path, copies, values.nbytes * _COPIES_OF_TEXT)
     _check_characters(arrays.path, name, values)
     return values
 
@@ -187,11 +195,11 @@ def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
     """Refuse ids that could forge a line of a message, steer a terminal, or fill a screen."""
     if not ids.size:
         return
-    codes = np.ascontiguousarray(ids).view(np.uint32).reshape(*ids.shape, -1)
-    step = max(1, _BLOCK_CODES // codes[0].size)
-    blocks = [slice(start, start + step) for start in range(0, len(ids), step)]
-    unprintable = np.concatenate([_unprintable(codes[b], ids[b]) for b in blocks])
-    long = np.concatenate([np.char.str_len(ids[b]) > _LONGEST_ID for b in blocks])
+    flat = np.ascontiguousarray(ids).reshape(-1)
+    step = max(1, _BLOCK_CODES // max(ids.dtype.itemsize // 4, 1))
+    blocks = [flat[start : start + step] for start in range(0, len(flat), step)]
+    unprintable = np.concatenate([_unprintable(block) for block in blocks])
+    long = np.concatenate([np.char.str_len(block) > _LONGEST_ID for block in blocks])
     for wrong, what, expected in (
         (unprintable, "characters that do not print", "printable characters only"),
         (long, f"more than {_LONGEST_ID} characters", f"at most {_LONGEST_ID} characters"),
@@ -206,7 +214,8 @@ def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
             )
 
 
-def _unprintable(codes: NDArray[np.uint32], ids: NDArray[np.str_]) -> NDArray[np.bool_]:
+def _unprintable(ids: NDArray[np.str_]) -> NDArray[np.bool_]:
+    codes = ids.view(np.uint32).reshape(len(ids), -1)
     used = np.zeros(_N_CODES, np.bool_)
     used[codes] = True
     bad = [code for code in np.flatnonzero(used[1:]) + 1 if not chr(code).isprintable()]
@@ -233,6 +242,9 @@ def numbers(
             expected=f"floating point of 16, 32 or 64 bits, of shape ({sides})",
             mend=f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape",
         )
+    if not mapped and values.dtype.itemsize < _BYTES_OF_DOUBLE:
+        what = f"field '{name}' in double precision"
+        arrays.budget.hold(arrays.path, what, values.size * _BYTES_OF_DOUBLE)
     return values
 
 

@@ -14,6 +14,7 @@ from airzoo_bench.geometry.poses import Poses, check_rotations
 from airzoo_bench.readers.arrays import Arrays, check_fields, numbers, open_arrays, texts
 
 __all__ = [
+    "BYTES_A_CAMERA",
     "CAMERA_FIELDS",
     "ImagePoses",
     "camera_fault",
@@ -22,6 +23,9 @@ __all__ = [
     "image_poses",
     "read_image_poses",
 ]
+
+BYTES_A_CAMERA = 1200
+"""What a camera takes while poses are checked and compared: matrices, names, dictionaries."""
 
 CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
 _EXPECTED = "image_names (N,) and extrinsics (N, 3, 4) or (N, 4, 4), world-to-camera"
@@ -71,6 +75,7 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
         are no poses.
     """
     check_fields(arrays, ("image_names",), tuple(arrays.names()), _EXPECTED)
+    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
     names = texts(arrays, "image_names", 1)
     _check_names(arrays, names, count)
     values = arrays.read("extrinsics")
@@ -85,7 +90,10 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
         raise camera_fault(arrays, "extrinsics", error) from error
     _check_last_row(arrays, matrices[found], names[found])
     translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
-    return ImagePoses(names, found, Poses.from_translations(rotation, translation))
+    # What is too large becomes infinite; tracks leave it out.
+    with np.errstate(over="ignore", invalid="ignore"):
+        poses = Poses.from_translations(rotation, translation)
+    return ImagePoses(names, found, poses)
 
 
 def _check_names(arrays: Arrays, names: NDArray[np.str_], count: int) -> None:

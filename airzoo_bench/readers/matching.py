@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import CameraError, PredictionError
 from airzoo_bench.geometry.poses import Poses, check_rotations
+from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m, was_rounded_to
 from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions, PoseClaim
 from airzoo_bench.readers.arrays import (
     Arrays,
@@ -25,15 +26,16 @@ from airzoo_bench.readers.pose_list import read_pose_list
 
 __all__ = ["read_matching"]
 
-_COARSEST_M = 1e-3
 _COMMON = ("protocol", "query_ids")
 _MATCHES = ("offsets", "query_xy", "map_xy", "map_frame", "image_size")
 _PAIRS = ("offsets", "query_xy", "points3d", "image_size")
 _POSES = ("poses",)
+_CENTRES = ("rotations", "centres")
 _EXPECTED = (
     "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "
-    "points3d, or poses"
+    "points3d, or poses, or rotations and centres"
 )
+_WIDEST = 8
 
 
 def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
@@ -44,7 +46,7 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
     path : Path
         ``.npz``, or ``.txt`` with a pose a line: ``name qw qx qy qz tx ty tz``.
     limit_bytes : int
-        The most that one array may take in memory.
+        The most that the file's arrays may take in memory together.
 
     Raises
     ------
@@ -52,10 +54,10 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
         Another kind of file, a field is missing, or has a wrong type or shape.
     """
     if path.suffix == ".txt":
-        return read_pose_list(path)
+        return read_pose_list(path, limit_bytes)
     arrays = open_arrays(path, limit_bytes)
     names = arrays.names()
-    kinds = [name for name in ("map_xy", "points3d", "poses") if name in names]
+    kinds = [name for name in ("map_xy", "points3d", "poses", "centres") if name in names]
     if len(kinds) > 1:
         raise PredictionError(
             f"holds {' and '.join(kinds)}, and they could disagree",
@@ -64,10 +66,13 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
             mend="keep one of them",
         )
     claim: Correspondences | PoseClaim
-    if kinds == ["poses"]:
-        check_fields(arrays, ("query_ids", *_POSES), (*_COMMON, *_POSES), _EXPECTED)
+    fields: tuple[str, ...]
+    if kinds in (["poses"], ["centres"]):
+        fields = _POSES if kinds == ["poses"] else _CENTRES
+        check_fields(arrays, ("query_ids", *fields), (*_COMMON, *fields), _EXPECTED)
         query_ids = texts(arrays, "query_ids", 1)
-        claim = _read_poses(arrays, query_ids)
+        read = _read_poses if kinds == ["poses"] else _read_centres
+        claim = read(arrays, query_ids)
     else:
         fields = _PAIRS if kinds == ["points3d"] else _MATCHES
         check_fields(arrays, ("query_ids", *fields[:3]), (*_COMMON, *fields), _EXPECTED)
@@ -106,9 +111,9 @@ def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
     return Correspondences(offsets, query_xy, map_xy, _map_frame(arrays), points, size)
 
 
-def _map_frame(arrays: Arrays) -> Literal["map", "crop"]:
+def _map_frame(arrays: Arrays) -> Literal["map", "crop"] | None:
     if "map_frame" not in arrays.names():
-        return "map"
+        return None
     value = arrays.read("map_frame")
     frame = str(value.reshape(-1)[0]) if value.dtype.kind == "U" and value.size == 1 else ""
     if frame == "crop":
@@ -123,50 +128,86 @@ def _map_frame(arrays: Arrays) -> Literal["map", "crop"]:
 
 
 def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
-    values = _precise(arrays, "poses", (None, 3, 4))
+    values = numbers(arrays, "poses", (None, 3, 4)).astype(np.float64)
     check_length(arrays, "poses", values, len(query_ids))
+    found = _found(arrays, "poses", values)
+    given = values[found]
+    where = f"{arrays.path}, field 'poses'"
+    rotation = np.tile(np.eye(3), (len(values), 1, 1))
+    rotation[found] = _rotations(where, given[:, :, :3], query_ids[found])
+    errors = np.zeros(len(values))
+    errors[found] = pose_errors_m(given[:, :, :3], given[:, :, 3], None)
+    translation = np.where(found[:, None], values[:, :, 3], 0.0)
+    return PoseClaim(found, Poses.from_translations(rotation, translation), errors)
+
+
+def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
+    """Read rotations and centres; what a rotation has lost does not move its camera."""
+    rotations = numbers(arrays, "rotations", (None, 3, 3)).astype(np.float64)
+    centres = _precise(arrays, "centres", (None, 3))
+    for name, values in (("rotations", rotations), ("centres", centres)):
+        check_length(arrays, name, values, len(query_ids))
+    rows = np.concatenate([rotations, centres[:, :, None]], axis=2)
+    found = _found(arrays, "rotations' and 'centres", rows)
+    rotation = np.tile(np.eye(3), (len(rows), 1, 1))
+    where = f"{arrays.path}, field 'rotations'"
+    rotation[found] = _rotations(where, rotations[found], query_ids[found])
+    poses = Poses(rotation=rotation, centres=np.where(found[:, None], centres, 0.0))
+    return PoseClaim(found, poses, np.zeros(len(rows)))
+
+
+def _found(arrays: Arrays, name: str, values: NDArray[np.float64]) -> NDArray[np.bool_]:
     found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=(1, 2)))
     half = ~found & np.isfinite(values).any(axis=(1, 2))
     if half.any():
         raise PredictionError(
             f"{int(half.sum())} poses are NaN or infinite in part",
-            where=f"{arrays.path}, field 'poses'",
-            expected="a whole pose (3, 4), or NaN in all of it where there is none",
+            where=f"{arrays.path}, field '{name}'",
+            expected="a whole pose, or NaN in all of it where there is none",
         )
-    rotation = np.tile(np.eye(3), (len(values), 1, 1))
-    rotation[found] = _rotations(arrays.path, values[found, :, :3], query_ids[found])
-    translation = np.where(found[:, None], values[:, :, 3], 0.0)
-    return PoseClaim(found, Poses.from_translations(rotation, translation))
+    return found
 
 
 def _rotations(
-    path: Path, matrices: NDArray[np.float64], names: NDArray[np.str_]
+    where: str, matrices: NDArray[np.float64], names: NDArray[np.str_]
 ) -> NDArray[np.float64]:
     try:
         return check_rotations(matrices, names.tolist())
     except CameraError as error:
         raise PredictionError(
             error.what,
-            where=f"{path}, field 'poses'",
+            where=where,
             expected=error.expected,
-            mend=error.mend or "write [R | t] with the rotation matrix R, world-to-camera",
+            mend=error.mend or "write the rotation matrix R, world-to-camera",
         ) from error
 
 
 def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Read coordinates of the scene, which are millions of metres: float32 keeps 0.25 m of them."""
-    values = numbers(arrays, name, shape)
-    largest = float(np.abs(values[np.isfinite(values)], dtype=np.float64).max(initial=0.0))
-    step = largest * float(np.finfo(values.dtype).eps)
-    if step > _COARSEST_M:
+    given = numbers(arrays, name, shape)
+    values = given.astype(np.float64)
+    finite = values[np.isfinite(values)]
+    narrow = _went_through(given.dtype, finite)
+    largest = float(np.abs(finite).max(initial=0.0))
+    step = 0.0 if narrow is None else float(np.spacing(narrow.type(largest)))
+    if step > COARSEST_M:
         raise PredictionError(
-            f"field '{name}' is {values.dtype}, which keeps coordinates such as {largest:.0f} to "
-            f"{step:.2g} m only",
+            f"field '{name}' {'is' if given.dtype == narrow else 'went through'} {narrow}, which "
+            f"keeps coordinates such as {largest:.0f} to {step:.2g} m only",
             where=arrays.path,
             expected="float64",
             mend=f"compute and write {name} as float64",
         )
-    return values.astype(np.float64)
+    return values
+
+
+def _went_through(
+    kind: np.dtype[np.floating[Any]], values: NDArray[np.float64]
+) -> np.dtype[np.floating[Any]] | None:
+    if kind.itemsize < _WIDEST:
+        return kind
+    narrow = (np.dtype(np.float16), np.dtype(np.float32))
+    return next((dtype for dtype in narrow if was_rounded_to(values, dtype.type)), None)
 
 
 def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.int64]:

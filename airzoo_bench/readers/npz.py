@@ -1,9 +1,9 @@
 """Reading ``.npz`` files that strangers wrote: no pickle, no surprise in size, no traceback.
 
 Every member's header is checked before a byte of its data is touched: the dtype must be numbers or
-text, the size it claims must be the size that the archive holds, and the whole must fit the
-memory limit. Members saved without compression (``numpy.savez``) can be mapped instead of read, so
-descriptors may be larger than memory.
+text, the size it claims must be the size that the archive holds, and all that is read must fit the
+memory limit together. Members saved without compression (``numpy.savez``) can be mapped instead of
+read, so descriptors may be larger than memory.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError
+from airzoo_bench.readers.budget import Budget
 
 __all__ = ["ArrayEntry", "NpzFile"]
 
@@ -32,6 +33,7 @@ _MAX_MEMBERS = 64
 _LOCAL_HEADER_BYTES = 30
 _KINDS = "biufUS"
 _MAX_DIMENSIONS = 8
+_MEND_LARGE = "arrays of numbers that numpy.savez saves (uncompressed) may be read in pieces"
 _MAX_CODE_POINT = 0x10FFFF
 _SURROGATES = (0xD800, 0xDFFF)
 _LOOKS_LIKE = {
@@ -84,18 +86,17 @@ class NpzFile:
     path : Path
         The file.
     limit_bytes : int
-        The most that one array may take in memory.
+        The most that the arrays that are read may take in memory together.
 
     Raises
     ------
     PredictionError
-        It is not an npz, is cut off or damaged, holds Python objects, or an array claims more
-        than the limit.
+        It is not an npz, is cut off or damaged, or holds Python objects.
     """
 
     def __init__(self, path: Path, limit_bytes: int) -> None:
         self.path = path
-        self.limit_bytes = limit_bytes
+        self.budget = Budget(limit_bytes)
         self.entries = {entry.name: entry for entry in _entries(path)}
 
     def read(self, name: str) -> NDArray[Any]:
@@ -104,11 +105,12 @@ class NpzFile:
         Raises
         ------
         PredictionError
-            It is larger than the limit, its checksum does not hold, or it is text that is not text.
+            With those read before it is larger than the limit, its checksum does not hold, or it is
+            text that is not text.
         """
         entry = self.entries[name]
-        if _bytes_in_memory(entry) > self.limit_bytes:
-            raise self._too_large(entry)
+        what = f"field '{name}' (shape {entry.shape}, {entry.dtype})"
+        self.budget.hold(self.path, what, _bytes_in_memory(entry), _MEND_LARGE)
         try:
             with zipfile.ZipFile(self.path) as archive, archive.open(entry.member) as stream:
                 stream.read(entry.header_bytes)
@@ -125,16 +127,6 @@ class NpzFile:
             return self.read(name)
         offset = _data_offset(self.path, entry)
         return np.memmap(self.path, entry.dtype, "r", offset, entry.shape)
-
-    def _too_large(self, entry: ArrayEntry) -> PredictionError:
-        return PredictionError(
-            f"field '{entry.name}' takes {_bytes_in_memory(entry):,} bytes (shape {entry.shape}, "
-            f"{entry.dtype}), more than the limit",
-            where=self.path,
-            expected=f"at most {self.limit_bytes:,} bytes",
-            mend="raise --max-memory; gallery_descriptors saved by numpy.savez (uncompressed) are "
-            "read in pieces and may be larger",
-        )
 
 
 def _entries(path: Path) -> list[ArrayEntry]:
@@ -217,8 +209,8 @@ def _check_header(path: Path, entry: ArrayEntry) -> None:
 
 
 def _bytes_in_memory(entry: ArrayEntry) -> int:
-    # Bytes become text when they are read, which takes four bytes a character.
-    return entry.nbytes * (4 if entry.dtype.kind == "S" else 1)
+    # Bytes become text when they are read, which takes four bytes a character beside them.
+    return entry.nbytes * (5 if entry.dtype.kind == "S" else 1)
 
 
 def _fill(stream: IO[bytes], entry: ArrayEntry) -> NDArray[Any]:

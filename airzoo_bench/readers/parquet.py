@@ -15,15 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.readers.budget import Budget
+from airzoo_bench.readers.parquet_pages import claimed_bytes
 
 __all__ = ["read_columns"]
 
 _BATCH_ROWS = 65_536
 _LONGEST_TEXT = 512
-_LEAST_BYTES = 4  # that a value takes, as an index into the dictionary
+_TEXT_OBJECT = 64  # bytes that a text takes beside its letters while it is Python's
 
 
-def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict[str, NDArray[Any]]:
+def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDArray[Any]]:
     """Read the named columns that a parquet file has.
 
     Parameters
@@ -32,8 +34,8 @@ def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict
         The file, one row a query; a list column becomes a matrix (rows, length).
     columns : tuple of str
         The columns that there may be.
-    limit_bytes : int
-        The most that the columns may take in memory together.
+    budget : Budget
+        What the columns may take in memory together.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict
             mend="`airzoo-bench template` writes an example",
         )
     try:
-        return _read(path, columns, limit_bytes)
+        return _read(path, columns, budget)
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, MemoryError) as error:
         raise PredictionError(
             f"not a readable parquet file: {(str(error) or type(error).__name__).splitlines()[0]}",
@@ -66,11 +68,14 @@ def read_columns(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict
         ) from error
 
 
-def _read(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict[str, NDArray[Any]]:
+def _read(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDArray[Any]]:
     import pyarrow.parquet as pq
 
+    budget.hold(path, "its pages", claimed_bytes(path))
     with pq.ParquetFile(path) as file:
-        _check_size(path, file, limit_bytes)
+        # A walk through all pages in small pieces, which finds damage: Arrow ends the process when
+        # it is asked for the metadata of a damaged column.
+        file.scan_contents(batch_size=_BATCH_ROWS)
         texts = [file.schema.column(i).path for i in range(file.metadata.num_columns)]
     with pq.ParquetFile(path, read_dictionary=texts) as file:
         names = file.schema_arrow.names
@@ -79,12 +84,10 @@ def _read(path: Path, columns: tuple[str, ...], limit_bytes: int) -> dict[str, N
         row = 0
         for batch in _batches(file):
             for name in names:
-                piece = _Piece(path, name, batch.column(name), row, limit_bytes)
+                held = sum(array.nbytes for array in parts[name])
+                piece = _Piece(path, name, batch.column(name), row, held, budget)
                 parts[name].append(piece.as_array())
             row += batch.num_rows
-            used = sum(array.nbytes for arrays in parts.values() for array in arrays)
-            if used > limit_bytes:
-                raise _too_large(path, used, limit_bytes)
     return {name: _joined(arrays, name, path) for name, arrays in parts.items()}
 
 
@@ -92,27 +95,6 @@ def _batches(file: Any) -> Iterator[Any]:
     # Group by group: each has a dictionary of its own, and lists cannot change theirs in a batch.
     for group in range(file.metadata.num_row_groups):
         yield from file.iter_batches(batch_size=_BATCH_ROWS, row_groups=[group])
-
-
-def _check_size(path: Path, file: Any, limit_bytes: int) -> None:
-    # A walk through all pages in small pieces, which finds damage: Arrow ends the process when it
-    # is asked for the metadata of a damaged column.
-    file.scan_contents(batch_size=_BATCH_ROWS)
-    groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
-    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
-    stored = sum(chunk.total_uncompressed_size for chunk in chunks)
-    claimed = max(stored, sum(chunk.num_values for chunk in chunks) * _LEAST_BYTES)
-    if claimed > limit_bytes:
-        raise _too_large(path, claimed, limit_bytes)
-
-
-def _too_large(path: Path, used: int, limit_bytes: int) -> PredictionError:
-    return PredictionError(
-        f"its columns take {used:,} bytes or more, more than the limit",
-        where=path,
-        expected=f"at most {limit_bytes:,} bytes",
-        mend="raise --max-memory",
-    )
 
 
 def _check_columns(path: Path, names: list[str], columns: tuple[str, ...]) -> None:
@@ -140,7 +122,8 @@ class _Piece:
     name: str
     values: Any
     first_row: int
-    limit_bytes: int
+    held_bytes: int
+    budget: Budget
 
     def as_array(self) -> NDArray[Any]:
         import pyarrow as pa
@@ -176,13 +159,13 @@ class _Piece:
 
         if pa.types.is_dictionary(values.type):
             texts = self._as_vector(values.dictionary)
-            if texts.itemsize * len(values) > self.limit_bytes:
-                raise _too_large(self.path, texts.itemsize * len(values), self.limit_bytes)
+            self._hold(texts.itemsize * len(values))
             indices: NDArray[Any] = values.indices.to_numpy(zero_copy_only=False)
             return np.take(texts, indices)
         if pa.types.is_string(values.type) or pa.types.is_large_string(values.type):
             return self._as_text(values)
         if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
+            self._hold(8 * len(values))
             return np.asarray(values.to_numpy(zero_copy_only=False))
         raise PredictionError(
             f"column '{self.name}' has values of type {values.type}",
@@ -201,7 +184,12 @@ class _Piece:
                 where=self.path,
                 expected=f"at most {_LONGEST_TEXT} characters",
             )
+        self._hold(len(values) * (_TEXT_OBJECT + 4 * longest))
         return np.array(values.to_pylist(), dtype=str)
+
+    def _hold(self, nbytes: int) -> None:
+        # Twice: the pieces of a column are joined at the end.
+        self.budget.hold(self.path, f"column '{self.name}'", 2 * (self.held_bytes + nbytes))
 
 
 def _ragged(lengths: NDArray[Any], name: str, path: Path) -> PredictionError:

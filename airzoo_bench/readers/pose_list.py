@@ -10,28 +10,40 @@ from numpy.typing import NDArray
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.files import read_text
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.ids import PHOTO_SUFFIXES
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
+from airzoo_bench.readers.budget import Budget
 
 __all__ = ["read_pose_list"]
 
 _COLUMNS = 8
 _LIMIT_BYTES = 1 << 27
 _LONGEST_NAME = 256
+_BYTES_A_BYTE = 32  # of memory, while the words of a line are texts and numbers of Python
 _UNIT_TOLERANCE = 1e-3
 
 
-def read_pose_list(path: Path) -> MatchingPredictions:
+def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     """Read world-to-camera poses, a line each.
 
     Names are ids, with the photo's ending or without. The identity, and NaN, stand for a pose that
     was not found: that is how some tools write a failure.
 
+    Parameters
+    ----------
+    path : Path
+    limit_bytes : int
+        The most that the poses may take in memory.
+
     Raises
     ------
     PredictionError
-        A line has other columns, a pose is NaN in part, a quaternion is not of unit length.
+        It is too large, a line has other columns, a pose is NaN in part, a quaternion is not of
+        unit length.
     """
+    size = path.stat().st_size if path.is_file() else 0
+    Budget(limit_bytes).hold(path, "its text", size * _BYTES_A_BYTE)
     lines = read_text(path, PredictionError, "pose file", _LIMIT_BYTES).splitlines()
     rows = [line.split() for line in lines if line.strip() and line.lstrip()[0] != "#"]
     _check_rows(rows, path)
@@ -43,7 +55,10 @@ def read_pose_list(path: Path) -> MatchingPredictions:
     _check_unit(values[found, :4], names[found], path)
     quaternion = np.where(found[:, None], values[:, :4], (1.0, 0.0, 0.0, 0.0))
     translation = np.where(found[:, None], values[:, 4:], 0.0)
-    claim = PoseClaim(found, Poses.from_quaternions(quaternion, translation, names.tolist()))
+    poses = Poses.from_quaternions(quaternion, translation, names.tolist())
+    errors = np.zeros(len(found))
+    errors[found] = pose_errors_m(poses.rotation[found], translation[found], quaternion[found])
+    claim = PoseClaim(found, poses, errors)
     return MatchingPredictions(path, None, names, claim)
 
 
@@ -65,7 +80,7 @@ def _check_rows(rows: list[list[str]], path: Path) -> None:
         raise PredictionError(
             f"names that cannot be ids in {first_of([f'row {n + 1}' for n in odd], len(rows))}",
             where=path,
-            expected="printable ids such as City/DJI_0001",
+            expected="printable ids such as city/DJI_0001",
         )
 
 
@@ -97,7 +112,8 @@ def _floats(row: list[str], path: Path) -> list[float]:
 
 
 def _check_unit(quaternions: NDArray[np.float64], names: NDArray[np.str_], path: Path) -> None:
-    length = np.linalg.norm(quaternions, axis=1)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternions, axis=1)
     bad = np.flatnonzero(np.abs(length - 1) > _UNIT_TOLERANCE)
     if bad.size:
         raise PredictionError(

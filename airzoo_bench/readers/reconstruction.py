@@ -25,7 +25,7 @@ from airzoo_bench.readers.archives import ARCHIVE_SUFFIXES, Bundle, Member, open
 from airzoo_bench.readers.clouds.formats import SUFFIXES, open_cloud
 from airzoo_bench.readers.clouds.meshes import MeshSampling
 from airzoo_bench.readers.clouds.source import FileCloud
-from airzoo_bench.readers.image_poses import ImagePoses, read_image_poses
+from airzoo_bench.readers.image_poses import BYTES_A_CAMERA, ImagePoses, read_image_poses
 from airzoo_bench.readers.views import Views, holds_views, read_views
 
 __all__ = ["ReconstructionPredictions", "ScenePrediction", "open_reconstruction"]
@@ -101,7 +101,7 @@ class ReconstructionPredictions:
         ----------
         scene : str
         limit_bytes : int
-            The most that one array, or what cannot be read in pieces, may take in memory.
+            The most that the files of the scene may take in memory together.
         sampling : MeshSampling or None
             How meshes are sampled; where None, they are refused.
 
@@ -115,6 +115,7 @@ class ReconstructionPredictions:
         if entry.cameras is not None:
             with self._bundle.file(entry.cameras) as path:
                 images = read_image_poses(path, limit_bytes)
+            limit_bytes -= len(images.names) * BYTES_A_CAMERA
         with self._bundle.file(entry.geometry) as path:
             if path.suffix.lower() != ".npz" or not holds_views(path, limit_bytes):
                 yield ScenePrediction(
@@ -222,10 +223,12 @@ def _protocol(bundle: Bundle, member: Member) -> str:
 
 def _no_entries(path: Path, extra: list[str]) -> PredictionError:
     there = f" (there are {first_of(extra)})" if extra else ""
+    endings = sorted({PurePosixPath(name).suffix[:20] for name in extra} - {"", *SUFFIXES})
+    unread = [f"endings such as {one!r} are not read: write a cloud as .ply" for one in endings]
     return PredictionError(
         f"holds no cloud, mesh or npz{there}",
         where=path,
         expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
         f"{', '.join(SUFFIXES)}, archives {', '.join(ARCHIVE_SUFFIXES)}",
-        mend="name the files by their scenes",
+        mend=unread[0] if unread else "name the files by their scenes",
     )

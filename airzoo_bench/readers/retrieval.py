@@ -34,7 +34,7 @@ def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
     path : Path
         ``.npz`` or ``.parquet``.
     limit_bytes : int
-        The most that one array may take in memory.
+        The most that the file's arrays may take in memory together.
 
     Raises
     ------

@@ -13,6 +13,7 @@ from airzoo_bench.errors import CameraError, PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.readers.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.readers.image_poses import (
+    BYTES_A_CAMERA,
     CAMERA_FIELDS,
     ImagePoses,
     camera_fault,
@@ -29,9 +30,13 @@ _POINTS = ("world_points", "points")
 _CONFIDENCE = ("conf", "confidence")
 _COLOURS = ("colours", "colors", "image")
 _NAMES = "image_names"
+_CENTRES = "pixel_centres"
+_HALF_A_PIXEL = {"half": 0.0, "integer": 0.5}
+_BYTES_A_PIXEL = 96  # depth and surface in double precision, their places, rays and points
 _EXPECTED = (
     "depth (N, H, W) or world_points (N, H, W, 3), intrinsics (N, 3, 3), extrinsics (N, 3, 4) or "
-    "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, 3)"
+    "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, "
+    "3), pixel_centres ('half' or 'integer')"
 )
 
 
@@ -39,7 +44,7 @@ class _Numbered:
     """Fields of a file without names of images: they are called by their number."""
 
     def __init__(self, arrays: Arrays, count: int) -> None:
-        self.path = arrays.path
+        self.path, self.budget = arrays.path, arrays.budget
         self._arrays, self._numbers = arrays, np.array([f"view {row}" for row in range(count)])
 
     def names(self) -> set[str]:
@@ -64,10 +69,13 @@ class Views:
     points : (N, H, W, 3) float array or None
         World coordinates, instead of `depth`.
     cameras : Cameras or None
-        At the size of the maps. Pixel centres sit at integer + 0.5: the corner of the first pixel
-        is (0, 0).
+        At the size of the maps. Pixel centres sit at integer + 0.5, the corner of the first pixel
+        is (0, 0): a file whose centres are integers is shifted.
     images : ImagePoses or None
         Only point maps may lack them.
+    pixel_centres : str or None
+        As the file states it: ``half`` or ``integer``; None where it does not. Then they are taken
+        to be ``half`` where images are named, ``integer`` where they are not.
     named : bool
         False where the file does not name its images (as Depth Anything 3 writes it): the names in
         `images` are then numbers.
@@ -86,6 +94,7 @@ class Views:
     colours: NDArray[np.uint8] | None
     notes: tuple[str, ...] = ()
     named: bool = True
+    pixel_centres: str | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -114,10 +123,10 @@ def read_views(path: Path, limit_bytes: int) -> Views:
     path : Path
         An npz with ``depth`` (N, H, W) or (N, H, W, 1), ``intrinsics``, ``extrinsics`` and
         ``image_names``; or with ``world_points`` or ``points`` (N, H, W, 3) and, as far as there
-        are any, these. ``conf`` and ``colours`` are optional. Whether names may be left out is for
-        the caller to say: `Views.named`.
+        are any, these. ``conf``, ``colours`` and ``pixel_centres`` are optional. Whether names may
+        be left out is for the caller to say: `Views.named`.
     limit_bytes : int
-        The most that one array may take in memory.
+        The most that the file's arrays may take in memory together.
 
     Raises
     ------
@@ -135,11 +144,14 @@ def read_views(path: Path, limit_bytes: int) -> Views:
     cameras_of_depth = tuple(name for name in CAMERA_FIELDS if name != _NAMES)
     needed = (_DEPTH, *cameras_of_depth) if kinds == [_DEPTH] else (kinds[0] if kinds else _DEPTH,)
     maps_name = needed[0]
-    allowed = ("protocol", maps_name, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
+    allowed = ("protocol", _CENTRES, maps_name, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
     maps = _maps(arrays, maps_name)
     count, height, width = maps.shape[:3]
-    cameras, notes = _cameras(arrays, count, width, height)
+    stated = _pixel_centres(arrays)
+    shift = _HALF_A_PIXEL[stated or ("half" if _NAMES in names else "integer")]
+    _hold_work(arrays, count, height * width)
+    cameras, notes = _cameras(arrays, (count, height, width), shift)
     called = arrays if _NAMES in names else _Numbered(arrays, count)
     images = image_poses(called, count) if "extrinsics" in names else None
     return Views(
@@ -152,6 +164,7 @@ def read_views(path: Path, limit_bytes: int) -> Views:
         _colours(arrays, (count, height, width, 3)),
         notes,
         _NAMES in names,
+        stated,
     )
 
 
@@ -161,6 +174,13 @@ def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
         values = values[..., 0]
     shape = (3,) if name in _POINTS else ()
     fits = values.ndim == 3 + len(shape) and values.shape[3:] == shape and 0 not in values.shape
+    if name == _DEPTH and values.ndim == 4 and values.shape[1] == 1:
+        raise PredictionError(
+            f"field 'depth' has shape {values.shape}, with an axis of 1 before the pixels",
+            where=arrays.path,
+            expected="shape (N, H, W), or (N, H, W, 1)",
+            mend="depth[:, 0] (depth.squeeze(1))",
+        )
     if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
         raise PredictionError(
             f"field '{name}' is {values.dtype} of shape {values.shape}",
@@ -171,13 +191,38 @@ def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
     return values
 
 
+def _pixel_centres(arrays: Arrays) -> str | None:
+    if _CENTRES not in arrays.names():
+        return None
+    value = arrays.read(_CENTRES)
+    stated = str(value.reshape(())) if value.dtype.kind == "U" and value.size == 1 else ""
+    if stated not in _HALF_A_PIXEL:
+        raise PredictionError(
+            f"says {stated[:20]!r}" if stated else "is not one text",
+            where=f"{arrays.path}, field '{_CENTRES}'",
+            expected="'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' "
+            "(it is (0, 0))",
+            mend="np.savez(..., pixel_centres='integer') for Depth Anything 3, VGGT, CUT3R, "
+            "MapAnything, DUSt3R",
+        )
+    return stated
+
+
+def _hold_work(arrays: Arrays, count: int, pixels: int) -> None:
+    """Count what fusing takes beside the maps: a view at a time, and the poses of all."""
+    arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
+    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
+
+
 def _cameras(
-    arrays: Arrays, count: int, width: int, height: int
+    arrays: Arrays, shape: tuple[int, ...], shift: float
 ) -> tuple[Cameras | None, tuple[str, ...]]:
     if "intrinsics" not in arrays.names():
         return None, ()
+    count, height, width = shape
     matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
     check_count(arrays, "intrinsics", len(matrices), count)
+    matrices[:, :2, 2] += shift
     names = _labels(arrays, count)
     try:
         cameras = Cameras.from_matrices(matrices, width, height, names=names)

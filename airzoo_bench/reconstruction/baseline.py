@@ -237,7 +237,7 @@ def _result(
     # Photos without a prior are placed by the others.
     rows = [row for row, name in enumerate(result.names) if name in priors.names]
     known = result.posed.take(np.array(rows, np.int64))
-    aligned = align("sim3", known, priors, ransac=alignment, icp=None)
+    aligned = align("sim3", known, priors, ransac=alignment)
     return replace(
         result,
         cloud=Cloud(aligned.transform.apply(found.points), found.colours),

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from airzoo_bench.errors import PredictionError
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.progress import Progress, silent
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, refined
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.alignment.icp import refine
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.cells import CellSet
 from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointCloudOfMaps, PointMaps
-from airzoo_bench.reconstruction.prepared import Held, Moved, PreparedCloud, box_of, prepared
-from airzoo_bench.reconstruction.regions import finite_rows
+from airzoo_bench.reconstruction.observed import observed_cells
+from airzoo_bench.reconstruction.prepared import (
+    Held,
+    Moved,
+    PreparedCloud,
+    box_of,
+    cropped_region,
+    finite_pieces,
+    prepared,
+)
+from airzoo_bench.reconstruction.regions import Box
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionScores
 from airzoo_bench.reconstruction.tsdf import fuse
 
-__all__ = ["Claim", "PlacedClaim", "Rules", "Work", "place_claim"]
-
-_ICP_READS = 1 << 20
+__all__ = ["Claim", "PlacedClaim", "Rules", "TrueScene", "Work", "place_claim"]
 
 
 @dataclass(frozen=True)
@@ -70,6 +78,24 @@ class Claim:
 
 
 @dataclass(frozen=True, eq=False)
+class TrueScene:
+    """What a claim is held against.
+
+    Attributes
+    ----------
+    cloud : CloudSource
+    cameras : PosedCameras
+        All true cameras, by the names of their photos.
+    lenses : Cameras
+        Their intrinsics.
+    """
+
+    cloud: CloudSource
+    cameras: PosedCameras
+    lenses: Cameras
+
+
+@dataclass(frozen=True, eq=False)
 class PlacedClaim:
     """A claim and the truth as they are compared.
 
@@ -77,6 +103,8 @@ class PlacedClaim:
     ----------
     alignment : Alignment
     cloud, truth : PreparedCloud
+    observed : CellSet or None
+        What the photos saw of the truth; None where recall is over all of it.
     distrusted : int
         Points of the claim whose confidence is not above the protocol's.
     """
@@ -84,62 +112,84 @@ class PlacedClaim:
     alignment: Alignment
     cloud: PreparedCloud
     truth: PreparedCloud
+    observed: CellSet | None
     distrusted: int
 
 
-def place_claim(
-    claim: Claim, truth: CloudSource, cameras: PosedCameras, rules: Rules, work: Work
-) -> PlacedClaim:
+def place_claim(claim: Claim, truth: TrueScene, rules: Rules, work: Work) -> PlacedClaim:
     """Do all that is done to a claim, and to the truth, before they are compared.
 
     Parameters
     ----------
     claim : Claim
-    truth : CloudSource
-        The true cloud.
-    cameras : PosedCameras
-        All true cameras.
+    truth : TrueScene
     rules : Rules
     work : Work
 
     Raises
     ------
     PredictionError
-        It cannot be aligned, read or fused, or all of its points are NaN or infinite.
+        It has no cameras, and the protocol requires them; it cannot be aligned, read or fused, or
+        all of its points are NaN or infinite.
     BenchmarkError
-        The true cloud has no point.
+        The true cloud has no point, or none that the photos see.
     """
-    box = box_of(truth)
-    alignment = _aligned(claim, truth, cameras, rules)
-    source = _in_frame(claim, alignment.transform, rules.fusion)
-    cloud = prepared(source, rules.preparation, box, work.block_points)
+    _require_cameras(claim, rules.alignment)
+    box, block = box_of(truth.cloud), work.block_points
+    alignment, source = _aligned(claim, truth, rules, work)
+    region = cropped_region(truth.cloud, box, rules.preparation, block)
+    cloud = prepared(source, rules.preparation, region, block)
     _refuse_nothing_finite(cloud)
-    distrusted = _distrusted(claim, alignment.transform, rules.fusion, work.block_points)
-    true = prepared(truth, rules.preparation, box, work.block_points)
-    return PlacedClaim(alignment, cloud, true, distrusted)
+    distrusted = _distrusted(claim, alignment.transform, rules.fusion, block)
+    true = prepared(truth.cloud, rules.preparation, region, block)
+    observed = _observed(true, box, truth, rules.preparation, block)
+    return PlacedClaim(alignment, cloud, true, observed, distrusted)
 
 
-def _aligned(claim: Claim, truth: CloudSource, cameras: PosedCameras, rules: Rules) -> Alignment:
-    settings = rules.alignment
-    if claim.cameras is None or settings.method == "none":
-        return align("none", claim.cameras, cameras, ransac=None, icp=None)
-    clouds = None
-    if settings.method == "sim3+icp":
-        unmoved = _in_frame(claim, Similarity.identity(), rules.fusion)
-        clouds = _points(unmoved), _points(truth)
-    return align(
-        settings.method,
-        claim.cameras,
-        cameras,
-        ransac=settings.ransac(),
-        icp=settings.icp(),
-        clouds=clouds,
+def _require_cameras(claim: Claim, settings: AlignmentSettings) -> None:
+    if settings.cameras == "required" and claim.cameras is None:
+        raise PredictionError(
+            "holds no cameras, and the protocol requires them",
+            expected="cameras, by which all methods are aligned alike",
+            mend="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
+        )
+
+
+def _observed(
+    true: PreparedCloud, box: Box, truth: TrueScene, settings: Preparation, block: int
+) -> CellSet | None:
+    cameras = truth.cameras
+    if settings.region == "all" or cameras.rotation is None:
+        return None
+    return observed_cells(
+        finite_pieces(true.source, block),
+        box,
+        truth.lenses,
+        Poses(rotation=cameras.rotation, centres=cameras.centres),
+        cell=settings.observed_cell_m,
+        hidden_beyond=settings.hidden_beyond_m,
+        photos=settings.observed_photos,
     )
 
 
-def _points(source: CloudSource) -> Floats:
-    pieces = (piece.points for piece in source.pieces(_ICP_READS))
-    return np.concatenate([np.zeros((0, 3)), *(piece[finite_rows(piece)] for piece in pieces)])
+def _aligned(
+    claim: Claim, truth: TrueScene, rules: Rules, work: Work
+) -> tuple[Alignment, CloudSource]:
+    """Align by cameras, fuse in metres, then refine by the fused cloud where that is asked for."""
+    settings, cameras = rules.alignment, truth.cameras
+    if claim.cameras is None or settings.method == "none":
+        found = align("none", claim.cameras, cameras, ransac=None)
+        return found, _in_frame(claim, found.transform, rules.fusion)
+    found = align(settings.method, claim.cameras, cameras, ransac=settings.ransac())
+    source = _in_frame(claim, found.transform, rules.fusion)
+    if settings.method != "sim3+icp":
+        return found, source
+    try:
+        step, report = refine(source, truth.cloud, settings.icp(), held_points=work.block_points)
+    except AlignmentError as fault:
+        # A cloud that is nowhere near the truth has failed; that is no fault of its file.
+        return replace(found, icp_failure=fault.what), source
+    return refined(found, step, report, claim.cameras, cameras), Moved(source, step, None)
 
 
 def _in_frame(claim: Claim, transform: Similarity, fusion: Fusion) -> CloudSource:

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
 __all__ = [
     "PairErrors",
     "StepErrors",
+    "auc_of_depth_anything_3",
     "centre_errors",
     "pair_errors",
     "pose_auc",
@@ -133,6 +134,47 @@ def pose_auc(errors: PairErrors, limit_deg: float) -> float:
     return float(shares.mean())
 
 
+def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int]) -> list[float]:
+    """Area under the curve of pairs that are right, as Depth Anything 3's benchmark computes it.
+
+    Unlike `pose_auc` it takes a pair once, not both ways; compares the motions of the world that
+    take one camera to another, in the frame of the first camera, so that the order of the images
+    matters; folds opposite directions to 0 degrees, gives 90 to those of cameras that share a
+    place; and counts by whole degrees.
+
+    Parameters
+    ----------
+    predicted, truth : Poses
+        See `pair_errors`. The first camera is the first that has a pose.
+    limits_deg : list of int
+
+    References
+    ----------
+    Lin et al., Depth Anything 3, 2025; ``compute_pose`` of its ``bench/utils.py``.
+    """
+    count = len(truth)
+    _check(predicted, truth)
+    there = np.flatnonzero(~_failed(predicted))
+    right = np.zeros(max(limits_deg) + 1)
+    last = dict.fromkeys(limits_deg, 0)
+    for row in range(len(there) - 1):
+        pairs = there[row], there[row + 1 :]
+        turn, move = _world_motions(predicted, there[0], *pairs)
+        true_turn, true_move = _world_motions(truth, there[0], *pairs)
+        direction = _angle_deg(move, true_move)
+        direction = np.minimum(direction, 180.0 - direction)
+        direction[(_lengths(move) == 0.0) | (_lengths(true_move) == 0.0)] = 90.0
+        worse = np.maximum(rotation_angle_deg(turn, true_turn), direction)
+        right += (worse[:, None] < np.arange(len(right))).sum(axis=0)
+        # The last degree of a histogram has both its borders.
+        last = {limit: last[limit] + int((worse == limit).sum()) for limit in limits_deg}
+    pairs_of_all = count * (count - 1) / 2
+    return [
+        float((right[1 : limit + 1].sum() + last[limit]) / limit / pairs_of_all)
+        for limit in limits_deg
+    ]
+
+
 def centre_errors(aligned: Poses, truth: Poses) -> Floats:
     """Distances (N,) of aligned camera centres from the true ones, infinite for failures.
 
@@ -218,6 +260,15 @@ def _motions(poses: Poses) -> tuple[Floats, Floats]:
     rotation = poses.rotation
     turn = rotation[:-1] @ np.swapaxes(rotation[1:], -1, -2)
     return turn, apply_matrix(rotation[:-1], np.diff(poses.centres, axis=0))
+
+
+def _world_motions(poses: Poses, first: int, row: int, others: Ints) -> tuple[Floats, Floats]:
+    # Of E_i^-1 E_j, the cameras E being from the frame of the first one.
+    rotation = poses.rotation @ poses.rotation[first].T
+    centres = apply_matrix(poses.rotation[first], poses.centres - poses.centres[first])
+    moved = -apply_matrix(rotation, centres)
+    back = rotation[row].T
+    return back @ rotation[others], apply_matrix(back, moved[others] - moved[row])
 
 
 def _angle_deg(a: Floats, b: Floats) -> Floats:

@@ -6,9 +6,10 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.alignment.consensus import LEAST_CAMERAS, PosedCameras
+from airzoo_bench.reconstruction.alignment.similarity import Similarity, fit_many
 from airzoo_bench.reconstruction.pose_metrics import (
+    auc_of_depth_anything_3,
     centre_errors,
     pair_errors,
     pose_auc,
@@ -34,7 +35,7 @@ def pose_scores(
     predicted : PosedCameras or None
         By the names that the truth has, in any order.
     transform : Similarity
-        Into the frame of the truth, for ATE and RPE.
+        Of the cloud into the frame of the truth; ATE and RPE take it where the protocol says so.
     truth : PosedCameras
         All of the scene's, in the order that RPE steps through.
     settings : ReconstructionScores
@@ -50,10 +51,16 @@ def pose_scores(
         return worst_poses(settings)
     true = Poses(rotation=truth.rotation, centres=truth.centres)
     given = _by_truth(predicted, predicted.rotation, truth)
-    errors = pair_errors(given, true, least_baseline=settings.least_baseline_m)
+    placed = np.isfinite(given.centres).all(axis=1)
+    if settings.trajectory_alignment == "umeyama":
+        transform = _umeyama(given.centres[placed], true.centres[placed])
+    scores = worst_poses(settings) | _aucs(given, true, settings)
+    scores["cameras_placed"] = float(placed.mean())
+    if placed.sum() < LEAST_CAMERAS:
+        # A similarity brings two cameras to any other two.
+        return scores
     aligned = transform.apply_poses(given)
     steps = step_errors(aligned, true)
-    scores = {pose_auc_column(a): pose_auc(errors, a) for a in settings.pose_auc_below_deg}
     scores["ate_m"] = rms_of_placed(centre_errors(aligned, true))
     scores["rpe_m"] = rms_of_placed(steps.translation)
     scores["rpe_deg"] = rms_of_placed(steps.rotation_deg)
@@ -63,7 +70,29 @@ def pose_scores(
 def worst_poses(settings: ReconstructionScores) -> dict[str, float]:
     """Return the pose scores of a prediction whose poses have failed."""
     aucs = {pose_auc_column(a): 0.0 for a in settings.pose_auc_below_deg}
-    return aucs | {"ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
+    failed = {"ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
+    return {**aucs, "cameras_placed": 0.0, **failed}
+
+
+def _aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
+    limits = settings.pose_auc_below_deg
+    if settings.pose_auc_rule == "depth-anything-3":
+        values = auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
+    else:
+        errors = pair_errors(given, true, least_baseline=settings.least_baseline_m)
+        values = [pose_auc(errors, limit) for limit in limits]
+    return {pose_auc_column(limit): value for limit, value in zip(limits, values, strict=True)}
+
+
+def _umeyama(centres: Floats, true: Floats) -> Similarity:
+    """Bring all predicted cameras nearest to the true ones, as evo does.
+
+    Where centres lie on a line the turn about it is free, and changes neither error.
+    """
+    if not len(centres):
+        return Similarity.identity()
+    (fit,), _ = fit_many(centres[None], true[None], with_scale=True)
+    return fit
 
 
 def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> Poses:

@@ -1,6 +1,6 @@
 """What is done to a cloud before distances are taken, piece by piece.
 
-Points that are not finite are left out and counted, then those outside the box, and the rest is
+Points that are not finite are left out and counted, then those outside the region, and the rest is
 thinned by voxels; each step only where a protocol asks for it.
 """
 
@@ -14,15 +14,27 @@ import numpy as np
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.cells import Columns, covered_columns
 from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
 from airzoo_bench.reconstruction.settings import Preparation
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
-__all__ = ["Held", "Moved", "PreparedCloud", "box_of", "prepared"]
+__all__ = [
+    "Held",
+    "Moved",
+    "PreparedCloud",
+    "box_of",
+    "cropped_region",
+    "finite_pieces",
+    "prepared",
+]
+
+Region = Box | Columns
 
 # Where voxels of both clouds have a corner, whatever the clouds.
 _GRID_ORIGIN = np.zeros(3)
+_LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
 _ROBUST = (1.0, 99.0)
 
@@ -78,17 +90,23 @@ class PreparedCloud:
     source : CloudSource
         Finite points only.
     not_finite, outside, thinned : int
-        Points with NaN or infinite coordinates, outside the box, and merged by voxels.
-    bounds : (2, 3) float64
-        Percentiles 1 and 99 of the finite points, those outside the box among them; NaN where there
-        are none.
+        Points with NaN or infinite coordinates, outside the region, and merged by voxels.
+    sample : (S, 3) float64
+        Finite points from all of the cloud, those outside the region among them.
     """
 
     source: CloudSource
     not_finite: int
     outside: int
     thinned: int
-    bounds: Floats
+    sample: Floats
+
+    @property
+    def bounds(self) -> Floats:
+        """Percentiles 1 and 99 (2, 3) of the sample; NaN where there is none."""
+        if not len(self.sample):
+            return np.full((2, 3), np.nan)
+        return np.asarray(np.percentile(self.sample, _ROBUST, axis=0), dtype=np.float64)
 
 
 def box_of(source: CloudSource, points: int = 1 << 20) -> Box:
@@ -114,8 +132,43 @@ def box_of(source: CloudSource, points: int = 1 << 20) -> Box:
     return box
 
 
+def cropped_region(
+    truth: CloudSource, box: Box, settings: Preparation, block_points: int
+) -> Region | None:
+    """Return what a protocol crops both clouds to, or None.
+
+    Parameters
+    ----------
+    truth : CloudSource
+        The true cloud.
+    box : Box
+        That holds it.
+    settings : Preparation
+    block_points : int
+        Points that are read at a time.
+
+    Raises
+    ------
+    BenchmarkError
+        The true cloud spans too much for columns.
+    """
+    margin = settings.crop_margin_m
+    if settings.crop == "none":
+        return None
+    if settings.crop == "box":
+        return box.grown(margin)
+    pieces = finite_pieces(truth, block_points)
+    return covered_columns(pieces, settings.crop_cell_m, box, margin)
+
+
+def finite_pieces(source: CloudSource, block_points: int) -> Iterator[Floats]:
+    """Yield the finite points of a cloud, at most so many at a time."""
+    for piece in source.pieces(block_points):
+        yield piece.points[finite_rows(piece.points)]
+
+
 def prepared(
-    source: CloudSource, settings: Preparation, truth: Box, block_points: int
+    source: CloudSource, settings: Preparation, region: Region | None, block_points: int
 ) -> PreparedCloud:
     """Prepare a cloud.
 
@@ -123,16 +176,20 @@ def prepared(
     ----------
     source : CloudSource
     settings : Preparation
-    truth : Box
-        Around the true cloud.
+    region : Region or None
+        What it is cropped to.
     block_points : int
-        Points that are read at a time.
+        Points that are read at a time, and about as many voxels may be occupied.
+
+    Raises
+    ------
+    UsageError
+        More voxels are occupied.
     """
-    margin = settings.crop_margin_m
-    kept = _Kept(source, None if isinstance(margin, str) else truth.grown(margin))
+    kept = _Kept(source, region)
     grid = None
     if not isinstance(settings.voxel_m, str):
-        grid = VoxelGrid(settings.voxel_m, _GRID_ORIGIN)
+        grid = VoxelGrid(settings.voxel_m, _GRID_ORIGIN, max(block_points, _LEAST_VOXELS))
     not_finite = outside = inside = 0
     sample = _Sample(source.count)
     for piece in source.pieces(block_points):
@@ -143,11 +200,11 @@ def prepared(
         inside += int(np.count_nonzero(within))
         if grid is not None:
             grid.add(take(piece, within))
-    bounds = sample.bounds()
+    some = sample.points()
     if grid is None:
-        return PreparedCloud(_Counted(kept, inside), not_finite, outside, 0, bounds)
+        return PreparedCloud(_Counted(kept, inside), not_finite, outside, 0, some)
     thin = grid.cloud()
-    return PreparedCloud(Held(thin), not_finite, outside, inside - len(thin), bounds)
+    return PreparedCloud(Held(thin), not_finite, outside, inside - len(thin), some)
 
 
 class _Sample:
@@ -161,24 +218,25 @@ class _Sample:
         self._parts.append(points[-self._seen % self._step :: self._step])
         self._seen += len(points)
 
-    def bounds(self) -> Floats:
+    def points(self) -> Floats:
         points = np.concatenate(self._parts)
-        points = points[finite_rows(points)]
-        if not len(points):
-            return np.full((2, 3), np.nan)
-        return np.asarray(np.percentile(points, _ROBUST, axis=0), dtype=np.float64)
+        return points[finite_rows(points)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """The finite points of a cloud that lie in a box."""
+    """The finite points of a cloud that lie in a region."""
 
     source: CloudSource
-    box: Box | None
+    region: Region | None
 
     def rows(self, piece: Cloud) -> tuple[Bools, Bools]:
         finite = finite_rows(piece.points)
-        return finite, finite if self.box is None else finite & self.box.holds(piece.points)
+        if self.region is None:
+            return finite, finite
+        within = finite.copy()
+        within[finite] = self.region.holds(piece.points[finite])
+        return finite, within
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ __all__ = ["RECORDED", "f1_column", "pose_auc_column", "reconstruction_scores", 
 RECORDED = frozenset(
     (
         *("scene", "query", "answered", "points", "distrusted", "not_finite", "outside", "thinned"),
-        *("truth_points", "truth_outside", "truth_thinned"),
+        *("truth_points", "truth_unseen", "truth_outside", "truth_thinned"),
         *("cameras", "cameras_missing", "inlier_cameras", "alignment", "scale"),
         *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
     )
@@ -67,6 +67,7 @@ def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -
     scores.append(_distance("completeness_median_m", "Completeness, median"))
     if with_poses:
         scores += [_share(pose_auc_column(a), f"AUC@{a:g}°") for a in settings.pose_auc_below_deg]
+        scores.append(_share("cameras_placed", "Cameras placed"))
         scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
         angle = Score("rpe_deg", "RPE, rotation", "deg", higher_is_better=False, average="mean")
         scores.append(angle)

@@ -9,38 +9,56 @@ from pydantic import Field, model_validator
 from airzoo_bench.reconstruction.alignment.consensus import RansacSettings
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings
 from airzoo_bench.reconstruction.tsdf import TsdfSettings
-from airzoo_bench.settings import Limits, Positive, Strict
+from airzoo_bench.settings import Count, Limits, Positive, Seed, Strict
 
 __all__ = ["Alignment", "Fusion", "Meshes", "Preparation", "ReconstructionScores"]
 
-Seed = Annotated[int, Field(ge=0, lt=2**31)]
-Count = Annotated[int, Field(ge=1)]
+Trials = Annotated[int, Field(ge=1, le=1_000_000)]
+_LARGEST_ANGLE_DEG = 180.0
 Share = Annotated[float, Field(gt=0, le=1)]
 
 
 class Alignment(Strict):
     """How a prediction is brought into the frame of the truth.
 
-    ``inlier_below_m = "nearest-camera"`` is Depth Anything 3's rule; see `consensus`. The values of
-    `icp_*` are used by ``sim3+icp`` only.
+    ``inlier_below_m = "nearest-camera"`` with half of the cameras in a sample and ten trials is
+    Depth Anything 3's rule; see `consensus`. The values of `icp_*` are used by ``sim3+icp`` only.
     """
 
     method: Literal["none", "sim3", "sim3+icp"]
+    cameras: Literal["required", "optional"]
     inlier_below_m: Positive | Literal["nearest-camera"]
-    trials: Count
-    sample_share: Share
+    inlier_below_deg: Positive
+    sample_share: Share | Literal["minimal"]
+    min_trials: Trials
+    max_trials: Trials
+    confidence: Share
     line_ratio: Share
     seed: Seed
     icp_below_m: Positive
     icp_points: Count
-    icp_iterations: Count
+    icp_iterations: Annotated[int, Field(ge=1, le=100_000)]
     icp_tolerance: Positive
     icp_with_scale: bool
 
+    @model_validator(mode="after")
+    def _trials_in_order(self) -> Self:
+        if self.max_trials < self.min_trials:
+            raise ValueError("max_trials must be at least min_trials")
+        return self
+
     def ransac(self) -> RansacSettings:
         """Return what finding inliers among camera centres needs."""
-        limit = None if isinstance(self.inlier_below_m, str) else self.inlier_below_m
-        return RansacSettings(self.trials, self.sample_share, limit, self.line_ratio, self.seed)
+        return RansacSettings(
+            min_trials=self.min_trials,
+            max_trials=self.max_trials,
+            confidence=self.confidence,
+            sample_share=None if isinstance(self.sample_share, str) else self.sample_share,
+            inlier_limit=None if isinstance(self.inlier_below_m, str) else self.inlier_below_m,
+            inlier_limit_deg=self.inlier_below_deg,
+            line_ratio=self.line_ratio,
+            seed=self.seed,
+        )
 
     def icp(self) -> IcpSettings:
         """Return what refining by the clouds needs."""
@@ -92,7 +110,13 @@ class Meshes(Strict):
 class Preparation(Strict):
     """What is done to both clouds before distances are taken."""
 
-    crop_margin_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] | Literal["none"]
+    crop: Literal["covered", "box", "none"]
+    crop_margin_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+    crop_cell_m: Positive
+    region: Literal["observed", "all"]
+    observed_photos: Count
+    observed_cell_m: Positive
+    hidden_beyond_m: Positive
     voxel_m: Positive | Literal["none"]
 
 
@@ -104,4 +128,26 @@ class ReconstructionScores(Strict):
     curve_up_to_m: Positive
     curve_steps: Annotated[int, Field(ge=2, le=10_000)]
     pose_auc_below_deg: Limits
-    least_baseline_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    pose_auc_rule: Literal["exact", "depth-anything-3"]
+    least_baseline_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+    trajectory_alignment: Literal["umeyama", "cloud"]
+    max_distance_m: Positive | Literal["none"]
+
+    @model_validator(mode="after")
+    def _angles_are_angles(self) -> Self:
+        whole = all(limit.is_integer() for limit in self.pose_auc_below_deg)
+        if self.pose_auc_rule == "depth-anything-3" and not whole:
+            raise ValueError("pose_auc_below_deg must be whole degrees for depth-anything-3")
+        if self.pose_auc_below_deg[-1] > _LARGEST_ANGLE_DEG:
+            raise ValueError("pose_auc_below_deg are angles, at most 180")
+        return self
+
+    @property
+    def finest_m(self) -> float:
+        """The least distance that is scored."""
+        return min(*self.f1_below_m, self.headline_below_m)
+
+    @property
+    def clip_m(self) -> float | None:
+        """What a larger distance counts as in means; None clips nothing."""
+        return None if isinstance(self.max_distance_m, str) else self.max_distance_m

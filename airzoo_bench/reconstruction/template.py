@@ -26,9 +26,9 @@ def depth_template(truth: ReconstructionTruth, seed: int) -> dict[str, NDArray[A
     Returns
     -------
     dict of str to array
-        ``image_names`` (N,), ``depth`` and ``conf`` (N, H, W) float32, ``intrinsics`` (N, 3, 3) at
-        the size of the maps, ``extrinsics`` (N, 3, 4) world-to-camera. All photos are taken to have
-        the proportions of the first.
+        ``image_names`` (N,), ``pixel_centres`` (), ``depth`` and ``conf`` (N, H, W) float32,
+        ``intrinsics`` (N, 3, 3) at the size of the maps, ``extrinsics`` (N, 3, 4) world-to-camera.
+        All photos are taken to have the proportions of the first.
     """
     random = np.random.default_rng(seed)
     count = len(truth.photos)
@@ -42,6 +42,7 @@ def depth_template(truth: ReconstructionTruth, seed: int) -> dict[str, NDArray[A
     matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     return {
         "image_names": truth.photos["image"].to_numpy(str),
+        "pixel_centres": np.array("half"),
         "depth": random.uniform(*_DEPTH_M, (count, height, width)).astype(np.float32),
         "conf": random.uniform(0.0, 1.0, (count, height, width)).astype(np.float32),
         "intrinsics": np.tile(matrix, (count, 1, 1)),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.alignment.cameras import Alignment
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.curves import Curve, curve, even_thresholds
@@ -14,7 +15,7 @@ from airzoo_bench.reconstruction.distances.both_ways import CloudDistances, clou
 from airzoo_bench.reconstruction.metrics import CloudScores, score_distances
 from airzoo_bench.reconstruction.placing import Claim, PlacedClaim, Rules, Work
 from airzoo_bench.reconstruction.pose_scores import pose_scores
-from airzoo_bench.reconstruction.prepared import PreparedCloud
+from airzoo_bench.reconstruction.prepared import PreparedCloud, finite_pieces
 from airzoo_bench.reconstruction.scores import f1_column, share_column
 from airzoo_bench.reconstruction.settings import ReconstructionScores
 
@@ -77,7 +78,8 @@ def score_scene(
         folder=None,
         progress=work.progress,
     )
-    scores = _scores(distances, rules.scores)
+    recalled = _recalled(distances, placed, work)
+    scores = _scores(distances.to_truth, recalled, rules.scores)
     poses = pose_scores(claim.cameras, alignment.transform, cameras, rules.scores)
     steps = even_thresholds(rules.scores.curve_up_to_m, rules.scores.curve_steps)
     counts = {
@@ -85,6 +87,7 @@ def score_scene(
         "missing": 0,
         "points": len(distances.to_truth),
         "truth_points": len(distances.to_prediction),
+        "truth_unseen": len(distances.to_prediction) - len(recalled),
         "distrusted": placed.distrusted,
         "not_finite": predicted.not_finite,
         "outside": predicted.outside,
@@ -99,7 +102,7 @@ def score_scene(
     return ScoredScene(
         record | _alignment_columns(alignment) | _columns(scores, rules.scores) | poses,
         counts,
-        curve(distances.to_truth, distances.to_prediction, steps),
+        curve(distances.to_truth, recalled, steps),
         alignment,
         (predicted, true),
         distances,
@@ -113,7 +116,7 @@ def score_missing(scene: str, scores: ReconstructionScores) -> ScoredScene:
         np.full(1, np.inf),
         thresholds=_thresholds(scores),
         percentiles=(),
-        max_distance=None,
+        max_distance=scores.clip_m,
     )
     record = {"scene": scene, "answered": False, "points": 0, **_columns(worst, scores)}
     return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
@@ -123,13 +126,22 @@ def _thresholds(settings: ReconstructionScores) -> list[float]:
     return sorted({*settings.f1_below_m, settings.headline_below_m})
 
 
-def _scores(distances: CloudDistances, settings: ReconstructionScores) -> CloudScores:
+def _recalled(distances: CloudDistances, placed: PlacedClaim, work: Work) -> Floats:
+    """Distances of the true points that recall and completeness are over."""
+    if placed.observed is None:
+        return distances.to_prediction
+    pieces = finite_pieces(placed.truth.source, work.block_points)
+    seen = [placed.observed.holds(points) for points in pieces]
+    return distances.to_prediction[np.concatenate(seen)]
+
+
+def _scores(to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores) -> CloudScores:
     return score_distances(
-        distances.to_truth,
-        distances.to_prediction,
+        to_truth,
+        to_prediction,
         thresholds=_thresholds(settings),
         percentiles=(),
-        max_distance=None,
+        max_distance=settings.clip_m,
     )
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark import Benchmark, read_table
+from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark_tables import read_table
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import sha256_of
 from airzoo_bench.geometry.cameras import Cameras

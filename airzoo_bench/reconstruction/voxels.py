@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.regions import take
@@ -51,6 +52,8 @@ class VoxelGrid:
         Side of a voxel, positive.
     origin : (3,) array
         A corner of the grid; the same for clouds that are to be compared.
+    most : int, optional
+        Voxels that may be occupied; any number where left out.
 
     Raises
     ------
@@ -58,11 +61,12 @@ class VoxelGrid:
         A size that is not positive and finite.
     """
 
-    def __init__(self, size: float, origin: Floats) -> None:
+    def __init__(self, size: float, origin: Floats, most: int | None = None) -> None:
         if not (size > 0.0 and np.isfinite(size)):
             raise ValueError(f"voxels of size {size}")
         self._size, self._origin = size, np.asarray(origin, dtype=np.float64)
         self._parts: list[_Voxels] = []
+        self._most = most
 
     def add(self, cloud: Cloud) -> None:
         """Add finite points; colours and confidences are kept where all pieces have them.
@@ -70,9 +74,15 @@ class VoxelGrid:
         Parameters
         ----------
         cloud : Cloud
+
+        Raises
+        ------
+        UsageError
+            More voxels are occupied than may be.
         """
         for start in range(0, len(cloud), _CHUNK):
             self._add(take(cloud, slice(start, start + _CHUNK)))
+            self._require_room()
 
     def cloud(self) -> Cloud:
         """One point for each occupied voxel, by x, then y, then z of the voxels."""
@@ -101,6 +111,17 @@ class VoxelGrid:
         self._parts.append(_merged(_Voxels(cells, ones, offsets, colours, cloud.confidence)))
         # Like a binary counter: a part is merged about log2(pieces) times, not with each piece.
         while len(self._parts) > 1 and 2 * len(self._parts[-1]) >= len(self._parts[-2]):
+            self._join_last_two()
+
+    def _require_room(self) -> None:
+        # Parts may share voxels: they are counted once all are merged.
+        while self._most is not None and sum(map(len, self._parts)) > self._most:
+            if len(self._parts) == 1:
+                raise UsageError(
+                    f"a cloud occupies more than {self._most:,} voxels of {self._size:g} m, "
+                    "which is all that memory may hold",
+                    mend="give --max-memory more, or choose larger voxels in the protocol",
+                )
             self._join_last_two()
 
     def _join_last_two(self) -> None:

@@ -27,8 +27,10 @@ from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.breakdown_layout import group_intervals
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.compatibility import choose_scores
-from airzoo_bench.statistics.intervals import FEWEST, Interval, bootstrap
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.intervals import FEWEST, Interval
+from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.significance import is_share
 from airzoo_bench.statistics.wording import intervals_made, plural, resampled
 
 if TYPE_CHECKING:
@@ -159,7 +161,7 @@ def intervals(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None
     """Draw the average over scenes with its 95 % interval, by the plan of `compare`."""
     plan = Plan()
     sample = make_sample(methods, [score])
-    found = bootstrap(sample, plan, groups=False).overall
+    found = sample_intervals(sample, plan, groups=False).overall
     values = np.array([method.result.overall[score.key] for method in methods])
     names = [method.name for method in methods]
     made = intervals_made(found, plan, resampled(methods[0].result.unit), "interval")
@@ -221,7 +223,9 @@ def condition(
     medians = np.full(len(methods), score.average == "median")
     averages = group_averages(values, medians, grouping.codes, len(grouping.labels))
     plan, unit = Plan(), methods[0].result.unit
-    found = group_intervals(values, medians, grouping, plan, unit)
+    shares = np.full(len(methods), unit == "query" and is_share(score))
+    sample = Sample(unit, ("",), (values,), medians, shares)
+    found = group_intervals(sample, grouping, plan)
     titles = methods[0].result.truth.scene_titles if by == "scene" else {}
     over = f"over all {plural(unit)} of a group, whatever their scene"
     return draw_by_condition(
@@ -246,7 +250,8 @@ def _open_marks(averages: Floats) -> str:
 def _whiskers(found: Sequence[Sequence[Interval]], plan: Plan, units: str) -> str:
     """Say what whiskers are, and why some groups have none."""
     every = [interval for group in found for interval in group]
-    why = f"fewer than {FEWEST} {units}, or all are alike"
+    alike = any("alike" in interval.reason for interval in every)
+    why = f"fewer than {FEWEST} {units}" + ", or all are alike" * alike
     made = intervals_made(every, plan, f"{units} within each group")
     if not made:
         return f"no intervals: each group has {why}"

@@ -95,7 +95,9 @@ def lacking_letters(figure: Figure) -> str:
     return "".join(c for c in letters if c != "\n" and not font.get_char_index(ord(c)))
 
 
-def figure_bytes(figure: Figure, form: str, settings: dict[str, Any] | None = None) -> bytes:
+def figure_bytes(
+    figure: Figure, form: str, settings: dict[str, Any] | None = None, dpi: int | None = None
+) -> bytes:
     """Render a figure.
 
     Parameters
@@ -105,12 +107,14 @@ def figure_bytes(figure: Figure, form: str, settings: dict[str, Any] | None = No
         One of `FORMATS`.
     settings : dict, optional
         Of Matplotlib, where they differ from its defaults.
+    dpi : int, optional
+        Dots per inch of pixels, 200 by default.
     """
     stream = io.BytesIO()
     with default_style(_FILES | (settings or {})), any_letters():
         warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
         _settle(figure)
-        figure.savefig(stream, format=form, dpi=_DPI, metadata=_METADATA[form])
+        figure.savefig(stream, format=form, dpi=dpi or _DPI, metadata=_METADATA[form])
     return stream.getvalue()
 
 
@@ -145,14 +149,16 @@ def _settle(figure: Figure) -> None:
         axes.set_position((float(x), float(y), float(width), float(height)))
 
 
-def save_figure(figure: Figure, path: Path, settings: dict[str, Any] | None = None) -> None:
+def save_figure(
+    figure: Figure, path: Path, settings: dict[str, Any] | None = None, dpi: int | None = None
+) -> None:
     """Write a figure as its path ends, ``.png``, ``.svg`` or ``.pdf``, whole or not at all.
 
     Parameters
     ----------
     figure : Figure
     path : Path
-    settings : dict, optional
+    settings, dpi : dict, int, optional
         See `figure_bytes`.
 
     Raises
@@ -160,7 +166,7 @@ def save_figure(figure: Figure, path: Path, settings: dict[str, Any] | None = No
     UsageError
         It ends otherwise.
     """
-    content = figure_bytes(figure, check_ending(path), settings)
+    content = figure_bytes(figure, check_ending(path), settings, dpi)
     with atomic_write(path) as stream:
         stream.write(content)
 

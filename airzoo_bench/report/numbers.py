@@ -1,4 +1,4 @@
-"""The numbers of a report's section: averages, intervals, breakdowns, values of queries."""
+"""The numbers of a report's section: intervals, breakdowns, values of queries."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from airzoo_bench.breakdown import condition_title, group_averages, group_record
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
+from airzoo_bench.report.standings import marks_of
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
-from airzoo_bench.statistics.intervals import Interval, bootstrap
+from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.statistics.wording import intervals_made, resampled
 
-__all__ = ["Intervals", "averages", "breakdowns", "intervals", "queries"]
+__all__ = ["Intervals", "breakdowns", "intervals", "queries"]
 
 Limits = list[list[float] | None]
 
@@ -47,20 +49,6 @@ class Intervals:
     note: str
 
 
-def averages(section: Section) -> dict[str, Any]:
-    """Return every score by method: over scenes, over all queries, and of each scene."""
-    keys = [score.key for score in section.scores]
-    results = [method.result for method in section.methods]
-    return {
-        "overall": [[result.overall[key] for key in keys] for result in results],
-        "pooled": [[result.pooled[key] for key in keys] for result in results],
-        "perScene": [
-            [[result.scenes[scene][key] for key in keys] for result in results]
-            for scene in section.first.scenes
-        ],
-    }
-
-
 def intervals(section: Section) -> Intervals:
     """Take 95 % intervals as `compare` does, of as many scores and resamples as seconds allow.
 
@@ -71,7 +59,7 @@ def intervals(section: Section) -> Intervals:
         return Intervals({}, {}, "no intervals: there are too many queries and methods")
     plan = Plan(resamples)
     sample = make_sample(section.methods, scores)
-    found = bootstrap(sample, plan)
+    found = sample_intervals(sample, plan)
     scenes = found.groups if sample.unit == "query" else {}
     every = [interval for part in [found.overall, *scenes.values()] for interval in part]
     return Intervals(
@@ -143,13 +131,23 @@ def _breakdown(
     ]
     counts = [np.bincount(grouping.codes[part], minlength=groups).tolist() for part in parts]
     shape = (len(section.query_scores), len(section.methods), groups)
+    shaped = [part.reshape(shape) for part in found]
     return {
         "by": by,
         "title": condition_title(by),
         "labels": list(grouping.labels),
         "counts": counts,
-        "values": blobs.json([part.reshape(shape) for part in found]),
+        "values": blobs.json(shaped),
+        "marks": blobs.json([_group_marks(section, part) for part in shaped]),
     }
+
+
+def _group_marks(section: Section, values: Floats) -> list[list[list[str]]]:
+    """Mark the best method of each group: by score, then group, then method."""
+    return [
+        [marks_of(score, group.tolist()) for group in by_method.T]
+        for score, by_method in zip(section.query_scores, values, strict=True)
+    ]
 
 
 def _values(section: Section, scores: Sequence[ScoreColumn]) -> Floats:

@@ -27,7 +27,7 @@ __all__ = ["Report", "make_report"]
 
 _SCRIPTS = (
     *("core.js", "links.js", "views.js", "chart.js", "hardest.js", "queries.js", "tiles.js"),
-    *("marks.js", "moves.js", "map.js", "overview.js", "main.js"),
+    *("marks.js", "moves.js", "map.js", "pairs.js", "overview.js", "main.js"),
 )
 _TITLE = "Results"
 

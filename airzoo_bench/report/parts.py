@@ -11,11 +11,13 @@ from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest, order_said
 from airzoo_bench.report.labels import error_label
 from airzoo_bench.report.maps import maps
-from airzoo_bench.report.numbers import averages, breakdowns, intervals, queries
+from airzoo_bench.report.numbers import breakdowns, intervals, queries
 from airzoo_bench.report.packing import Blobs, data_uri
+from airzoo_bench.report.pairs import compared_pairs
 from airzoo_bench.report.part_figures import part_figures
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section
+from airzoo_bench.report.standings import references, standings
 from airzoo_bench.result import Result
 from airzoo_bench.statistics.significance import is_hit
 
@@ -56,7 +58,9 @@ def make_part(
         "methods": [_method(method.name, method.result) for method in section.methods],
         "notes": _notes(section),
         "settings": list(_flat(section.first.protocol.settings)),
-        "averages": averages(section),
+        "standings": standings(section),
+        "references": references(section),
+        "pairs": compared_pairs(section, blobs),
         "intervals": {"overall": found.overall, "scenes": found.scenes, "note": found.note},
         "breakdowns": breakdowns(section, blobs),
         "queries": queries(section, blobs),

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark import Benchmark, find_benchmark, read_table
+from airzoo_bench.benchmark import Benchmark, find_benchmark
+from airzoo_bench.benchmark_tables import read_table
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats

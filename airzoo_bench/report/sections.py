@@ -128,7 +128,7 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
     -------
     list of Section
         Benchmarks in the order in which their first results stand; of each its tracks in the order
-        of `TRACKS`.
+        of `TRACKS`; in each the best method first, by the first of the paper's scores.
 
     Raises
     ------
@@ -151,7 +151,13 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
         groups.setdefault(_key(result), []).append(Scored(name, result, rows))
     for methods in groups.values():
         check_comparable(methods)
-    return _in_order([Section(methods, ranks[key]) for key, methods in groups.items()])
+    return _in_order([Section(_best_first(methods), ranks[key]) for key, methods in groups.items()])
+
+
+def _best_first(methods: list[Scored]) -> list[Scored]:
+    score = choose_scores(methods, [])[0]
+    sign = -1 if score.higher_is_better else 1
+    return sorted(methods, key=lambda method: sign * method.result.overall[score.key])
 
 
 def _in_order(sections: list[Section]) -> list[Section]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,18 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.ids import scene_of
+from airzoo_bench.ids import scene_of, with_endings
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
     RankedIds,
     RetrievalPredictions,
 )
-from airzoo_bench.retrieval.ranking import Ranking, rank_by_descriptors, rank_by_ids
+from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
 from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["check_tiles", "rank_scene"]
+__all__ = ["is_answered", "rank_scene", "strange_tiles"]
+
+_CELLS = 1 << 20  # ranks at a time
 
 
 def rank_scene(
@@ -76,31 +80,34 @@ def rank_scene(
                     memory_bytes=memory_bytes,
                     workers=workers,
                     names=names,
+                    tile_names=truth.tiles["id"].to_numpy(),
                 )
     except PredictionError as error:
         raise error.inside(predictions.path) from error
     return _spread(ranking, answered, len(rows))
 
 
-def check_tiles(
-    predictions: RetrievalPredictions, truth: RetrievalTruth, rows: NDArray[np.intp]
-) -> None:
-    """Hold the tiles of a claim against a scene's gallery, without ranking.
+def is_answered(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Tell which queries have an answer: a row in the file, whose list is not empty.
 
-    Raises
-    ------
-    PredictionError
-        A tile is not in the gallery, or descriptors of some are lacking.
+    Parameters
+    ----------
+    predictions : RetrievalPredictions
+    rows : (Q,) int
+        From `ids.assign_queries`.
     """
-    there = rows[rows >= 0]
-    try:
-        match predictions.claim:
-            case RankedIds() as claim:
-                _tile_indices(truth, claim.ids[there], predictions.query_ids[there])
-            case Descriptors() as claim:
-                _gallery_rows(claim, truth)
-    except PredictionError as error:
-        raise error.inside(predictions.path) from error
+    claim, answered = predictions.claim, rows >= 0
+    if isinstance(claim, RankedIds):
+        answered = answered & (claim.ids[rows] != "").any(axis=1)
+    return answered
+
+
+def strange_tiles(predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]) -> int:
+    """Count the described tiles that are in no gallery."""
+    if isinstance(predictions.claim, RankedIds):
+        return 0
+    known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
+    return int((~np.isin(predictions.claim.gallery_ids, known)).sum())
 
 
 @dataclass(frozen=True)
@@ -111,14 +118,55 @@ class _Asked:
     names: NDArray[np.str_]
     positives: Positives
 
+    def part(self, some: slice) -> _Asked:
+        """Return some of them."""
+        order = np.arange(len(self.rows))[some]
+        return _Asked(self.rows[some], self.names[some], self.positives.take(order))
+
 
 def _rank_ids(
     claim: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
 ) -> Ranking:
-    kept = slice(settings.ranks_kept)
-    tiles = _tile_indices(truth, claim.ids[asked.rows, kept], asked.names)
-    scores = None if claim.scores is None else claim.scores[asked.rows, kept]
-    return rank_by_ids(tiles, scores, asked.positives, settings.depth, names=asked.names)
+    step = max(1, _CELLS // max(1, claim.ids.shape[1]))
+    parts = [
+        _rank_some(claim, truth, asked.part(slice(start, start + step)), settings)
+        for start in range(0, max(1, len(asked.rows)), step)
+    ]
+    return Ranking(
+        np.concatenate([part.tiles for part in parts]),
+        np.concatenate([part.tie_dependent for part in parts]),
+    )
+
+
+def _rank_some(
+    claim: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
+) -> Ranking:
+    n_tiles = len(truth.tiles)
+    kept = min(settings.ranks_kept, n_tiles)
+    ids = claim.ids[asked.rows]
+    scores = None if claim.scores is None else claim.scores[asked.rows]
+    width = _ranks_that_matter(ids, scores, kept)
+    return rank_by_ids(
+        _tile_indices(truth, ids[:, :width], asked.names),
+        None if scores is None else scores[:, :width],
+        asked.positives,
+        n_tiles=n_tiles,
+        k=kept,
+        depth=settings.depth,
+        names=asked.names,
+    )
+
+
+def _ranks_that_matter(ids: NDArray[np.str_], scores: NDArray[np.float64] | None, kept: int) -> int:
+    """Find how much of the lists decides their first ranks: ties that go on beyond them, too.
+
+    And one rank more, which tells a tie that ends there from one that the list ends with.
+    """
+    if scores is None:
+        return kept
+    on = (scores[:, kept:] == scores[:, kept - 1 : -1]) & (ids[:, kept:] != "")
+    tied = np.logical_and.accumulate(on, axis=1).sum(axis=1)
+    return kept + int(tied.max(initial=0)) + 1
 
 
 def _spread(ranking: Ranking, answered: NDArray[np.intp], n_queries: int) -> Ranking:
@@ -157,6 +205,10 @@ def _mend_strange_tile(tile: str, truth: RetrievalTruth) -> str:
         return f"put the scene before each tile: {truth.scene}/{tile}"
     if scene != truth.scene:
         return f"rank each query against its own scene only; this tile is of scene {scene!r}"
+    if tile in set(truth.dropped_tiles["id"]):
+        return "leave this tile out: the map is empty there, and dropped_tiles.csv lists it"
+    if with_endings(np.array([tile])):
+        return "leave out the file's ending: ids are names without it"
     return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
 
 

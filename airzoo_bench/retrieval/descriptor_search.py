@@ -19,8 +19,17 @@ from numpy.typing import NDArray
 
 from airzoo_bench.retrieval.candidate_search import Search, rounded_down
 from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
-from airzoo_bench.retrieval.pairs import Positives, offsets_of
-from airzoo_bench.retrieval.similarity import Queries, check_norms, norms_of, similarity, usable
+from airzoo_bench.retrieval.pairs import Positives
+from airzoo_bench.retrieval.similarity import (
+    Names,
+    Queries,
+    check_norms,
+    norms_of,
+    points_one_way,
+    roundoff,
+    similarity,
+    usable,
+)
 
 __all__ = ["Candidates", "nearest"]
 
@@ -44,13 +53,16 @@ class Candidates:
     cluster : (n,) array
         Of one query, tiles of a smaller cluster come first whatever their score.
     score : (n,) array
-        Similarity in float64, comparable within a cluster.
+        Similarity in float64, comparable within a cluster; one value for what ties.
+    flat : (m,) array
+        Queries for which all tiles of the gallery tie.
     """
 
     query: Ints
     tile: Ints
     cluster: Ints
     score: Floats
+    flat: Ints
 
 
 @dataclass(frozen=True)
@@ -72,9 +84,9 @@ class _Gallery:
         """Whether all numbers of each row are finite."""
         return np.array([np.isfinite(self.rows.read(row, row + 1)).all() for row in rows], bool)
 
-    def scores(self, query: Ints, tile: Ints) -> Floats:
-        """Similarities in float64 of pairs, reading only the rows that they need."""
-        scores = np.empty(len(query))
+    def scores(self, query: Ints, tile: Ints) -> tuple[Floats, Floats]:
+        """Similarities in float64 of pairs and their errors, reading only the rows they need."""
+        scores, slacks = np.empty(len(query)), np.empty(len(query))
         order = np.argsort(tile, kind="stable")
         piece = max(_PAIRS, _PIECE_NUMBERS // max(self.rows.array.shape[1], 1))
         chunk = tile[order] // (4 * piece)
@@ -86,15 +98,14 @@ class _Gallery:
             rows = self.rows.read(start, int(tile[group[-1]]) + 1)
             for first in range(0, len(group), piece):
                 some = group[first : first + piece]
-                scores[some] = similarity(
-                    self.queries.rows[query[some]].astype(np.float64),
-                    rows[tile[some] - start].astype(np.float64),
-                    self.queries.metric,
-                )
+                asked = self.queries.rows[query[some]].astype(np.float64)
+                given = rows[tile[some] - start].astype(np.float64)
+                scores[some] = similarity(asked, given, self.queries.metric)
+                slacks[some] = roundoff(asked, given, scores[some], self.queries.metric)
 
         with ThreadPoolExecutor(self.workers) as pool:
             list(pool.map(evaluate, groups))
-        return scores
+        return scores, slacks
 
 
 def nearest(
@@ -105,6 +116,7 @@ def nearest(
     *,
     memory_bytes: int,
     workers: int,
+    names: Names | None = None,
 ) -> Candidates:
     """Find the pairs that hold the k most similar tiles of each query, and all that tie with them.
 
@@ -119,17 +131,23 @@ def nearest(
     row_bytes = max(1, gallery.shape[1] * max(gallery.itemsize, 4))
     block = int(np.clip(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, 1, _BLOCK_ROWS))
     part = max(1, memory_bytes // 16 // (4 * block))
+    batch = max(1, memory_bytes // 8 // (16 * max(1, len(gallery))))
     stored = _Gallery(RowSource.of(gallery), queries, block, workers)
+    if points_one_way(stored.rows, queries.metric, max(1, block // 8)):
+        none = np.zeros(0, np.int64)
+        return Candidates(none, none, none, np.zeros(0), np.arange(len(queries.norms)))
     caution = 1.0
     while True:
-        searches, bounds = _search(stored, k, part, caution)
+        searches, bounds = _search(stored, k, part, caution, names)
         found = [_settled(stored, search, bounds[search.part]) for search in searches]
         worst = max((error for _, error in found), default=0.0)
         if worst <= 1:
             break
         caution *= 4 * worst  # never seen; the bound holds with all but certainty
     crowds = [search for search in searches if search.crowded.any()]
-    parts = [candidates for candidates, _ in found] + _exhausted(stored, crowds, bounds, positives)
+    parts = [candidates for candidates, _ in found] + _exhausted(
+        stored, crowds, bounds, positives, batch
+    )
     joined = (
         np.concatenate([np.zeros(0, dtype), *(getattr(one, name) for one in parts)])
         for name, dtype in (
@@ -137,12 +155,15 @@ def nearest(
             ("tile", np.int64),
             ("cluster", np.int64),
             ("score", np.float64),
+            ("flat", np.int64),
         )
     )
     return Candidates(*joined)
 
 
-def _search(gallery: _Gallery, k: int, part: int, caution: float) -> tuple[list[Search], Floats]:
+def _search(
+    gallery: _Gallery, k: int, part: int, caution: float, names: Names | None
+) -> tuple[list[Search], Floats]:
     """Search in float32; also give every query's bound, for the greatest norm of the gallery."""
     n = len(gallery.queries.norms)
     parts = [slice(start, min(start + part, n)) for start in range(0, n, part)]
@@ -161,7 +182,7 @@ def _search(gallery: _Gallery, k: int, part: int, caution: float) -> tuple[list[
             values = gallery.queries.similarities(search.part, single, here)
             search.absorb(values, start, bounds[search.part])
     if wild:
-        check_norms(norms, gallery.finite, "gallery_descriptors", metric)
+        check_norms(norms, gallery.finite, "gallery_descriptors", metric, names)
     return searches, bounds
 
 
@@ -180,96 +201,91 @@ def _settled(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candida
     several = np.bincount(cluster, minlength=1)[cluster] > 1
     doubtful = np.flatnonzero(best | several)
     query = query + search.part.start
-    score = np.zeros(len(query))
-    score[doubtful] = gallery.scores(query[doubtful], tile[doubtful])
+    score, slack = np.zeros(len(query)), np.zeros(len(query))
+    score[doubtful], slack[doubtful] = gallery.scores(query[doubtful], tile[doubtful])
     exact = gallery.queries.searched(query[doubtful], score[doubtful])
     error = np.abs(value[doubtful] - exact) / bound[doubtful]
-    return Candidates(query, tile, cluster, score), float(error.max(initial=0))
+    score = _with_ties(query, cluster, score, slack)
+    flat = _all_tied(query, cluster, score, len(gallery.rows))
+    return Candidates(query, tile, cluster, score, flat), float(error.max(initial=0))
 
 
-@dataclass
-class _Crowd:
-    """Queries of too many candidates: the k best other tiles so far, and all positives.
-
-    `floor` is the least value in float32 of a tile that may still matter; `kth` is the k-th best
-    score of those that are not positive. Tiles come in order, so that a later one that ties with
-    `kth` comes after it.
-    """
-
-    gallery: _Gallery
-    positives: Positives
-    k: int
-    queries: Ints
-    bounds: Floats
-    floor: Floats
-    kth: Floats
-    column: Ints
-    tile: Ints
-    score: Floats
-
-    @classmethod
-    def of(cls, gallery: _Gallery, positives: Positives, search: Search, bounds: Floats) -> _Crowd:
-        columns = np.flatnonzero(search.crowded)
-        queries = columns + search.part.start
-        bounds, kth = bounds[queries], np.full(len(columns), -np.inf)
-        floor = search.kth[columns] - 2 * bounds
-        none = np.zeros(0, np.int64)
-        return cls(
-            gallery, positives, search.k, queries, bounds, floor, kth, none, none, np.zeros(0)
-        )
-
-    def absorb(
-        self, start: int, rows: NDArray[Any], single: NDArray[np.float32], norms: Floats
-    ) -> None:
-        values = self.gallery.queries.similarities(self.queries, single, norms)
-        row, column = np.nonzero(values >= rounded_down(self.floor))
-        score = self._scores(start, rows, row, column)
-        positive = self._positive(column, row + start)
-        new = np.flatnonzero(positive | (score > self.kth[column]))
-        self.column = np.concatenate([self.column, column[new]])
-        self.tile = np.concatenate([self.tile, row[new] + start])
-        self.score = np.concatenate([self.score, score[new]])
-        self._prune()
-
-    def candidates(self) -> Candidates:
-        return Candidates(
-            self.queries[self.column], self.tile, np.zeros(len(self.tile), np.int64), self.score
-        )
-
-    def _positive(self, column: Ints, tile: Ints) -> NDArray[np.bool_]:
-        return self.positives.holds(self.queries[column], tile, len(self.gallery.rows))
-
-    def _scores(self, start: int, rows: NDArray[Any], row: Ints, column: Ints) -> Floats:
-        """Similarities in float64; equal rows, the usual cause of a crowd, count as one."""
-        whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))
-        first, same = np.unique(whole[:, 0], return_index=True, return_inverse=True)[1:]
-        pair, back = np.unique(first[same][row] * len(self.queries) + column, return_inverse=True)
-        one_row, one_column = np.divmod(pair, len(self.queries))
-        scores = self.gallery.scores(self.queries[one_column], one_row + start)
-        return scores[back]
-
-    def _prune(self) -> None:
-        positive = self._positive(self.column, self.tile)
-        order = np.lexsort((self.tile, -self.score, positive, self.column))
-        column, positive = self.column[order], positive[order]
-        counts = np.bincount(column, minlength=len(self.queries))
-        rank = np.arange(len(order)) - offsets_of(counts)[column]
-        last = ~positive & (rank == self.k - 1)
-        self.kth[column[last]] = self.score[order[last]]
-        exact = self.gallery.queries.searched(self.queries, self.kth)
-        self.floor = np.maximum(self.floor, exact - self.bounds)
-        kept = order[positive | (rank < self.k)]
-        self.column, self.tile, self.score = self.column[kept], self.tile[kept], self.score[kept]
+def _all_tied(query: Ints, cluster: Ints, score: Floats, n_tiles: int) -> Ints:
+    """Find the queries all of whose tiles are in one tie; pairs are in the order of clusters."""
+    changes = (np.diff(query) == 0) & ((np.diff(cluster) != 0) | (np.diff(score) != 0))
+    several = np.zeros(int(query.max(initial=-1)) + 1, bool)
+    several[query[1:][changes]] = True
+    flat: Ints = np.flatnonzero((np.bincount(query) == n_tiles) & ~several)
+    return flat
 
 
 def _exhausted(
-    gallery: _Gallery, crowds: list[Search], bounds: Floats, positives: Positives
+    gallery: _Gallery, crowds: list[Search], bounds: Floats, positives: Positives, batch: int
 ) -> list[Candidates]:
-    """Evaluate in float64 every tile that the search could not exclude, block by block."""
-    if not crowds:
-        return []
-    states = [_Crowd.of(gallery, positives, search, bounds) for search in crowds]
+    """Evaluate in float64 every tile that the search could not exclude, some queries at a time.
+
+    Gives the first k tiles of each query and, of what ties with them, all positives.
+    """
+    columns = [np.flatnonzero(search.crowded) for search in crowds]
+    numbers = [some + search.part.start for some, search in zip(columns, crowds, strict=True)]
+    queries = np.concatenate([np.zeros(0, np.int64), *numbers])
+    kth = [search.kth[some] for some, search in zip(columns, crowds, strict=True)]
+    floors = np.concatenate([np.zeros(0), *kth]) - 2 * bounds[queries]
+    found = []
+    for first in range(0, len(queries), batch):
+        part = slice(first, first + batch)
+        score, slack = _whole_rows(gallery, queries[part], floors[part])
+        found += [
+            _first_of_row(gallery, crowds[0].k, positives, *row)
+            for row in zip(queries[part].tolist(), score, slack, strict=True)
+        ]
+    return found
+
+
+def _whole_rows(gallery: _Gallery, queries: Ints, floors: Floats) -> tuple[Floats, Floats]:
+    """Similarities (n, G) of queries to all tiles, and their errors; -inf below the floors."""
+    score = np.full((len(queries), len(gallery.rows)), -np.inf)
+    slack = np.zeros_like(score)
+    least = rounded_down(floors)
     for start, rows, single, norms in gallery.blocks():
-        for state in states:
-            state.absorb(start, rows, single, norms)
-    return [state.candidates() for state in states]
+        values = gallery.queries.similarities(queries, single, norms)
+        row, column = np.nonzero(values >= least)
+        # Equal rows, the usual cause of a crowd, count as one.
+        whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))
+        first, same = np.unique(whole[:, 0], return_index=True, return_inverse=True)[1:]
+        pair, back = np.unique(first[same][row] * len(queries) + column, return_inverse=True)
+        one_row, one_column = np.divmod(pair, len(queries))
+        found = gallery.scores(queries[one_column], one_row + start)
+        score[column, row + start], slack[column, row + start] = (part[back] for part in found)
+    return score, slack
+
+
+def _first_of_row(
+    gallery: _Gallery, k: int, positives: Positives, query: int, score: Floats, slack: Floats
+) -> Candidates:
+    tile = np.flatnonzero(score > -np.inf)
+    here = np.full(len(tile), query)
+    score = _with_ties(here, here, score[tile], slack[tile])
+    positive = np.isin(tile, positives.of(query))
+    order = np.lexsort((tile, positive, -score))
+    kept = order[(np.arange(len(order)) < k) | positive[order]]
+    flat = len(tile) == len(gallery.rows) and bool((score == score[0]).all())
+    return Candidates(
+        here[kept],
+        tile[kept],
+        np.zeros(len(kept), np.int64),
+        score[kept],
+        here[:1] if flat else here[:0],
+    )
+
+
+def _with_ties(query: Ints, cluster: Ints, score: Floats, slack: Floats) -> Floats:
+    """Give similarities that rounding may have told apart the best value among them."""
+    order = np.lexsort((-score, cluster, query))
+    tied = (np.diff(query[order]) == 0) & (np.diff(cluster[order]) == 0)
+    tied &= -np.diff(score[order]) <= slack[order][1:] + slack[order][:-1]
+    opens = np.ones(len(order), bool)
+    opens[1:] = ~tied
+    level = np.empty_like(score)
+    level[order] = score[order][opens][np.cumsum(opens) - 1]
+    return level

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.frames import to_lonlat, unwrapped
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import RayStatus, intersect_heightfield, intersect_plane
@@ -37,10 +37,17 @@ class Footprints:
     centres: NDArray[np.float64]
 
     @property
-    def without_ground_point(self) -> NDArray[np.bool_]:
-        """Photos (N,) none of whose rays meets the ground."""
-        blind: NDArray[np.bool_] = (self.status != RayStatus.HIT).all(axis=1)
-        return blind
+    def missed_rays(self) -> NDArray[np.int64]:
+        """How many of the four rays of each photo (N,) meet no ground."""
+        missed: NDArray[np.int64] = np.count_nonzero(self.status != RayStatus.HIT, axis=1)
+        return missed
+
+    def about(self, lon: float) -> Footprints:
+        """Return the same with longitudes unwrapped about one; see `frames.unwrapped`."""
+        lonlat, centres = (
+            np.round(unwrapped(part, lon), LONLAT_DECIMALS) for part in (self.lonlat, self.centres)
+        )
+        return Footprints(lonlat, self.status, centres)
 
 
 def cast_footprints(

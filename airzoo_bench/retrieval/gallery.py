@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import RasterError
-from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat
+from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat, unwrapped
 from airzoo_bench.geometry.grids import pixel_to_world
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
+from airzoo_bench.geometry.rasters import RasterInfo, describe_crs, gsd_m
+from airzoo_bench.retrieval.overlap import box_areas, polygon_areas
 from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
+from airzoo_bench.retrieval.valid_shares import valid_shares
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["LONLAT_DECIMALS", "check_gsd", "cut_gallery", "tile_starts"]
+__all__ = [
+    "LONLAT_DECIMALS",
+    "box_growth",
+    "check_gsd",
+    "cut_gallery",
+    "middle_lon",
+    "tile_starts",
+    "windows_of",
+]
 
 LONLAT_DECIMALS = 9
 """Degrees are kept to 0.1 mm, so that two builds of PROJ give the same truth."""
@@ -38,10 +49,11 @@ def tile_starts(length: int, size: int, overlap: float) -> NDArray[np.int64]:
     Returns
     -------
     (n,) int64
-        Ascending; the last tile is anchored to the map's edge. A map shorter than a tile gets one
-        tile, which is then as short as the map.
+        Ascending, ``floor(size (1 - overlap) + 0.5)`` pixels apart (at least 1); the last tile is
+        anchored to the map's edge. A map shorter than a tile gets one tile, which is then as
+        short as the map.
     """
-    stride = max(1, round(size * (1 - overlap)))
+    stride = max(1, math.floor(size * (1 - overlap) + 0.5))
     last = max(0, length - size)
     starts = np.arange(0, last + 1, stride)
     return starts if starts[-1] == last else np.append(starts, last)
@@ -63,18 +75,44 @@ def cut_gallery(info: RasterInfo, gallery: Gallery, scene: str) -> pd.DataFrame:
     -------
     DataFrame
         Sorted by ``id`` (``scene/size_row_column``), with the window in pixels (``x``, ``y``,
-        ``width``, ``height``) and the box in degrees.
+        ``width``, ``height``), the box in degrees, its longitudes unwrapped about the map's
+        middle, and ``valid_share``, the share of pixels that hold the map. All tiles are here,
+        empty ones too.
 
     Raises
     ------
     RasterError
-        The map's resolution is not the protocol's.
+        The map's resolution is not the protocol's, or it reaches a pole or beyond the earth.
     """
     import pandas as pd
 
     check_gsd(info, gallery)
     parts = [_cut_scale(info, size, gallery.overlap, scene) for size in gallery.tile_sizes_px]
-    return pd.concat(parts).sort_values("id", ignore_index=True)
+    tiles = pd.concat(parts).sort_values("id", ignore_index=True)
+    return tiles.assign(valid_share=valid_shares(info.path, windows_of(tiles)))
+
+
+def windows_of(tiles: pd.DataFrame) -> NDArray[np.int64]:
+    """Return the windows (G, 4) of tiles in the map: left, top, right, bottom in pixels."""
+    x, y, width, height = tiles[["x", "y", "width", "height"]].to_numpy(np.int64).T
+    return np.stack([x, y, x + width, y + height], axis=1)
+
+
+def middle_lon(info: RasterInfo) -> float:
+    """Return the longitude of the map's middle, which longitudes are unwrapped about."""
+    centre = np.array((info.width / 2.0, info.height / 2.0))
+    return float(to_lonlat(info.crs, pixel_to_world(info.transform, centre))[0])
+
+
+def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
+    """By how much the boxes of tiles outgrow the tiles, as a share of the tiles' area.
+
+    0 where the map is north up in degrees. A map that is turned by an angle a against the
+    meridians has boxes that are larger by sin 2a: 0.02 at half a degree, 1 at 45 degrees.
+    """
+    ring = _ring(info, windows_of(tiles))[:, [0, 2, 7, 5]]
+    boxes = tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
+    return float(box_areas(boxes).sum() / polygon_areas(ring).sum() - 1)
 
 
 def check_gsd(info: RasterInfo, gallery: Gallery) -> None:
@@ -116,30 +154,48 @@ def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.Da
             "height": height,
         }
     )
-    boxes = _boxes(info, x, y, width, height)
-    return tiles.assign(size_m=_sides(boxes), **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
+    ring = _ring(info, windows_of(tiles))
+    boxes = np.round(np.concatenate([ring.min(axis=1), ring.max(axis=1)], axis=1), LONLAT_DECIMALS)
+    return tiles.assign(size_m=_sides(ring), **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
 
 
-def _sides(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of a box's width and height on the ground, to the millimetre."""
-    west, east = boxes[:, [0, 1]], boxes[:, [2, 1]]
-    north = boxes[:, [0, 3]]
-    return np.round((geodesic_distance_m(west, east) + geodesic_distance_m(west, north)) / 2, 3)
+def _sides(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of a tile's width and height on the ground, to the millimetre."""
+    width = geodesic_distance_m(ring[:, 3], ring[:, 4])
+    height = geodesic_distance_m(ring[:, 1], ring[:, 6])
+    return np.round((width + height) / 2, 3)
 
 
-def _boxes(
-    info: RasterInfo,
-    x: NDArray[np.int64],
-    y: NDArray[np.int64],
-    width: NDArray[np.int64],
-    height: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    # Corners and the middles of the sides: a straight side in a projection bends in degrees.
+def _ring(info: RasterInfo, windows: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return lon, lat (G, 8, 2) of the corners of tiles and of the middles of their sides.
+
+    A straight side in a projection bends in degrees, hence the middles.
+    """
     right = np.array([0, 0.5, 1, 0, 1, 0, 0.5, 1])
     down = np.array([0, 0, 0, 0.5, 0.5, 1, 1, 1])
-    pixels = np.stack(
-        [x[:, None] + width[:, None] * right, y[:, None] + height[:, None] * down], axis=-1
-    )
+    x0, y0, x1, y1 = windows.T[:, :, None].astype(np.float64)
+    pixels = np.stack([x0 + (x1 - x0) * right, y0 + (y1 - y0) * down], axis=-1)
     lonlat = to_lonlat(info.crs, pixel_to_world(info.transform, pixels))
-    boxes = np.concatenate([lonlat.min(axis=1), lonlat.max(axis=1)], axis=1)
-    return np.round(boxes, LONLAT_DECIMALS)
+    ring = unwrapped(lonlat, middle_lon(info))
+    _check_on_earth(info, ring)
+    return ring
+
+
+def _check_on_earth(info: RasterInfo, ring: NDArray[np.float64]) -> None:
+    """Refuse maps that no box in degrees describes."""
+    latitudes = ring[..., 1]
+    if not (np.abs(latitudes) <= 90).all():  # also tells NaN
+        raise RasterError(
+            "reaches places that are not on the earth",
+            where=info.path,
+            expected=f"coordinates that {describe_crs(info.crs)} is defined for, latitudes from "
+            "-90 to 90",
+            mend="look at the geotransform and the CRS of the map, or cut it",
+        )
+    if (np.ptp(ring[..., 0], axis=1) >= 180).any():
+        raise RasterError(
+            "holds a pole, or tiles half as wide as the earth: no box in degrees describes them",
+            where=info.path,
+            expected="a map beside the pole",
+            mend="cut the map so that the pole is outside",
+        )

@@ -40,10 +40,11 @@ def positives_from_points(points: NDArray[np.floating], boxes: NDArray[np.floati
     Parameters
     ----------
     points : (Q, A, 2) array
-        lon, lat of the anchor pixels' ground points, degrees. A point with NaN (a ray without
-        ground) lies in no tile.
+        lon, lat of the anchor pixels' ground points, degrees, or x, y in the map's own frame. A
+        point with NaN (a ray without ground) lies in no tile.
     boxes : (G, 4) array
-        lon_min, lat_min, lon_max, lat_max of each tile, degrees.
+        lon_min, lat_min, lon_max, lat_max of each tile, in the same frame. Longitudes of both are
+        unwrapped about one meridian; see `frames.unwrapped`.
 
     Returns
     -------
@@ -89,7 +90,7 @@ def overlaps(polygons: NDArray[np.floating], boxes: NDArray[np.floating]) -> Pos
         replaced with its convex hull: a convex frame seen on a plane is convex, so that only the
         order of the corners can have been wrong.
     boxes : (G, 4) array
-        lon_min, lat_min, lon_max, lat_max of each tile, degrees.
+        lon_min, lat_min, lon_max, lat_max of each tile, as in :func:`positives_from_points`.
 
     Returns
     -------

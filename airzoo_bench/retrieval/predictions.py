@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.ids import check_ids, scene_of
+from airzoo_bench.retrieval.descriptor_rows import as_float32
+from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 
 __all__ = [
     "Descriptors",
@@ -27,8 +29,10 @@ __all__ = [
 ]
 
 Texts = NDArray[np.str_]
+Bools = NDArray[np.bool_]
 
 _BLOCK_BYTES = 1 << 26
+_CELLS = 1 << 20  # ranks at a time
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
         checks.append(partial(_check_depth, predictions, claim, ranks_needed))
         checks += [
             partial(check, predictions, claim)
-            for check in (_check_gaps, _check_repeats, _check_scores)
+            for check in (_check_gaps, _check_repeats, _check_scores, _check_order)
         ]
     else:
         checks.append(partial(check_ids, claim.gallery_ids, where % "gallery"))
@@ -114,20 +118,26 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
     yield from _raised(checks)
 
 
-def deep_faults(predictions: RetrievalPredictions) -> Iterator[PredictionError]:
+def deep_faults(predictions: RetrievalPredictions, metric: Metric) -> Iterator[PredictionError]:
     """Yield what else can be seen without truth, and what scoring finds by itself.
 
     Reads descriptors through, which for a mapped gallery takes as long as its file is large.
+
+    Parameters
+    ----------
+    predictions : RetrievalPredictions
+        As read.
+    metric : Metric
+        The protocol's, for descriptors.
     """
     claim = predictions.claim
     if isinstance(claim, RankedIds):
-        yield from _raised(
-            [partial(_check_scenes, predictions, claim), partial(_check_order, predictions, claim)]
-        )
+        yield from _raised([partial(_check_scenes, predictions, claim)])
         return
     queries = ("query_descriptors", claim.queries, predictions.query_ids)
     gallery = ("gallery_descriptors", claim.gallery, claim.gallery_ids)
-    yield from _raised([partial(_check_finite, predictions, *part) for part in (queries, gallery)])
+    parts = (queries, gallery)
+    yield from _raised([partial(_check_rankable, predictions, metric, *part) for part in parts])
 
 
 def _raised(checks: Sequence[Callable[[], None]]) -> Iterator[PredictionError]:
@@ -150,8 +160,12 @@ def _check_depth(predictions: RetrievalPredictions, claim: RankedIds, needed: in
 
 
 def _check_gaps(predictions: RetrievalPredictions, claim: RankedIds) -> None:
-    empty = claim.ids == ""
-    gaps = np.flatnonzero((empty[:, :-1] & ~empty[:, 1:]).any(axis=1))
+    def gapped(ids: Texts) -> Bools:
+        empty = ids == ""
+        found: Bools = (empty[:, :-1] & ~empty[:, 1:]).any(axis=1)
+        return found
+
+    gaps = _rows_where(claim, lambda part: gapped(claim.ids[part]))
     if gaps.size:
         raise PredictionError(
             f"an empty id before a tile in the lists of {_rows(predictions, gaps)}",
@@ -162,14 +176,17 @@ def _check_gaps(predictions: RetrievalPredictions, claim: RankedIds) -> None:
 
 
 def _check_repeats(predictions: RetrievalPredictions, claim: RankedIds) -> None:
-    ordered = np.sort(claim.ids, axis=1)
-    same = (ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] != "")
-    rows = np.flatnonzero(same.any(axis=1))
+    def repeated(ids: Texts) -> Texts:
+        ordered = np.sort(ids, axis=1)
+        same = (ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] != "")
+        return np.where(same, ordered[:, 1:], "")
+
+    rows = _rows_where(claim, lambda part: (repeated(claim.ids[part]) != "").any(axis=1))
     if rows.size:
-        tile = ordered[rows[0], 1:][same[rows[0]]][0]
+        twice = repeated(claim.ids[rows[:1]])[0]
         raise PredictionError(
             f"a tile is ranked more than once in the lists of {_rows(predictions, rows)}; "
-            f"the first repeats {tile}",
+            f"the first repeats {twice[twice != ''][0]}",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected="each tile once a query",
             mend="keep each tile's best rank",
@@ -179,8 +196,11 @@ def _check_repeats(predictions: RetrievalPredictions, claim: RankedIds) -> None:
 def _check_scores(predictions: RetrievalPredictions, claim: RankedIds) -> None:
     if claim.scores is None:
         return
-    bad = ~np.isfinite(claim.scores) & (claim.ids != "")
-    rows = np.flatnonzero(bad.any(axis=1))
+    scores = claim.scores
+    rows = _rows_where(
+        claim,
+        lambda part: (~np.isfinite(scores[part]) & (claim.ids[part] != "")).any(axis=1),
+    )
     if rows.size:
         raise PredictionError(
             f"NaN or infinite scores in the rows of {_rows(predictions, rows)}",
@@ -192,10 +212,14 @@ def _check_scores(predictions: RetrievalPredictions, claim: RankedIds) -> None:
 
 def _check_scenes(predictions: RetrievalPredictions, claim: RankedIds) -> None:
     own = scene_of(predictions.query_ids)[:, None]
-    strange = (scene_of(claim.ids) != own) & (claim.ids != "")
-    rows = np.flatnonzero(strange.any(axis=1))
+
+    def strange(part: slice | NDArray[np.intp]) -> Bools:
+        found: Bools = (scene_of(claim.ids[part]) != own[part]) & (claim.ids[part] != "")
+        return found
+
+    rows = _rows_where(claim, lambda part: np.any(strange(part), axis=1))
     if rows.size:
-        tile = claim.ids[rows[0]][strange[rows[0]]][0]
+        tile = claim.ids[rows[0]][strange(rows[:1])[0]][0]
         raise PredictionError(
             f"tiles of another scene are ranked for {_rows(predictions, rows)}; the first is "
             f"{str(tile)!r}",
@@ -208,14 +232,19 @@ def _check_scenes(predictions: RetrievalPredictions, claim: RankedIds) -> None:
 def _check_order(predictions: RetrievalPredictions, claim: RankedIds) -> None:
     if claim.scores is None:
         return
-    ranked = claim.ids[:, 1:] != ""
-    rises = ((claim.scores[:, 1:] > claim.scores[:, :-1]) & ranked).any(axis=1)
-    falls = ((claim.scores[:, 1:] < claim.scores[:, :-1]) & ranked).any(axis=1)
-    if not (rises.any() and falls.any()):
+    scores = claim.scores
+
+    def turning(part: slice, way: float) -> Bools:
+        steps = scores[part, 1:] * way > scores[part, :-1] * way
+        found: Bools = (steps & (claim.ids[part, 1:] != "")).any(axis=1)
+        return found
+
+    rises = _rows_where(claim, lambda part: turning(part, 1.0))
+    falls = _rows_where(claim, lambda part: turning(part, -1.0))
+    if not (rises.size and falls.size):
         return
-    rows = np.flatnonzero(rises if rises.sum() <= falls.sum() else falls)
     raise PredictionError(
-        f"scores are not in order for {_rows(predictions, rows)}",
+        f"scores are not in order for {_rows(predictions, min(rises, falls, key=len))}",
         where=f"{predictions.path}, field 'scores'",
         expected="similarities that never rise along a row, or distances that never fall, in all "
         "rows alike",
@@ -223,20 +252,22 @@ def _check_order(predictions: RetrievalPredictions, claim: RankedIds) -> None:
     )
 
 
-def _check_finite(
-    predictions: RetrievalPredictions, field: str, rows: NDArray[np.floating[Any]], ids: Texts
+def _check_rankable(
+    predictions: RetrievalPredictions,
+    metric: Metric,
+    field: str,
+    rows: NDArray[np.floating[Any]],
+    ids: Texts,
 ) -> None:
     step = max(1, _BLOCK_BYTES // max(1, rows.shape[1] * rows.itemsize))
-    blocks = range(0, len(rows), step)
-    finite = [np.isfinite(rows[start : start + step]).all(axis=1) for start in blocks]
-    bad = np.flatnonzero(~np.concatenate([np.ones(0, np.bool_), *finite]))
-    if bad.size:
-        raise PredictionError(
-            f"NaN or infinite descriptors of {first_of(ids[bad], len(ids))}",
-            where=f"{predictions.path}, field '{field}'",
-            expected="finite numbers",
-            mend="export these again, and look for a division by zero or half precision",
-        )
+    norms = np.empty(len(rows))
+    for start in range(0, len(rows), step):
+        some = rows[start : start + step]
+        norms[start : start + step] = norms_of(some, as_float32(some))
+    try:
+        check_norms(norms, lambda bad: np.isfinite(rows[bad]).all(axis=1), field, metric, ids)
+    except PredictionError as error:
+        raise error.inside(predictions.path) from error
 
 
 def _check_descriptors(predictions: RetrievalPredictions, claim: Descriptors) -> None:
@@ -252,3 +283,10 @@ def _check_descriptors(predictions: RetrievalPredictions, claim: Descriptors) ->
 
 def _rows(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> str:
     return first_of(predictions.query_ids[rows], len(predictions.query_ids)) + " queries"
+
+
+def _rows_where(claim: RankedIds, test: Callable[[slice], Bools]) -> NDArray[np.intp]:
+    """Find the rows for which a test holds; it sees a part of them at a time."""
+    step = max(1, _CELLS // max(1, claim.ids.shape[1]))
+    parts = [test(slice(start, start + step)) for start in range(0, len(claim.ids), step)]
+    return np.flatnonzero(np.concatenate([np.zeros(0, np.bool_), *parts]))

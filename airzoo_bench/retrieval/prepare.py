@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.errors import RasterError
+from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.queries import cameras_of, poses_of
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
-from airzoo_bench.retrieval.gallery import cut_gallery
+from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.positives import (
     overlap_of,
@@ -22,11 +26,11 @@ from airzoo_bench.retrieval.positives import (
 from airzoo_bench.retrieval.settings import Gallery, GroundTruth
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
-    BOX_COLUMNS,
     FOOTPRINT_COLUMNS,
     NO_GROUND_POINT,
     NO_TILE,
     RetrievalTruth,
+    boxes_of,
 )
 from airzoo_bench.scene_inputs import SceneInputs, with_unposed
 
@@ -35,13 +39,25 @@ if TYPE_CHECKING:
 
 __all__ = ["PreparedScene", "build_truth"]
 
+_PIXEL_DECIMALS = 6
+
 
 @dataclass(frozen=True)
 class PreparedScene:
-    """The truth of a scene, and the overlap of all pairs."""
+    """The truth of a scene, and the overlap of all pairs.
+
+    Attributes
+    ----------
+    truth : RetrievalTruth
+    overlaps : Positives
+        Of the truth's queries.
+    in_map_frame : bool
+        Whether positives were decided in the map's pixels, since boxes in degrees outgrow tiles.
+    """
 
     truth: RetrievalTruth
     overlaps: Positives
+    in_map_frame: bool
 
 
 def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> PreparedScene:
@@ -56,31 +72,60 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
     Raises
     ------
     RasterError
-        The map's resolution is not the protocol's, or the surface model has no valid height.
+        The map's resolution is not the protocol's, it reaches a pole or is wholly empty, or the
+        surface model has no valid height.
     """
-    tiles = cut_gallery(inputs.gallery_map, gallery, inputs.scene)
-    boxes = tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
+    info = inputs.gallery_map
+    tiles, dropped = _without_empty(cut_gallery(info, gallery, inputs.scene), gallery, info)
     footprints = _footprints(inputs, rules)
-    positives = _positives(footprints, boxes, rules)
+    in_map_frame = box_growth(info, tiles) > rules.box_growth
+    points, boxes, empty = (
+        _in_pixels(info, footprints.lonlat, tiles, dropped)
+        if in_map_frame
+        else (footprints.lonlat, boxes_of(tiles), boxes_of(dropped))
+    )
+    positives, shared = _positives(points, boxes, rules), overlaps(points, boxes)
     answerable = positives.counts > 0
     kept = answerable if rules.without_positive == "exclude" else np.ones_like(answerable)
     rows = np.flatnonzero(kept)
+    reasons = reasons_of(footprints, shared, _positives(points, empty, rules).counts > 0, rules)
+    left_out = inputs.photos[["id", "image"]].assign(reason=reasons)[~kept]
     truth = RetrievalTruth(
         inputs.scene,
         inputs.photos.iloc[rows].reset_index(drop=True),
         _footprint_table(inputs, footprints).iloc[rows].reset_index(drop=True),
         tiles,
         positives.take(rows),
-        with_unposed(_excluded(inputs, footprints, ~kept), inputs),
+        with_unposed(left_out.reset_index(drop=True), inputs),
+        dropped,
     )
-    return PreparedScene(truth, overlaps(footprints.lonlat, boxes).take(rows))
+    return PreparedScene(truth, shared.take(rows), in_map_frame)
+
+
+def _without_empty(
+    tiles: pd.DataFrame, gallery: Gallery, info: RasterInfo
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Split off the tiles that hold too little of the map, or none of it."""
+    kept = np.ones(len(tiles), bool)
+    if gallery.least_valid_share != "none":
+        share = tiles["valid_share"].to_numpy(np.float64)
+        kept = (share > 0) & (share >= gallery.least_valid_share)
+    if not kept.any():
+        raise RasterError(
+            f"none of its {len(tiles)} tiles holds more than "
+            f"{tiles['valid_share'].max():.0%} of valid pixels",
+            where=info.path,
+            expected=f"tiles of which {gallery.least_valid_share:.0%} are valid, and more than 0",
+            mend="look at the nodata value and the alpha band of the map",
+        )
+    return tiles[kept].reset_index(drop=True), tiles[~kept].reset_index(drop=True)
 
 
 def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
     ground: float | HeightField = inputs.plane_height_m
     if rules.rule == "dsm":
         ground = HeightField.read(inputs.dsm)
-    return cast_footprints(
+    found = cast_footprints(
         cameras_of(inputs.photos),
         poses_of(inputs.photos),
         inputs.crs,
@@ -88,14 +133,25 @@ def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
         inset=rules.anchor_inset,
         max_range_m=rules.max_range_m,
     )
+    return found.about(middle_lon(inputs.gallery_map))
 
 
-def _positives(footprints: Footprints, boxes: NDArray[np.float64], rules: GroundTruth) -> Positives:
+def _in_pixels(
+    info: RasterInfo, lonlat: NDArray[np.float64], tiles: pd.DataFrame, dropped: pd.DataFrame
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Take ground points, and the extents of tiles kept and dropped, to pixels of the map."""
+    pixels = world_to_pixel(info.transform, from_lonlat(info.crs, lonlat))
+    kept, empty = windows_of(tiles).astype(np.float64), windows_of(dropped).astype(np.float64)
+    return np.round(pixels, _PIXEL_DECIMALS), kept, empty
+
+
+def _positives(
+    points: NDArray[np.float64], boxes: NDArray[np.float64], rules: GroundTruth
+) -> Positives:
     if rules.iou_above is not None:
-        return positives_from_iou(footprints.lonlat, boxes, rules.iou_above)
-    found = positives_from_points(footprints.lonlat, boxes)
-    ratios = overlap_of(footprints.lonlat, boxes, found)
-    return Positives(found.offsets, found.tiles, ratios)
+        return positives_from_iou(points, boxes, rules.iou_above)
+    found = positives_from_points(points, boxes)
+    return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
 
 
 def _footprint_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFrame:
@@ -104,9 +160,40 @@ def _footprint_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFram
     return inputs.photos[["id"]].assign(**dict(anchors), **dict(centres))
 
 
-def _excluded(
-    inputs: SceneInputs, footprints: Footprints, left_out: NDArray[np.bool_]
-) -> pd.DataFrame:
-    photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
-    blind = footprints.without_ground_point[left_out]
-    return photos.assign(reason=np.where(blind, NO_GROUND_POINT, NO_TILE))
+def reasons_of(
+    footprints: Footprints,
+    shared: Positives,
+    on_empty: NDArray[np.bool_],
+    rules: GroundTruth,
+) -> list[str]:
+    """Say of each of N photos why no tile answers it, if none does.
+
+    Parameters
+    ----------
+    footprints : Footprints
+    shared : Positives
+        Overlap of footprints and tiles.
+    on_empty : (N,) bool
+        Whether a tile that was dropped as empty would answer.
+    rules : GroundTruth
+    """
+    best = np.zeros(shared.n_queries)
+    np.maximum.at(best, shared.queries, shared.overlap if shared.overlap is not None else 0.0)
+    rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_empty.tolist(), strict=True)
+    return [_reason(*row, rules) for row in rows]
+
+
+def _reason(missed: int, best: float, on_empty: bool, rules: GroundTruth) -> str:
+    if missed == 4:
+        return NO_GROUND_POINT
+    if on_empty:
+        return "the footprint meets only tiles without valid pixels"
+    if rules.iou_above is not None and missed:
+        return f"{missed} of 4 rays do not meet the ground, so that there is no footprint"
+    if rules.iou_above is not None and best > 0:
+        return f"no tile overlaps by more than {rules.iou_above:g}: the best by {best:.3g}"
+    if best > 0:
+        return "the footprint overlaps tiles, but none of its 4 points lies in one"
+    if missed:
+        return f"{missed} of 4 rays do not meet the ground, and the others meet no tile"
+    return NO_TILE

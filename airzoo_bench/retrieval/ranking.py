@@ -1,13 +1,13 @@
 """Ranked galleries, with ties broken against the submitter.
 
 Tiles with equal scores are ordered non-positive first, then by their index in the gallery table
-(which is sorted by id), so that a scorer gains nothing by giving equal scores.
+(which is sorted by id), so that a scorer gains nothing by giving equal scores. A query whose whole
+gallery ties has no ranking: none of its tiles has a rank, unless all are positive.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,38 +17,26 @@ from airzoo_bench.errors import PredictionError, first_of
 from airzoo_bench.retrieval.descriptor_search import Candidates, nearest
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.similarity import Metric, Names, Queries
+from airzoo_bench.retrieval.ties import Bools, Ranking, break_ties, cut_at, without_constant
 
 __all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids"]
-
-Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Ranking:
-    """The gallery of each query, best first.
-
-    Parameters
-    ----------
-    tiles : (Q, K) int32 array
-        Rows of the gallery table; -1 where there are no more.
-    tie_dependent : (Q,) bool array
-        Whether a run of equal scores that begins before the depth of the scores holds both a
-        positive and another tile.
-    """
-
-    tiles: NDArray[np.int32]
-    tie_dependent: Bools
 
 
 def rank_by_ids(
     ranked: NDArray[np.integer[Any]],
     scores: NDArray[np.floating[Any]] | None,
     positives: Positives,
-    depth: int,
     *,
+    n_tiles: int,
+    k: int,
+    depth: int,
     names: Names | None = None,
 ) -> Ranking:
     """Take a ranking as given, and reorder runs of equal scores against the submitter.
+
+    A run that reaches the end of a list shorter than the gallery ties with the tiles that were
+    left out: those that are not positive come before the positives of the run, those that are
+    positive are not found.
 
     Parameters
     ----------
@@ -59,6 +47,10 @@ def rank_by_ids(
         Those of -1 do not count. Without scores the order stands.
     positives : Positives
         Of the Q queries.
+    n_tiles : int
+        Size of the gallery.
+    k : int
+        How many ranks to give; lists are cut there after ties are broken.
     depth : int
         How many ranks the scores look at.
     names : sequence of Q, optional
@@ -67,6 +59,7 @@ def rank_by_ids(
     Returns
     -------
     Ranking
+        Of width k, -1 where there are no more.
 
     Raises
     ------
@@ -80,11 +73,11 @@ def rank_by_ids(
     tiles = ranked.astype(np.int64)
     _check_tiles(tiles, names)
     if scores is None or tiles.size == 0:
-        return Ranking(tiles.astype(np.int32), np.zeros(len(tiles), bool))
+        return Ranking(cut_at(tiles, k), np.zeros(len(tiles), bool))
     if scores.shape != tiles.shape:
         raise ValueError(f"scores are {scores.shape} and ranked is {tiles.shape}")
     _check_scores(scores, tiles >= 0, names)
-    return _break_ties(tiles, scores, positives, depth)
+    return break_ties(tiles, scores, positives, n_tiles, k, depth)
 
 
 def rank_by_descriptors(
@@ -98,6 +91,7 @@ def rank_by_descriptors(
     memory_bytes: int = 1 << 30,
     workers: int | None = None,
     names: Names | None = None,
+    tile_names: Names | None = None,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it.
 
@@ -124,8 +118,8 @@ def rank_by_descriptors(
     workers : int, optional
         Threads of the float64 evaluation; by default one a core. (Matrix products take the
         threads of NumPy's BLAS.)
-    names : sequence of Q, optional
-        Names of the queries for messages; their numbers where not given.
+    names, tile_names : sequence of Q, of G, optional
+        Names of queries and tiles for messages; their numbers where not given.
 
     Returns
     -------
@@ -149,6 +143,7 @@ def rank_by_descriptors(
         positives,
         memory_bytes=memory_bytes,
         workers=workers or os.cpu_count() or 1,
+        names=tile_names,
     )
     return _ordered(candidates, positives, len(gallery), k, depth)
 
@@ -169,7 +164,7 @@ def _ordered(found: Candidates, positives: Positives, n_tiles: int, k: int, dept
     tiles = np.full((positives.n_queries, k), -1, np.int32)
     first = rank < k
     tiles[query[first], rank[first]] = found.tile[order[first]]
-    return Ranking(tiles, tie_dependent)
+    return without_constant(Ranking(tiles, tie_dependent), found.flat, positives, n_tiles)
 
 
 def _steps_into_run(tied: Bools, n: int) -> NDArray[np.int64]:
@@ -178,26 +173,6 @@ def _steps_into_run(tied: Bools, n: int) -> NDArray[np.int64]:
     opens = np.ones(n, bool)
     opens[1:] = ~tied
     return place - np.maximum.accumulate(np.where(opens, place, 0))
-
-
-def _break_ties(
-    tiles: NDArray[np.int64], scores: NDArray[np.floating[Any]], positives: Positives, depth: int
-) -> Ranking:
-    """Order each run of equal scores non-positive first, then by tile."""
-    valid = tiles >= 0
-    tied = (scores[:, 1:] == scores[:, :-1]) & valid[:, 1:]
-    place = np.broadcast_to(np.arange(tiles.shape[1]), tiles.shape)
-    opens = np.ones(tiles.shape, bool)
-    opens[:, 1:] = ~tied
-    begins = np.maximum.accumulate(np.where(opens, place, 0), axis=1)
-    n_tiles = max(int(tiles.max()), int(positives.tiles.max(initial=0))) + 1
-    query = np.broadcast_to(np.arange(len(tiles))[:, None], tiles.shape)
-    positive = valid & positives.holds(query, tiles, n_tiles)
-    order = np.lexsort((tiles, positive, begins), axis=1)
-    tiles = np.take_along_axis(tiles, order, axis=1)
-    positive = np.take_along_axis(positive, order, axis=1)
-    mixed = tied & ~positive[:, :-1] & positive[:, 1:] & (begins[:, 1:] < depth)
-    return Ranking(tiles.astype(np.int32), mixed.any(axis=1))
 
 
 def _check_request(

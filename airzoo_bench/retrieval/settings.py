@@ -22,6 +22,7 @@ class Gallery(Strict):
     overlap: Annotated[float, Field(ge=0, lt=1)]
     gsd_m: Positive | Literal["any"]
     gsd_tolerance: Annotated[float, Field(gt=0, lt=1)]
+    least_valid_share: Annotated[float, Field(ge=0, le=1)] | Literal["none"]
 
     @field_validator("tile_sizes_px")
     @classmethod
@@ -37,6 +38,7 @@ class GroundTruth(Strict):
     rule: Literal["plane", "dsm", "iou"]
     anchor_inset: Annotated[float, Field(ge=0, lt=0.5)]
     max_range_m: Positive
+    box_growth: Annotated[float, Field(ge=0, allow_inf_nan=False)]
     iou_above: Annotated[float, Field(ge=0, lt=1)] | None = None
     without_positive: Literal["exclude", "miss"]
 

@@ -9,15 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.retrieval.descriptor_rows import as_float32
+from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
 
-__all__ = ["Metric", "Names", "Queries", "check_norms", "norms_of", "similarity", "usable"]
+__all__ = [
+    "Metric",
+    "Names",
+    "Queries",
+    "check_norms",
+    "norms_of",
+    "points_one_way",
+    "roundoff",
+    "similarity",
+    "usable",
+]
 
 Metric = Literal["l2", "cosine", "inner_product"]
 Floats = NDArray[np.float64]
@@ -25,7 +36,9 @@ Ints = NDArray[np.int64]
 Names = Sequence[object] | NDArray[Any]
 
 _UNIT = 2.0**-24  # roundoff of float32
+_UNIT_64 = 2.0**-53
 _TINY = 2.0**-126  # smallest normal float32
+_MOST = float(np.finfo(np.float32).max)
 _LAMBDA = 10.0
 _PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
 _MIN_SQUARE = 1e-25  # below, squares summed in float32 have lost digits to underflow
@@ -45,6 +58,36 @@ def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
         queries = queries / np.sqrt(_dot(queries, queries))[:, None]
         gallery = gallery / np.sqrt(_dot(gallery, gallery))[:, None]
     return _dot(queries, gallery)
+
+
+def roundoff(queries: Floats, gallery: Floats, similarities: Floats, metric: Metric) -> Floats:
+    """Bound the error of `similarity`, by pair.
+
+    Pairs that are mathematically alike (tiles that are multiples of one vector under cosine)
+    come out this near to each other, and count as ties. Of a sum of n products with roundings
+    taken as independent; see :meth:`Queries.bounds`.
+
+    Parameters
+    ----------
+    queries, gallery, similarities : (n, D), (n, D), (n,) arrays
+        As of :func:`similarity`.
+
+    Returns
+    -------
+    (n,) array
+    """
+    gamma = _gamma(queries.shape[1], _UNIT_64)
+    if metric == "l2":
+        return gamma * np.abs(similarities)
+    if metric == "cosine":
+        return np.full(len(similarities), 2 * gamma)
+    return gamma * np.sqrt(_dot(queries, queries) * _dot(gallery, gallery))
+
+
+def _gamma(n: int, unit: float) -> float:
+    """Relative error of a sum of n products, and of a few roundings before and after."""
+    grown = _LAMBDA * np.sqrt(n) * unit + n * unit**2 / (1 - unit)
+    return float(np.expm1(grown)) + 8 * unit
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
@@ -112,7 +155,8 @@ class Queries:
         if self.metric == "l2":
             values -= (norms**2 / 2).astype(np.float32)[:, None]
         if self.metric == "cosine":
-            values *= (1 / norms).astype(np.float32)[:, None]
+            # Where float32 cannot hold the reciprocal, the bound excludes nothing anyway.
+            values *= np.minimum(1 / norms, _MOST).astype(np.float32)[:, None]
         return values
 
     def searched(self, query: NDArray[np.int64], exact: Floats) -> Floats:
@@ -133,8 +177,7 @@ class Queries:
             Smallest and greatest norm in the gallery.
         """
         n = self.single.shape[1]
-        grown = _LAMBDA * np.sqrt(n) * _UNIT + n * _UNIT**2 / (1 - _UNIT)
-        gamma = np.expm1(grown) + 8 * _UNIT
+        gamma = _gamma(n, _UNIT)
         if self.metric == "cosine":
             # Twice: once for q.g, and at most once for the norm of g.
             return np.full(len(self.norms), 2 * gamma + n * _TINY * (1 + 1 / least))
@@ -184,28 +227,67 @@ def check_norms(
     PredictionError
         Where descriptors are NaN or infinite, have a norm beyond 1e18, or are zero under cosine.
     """
+    refusal = partial(_refusal, total=len(norms), which=which, names=names)
     wild = np.flatnonzero(~(norms <= _MAX_NORM))
     if len(wild):
         bad = wild[~finite(wild)]
         if len(bad):
-            raise _refusal("NaN or infinite descriptors", bad, which, names, "finite numbers")
-        raise _refusal("descriptors too large to rank", wild, which, names, "norms up to 1e18")
+            raise refusal("NaN or infinite descriptors", bad, "finite numbers")
+        raise refusal("descriptors too large to rank", wild, "norms up to 1e18")
     zero = np.flatnonzero(norms == 0)
     if metric == "cosine" and len(zero):
-        raise _refusal("descriptors of zero", zero, which, names, "a direction, to take its cosine")
+        raise refusal("descriptors of zero", zero, "a direction, to take its cosine")
 
 
 def _refusal(
-    what: str,
-    rows: Ints,
-    which: str,
-    names: Names | None,
-    expected: str,
+    what: str, rows: Ints, expected: str, *, total: int, which: str, names: Names | None
 ) -> PredictionError:
     named = [f"row {row}" if names is None else names[row] for row in rows]
     return PredictionError(
-        f"{what}: {first_of(named)}",
-        where=which,
+        f"{what}: {first_of(named, total)}",
+        where=f"field '{which}'",
         expected=expected,
         mend="export these descriptors again, and look for a division by zero or half precision",
     )
+
+
+def points_one_way(gallery: RowSource, metric: Metric, step: int) -> bool:
+    """Whether all rows are the same, or under cosine multiples of one as far as they are stored.
+
+    Rounding in storage turns multiples a little, so that what is computed from them says nothing
+    but how they were rounded.
+
+    Parameters
+    ----------
+    gallery : RowSource
+        None of them is said to be usable: where one is not, the answer is no.
+    metric : Metric
+    step : int
+        Rows at a time.
+    """
+    if len(gallery) < 2 or not gallery.array.shape[1]:
+        return False
+    first = _direction(gallery.read(0, 1).copy(), metric)
+    for _, rows in gallery.blocks(step):
+        if not usable(norms_of(rows, as_float32(rows)), metric):
+            return False
+        near = _storage_error(rows, first) if metric == "cosine" else 0.0
+        if not (np.abs(_direction(rows, metric) - first) <= near).all():
+            return False
+    return True
+
+
+def _direction(rows: NDArray[Any], metric: Metric) -> Floats:
+    double: Floats = rows.astype(np.float64)
+    if metric != "cosine":
+        return double
+    with np.errstate(all="ignore"):  # what is not finite is near nothing, and refused elsewhere
+        return double / np.sqrt(_dot(double, double))[:, None]
+
+
+def _storage_error(rows: NDArray[Any], direction: Floats) -> Floats:
+    """How far storage may have turned rows (n, D) away from a direction (1, D)."""
+    stored = np.finfo(rows.dtype)
+    lost = float(stored.smallest_subnormal) / np.abs(rows).max(axis=1, keepdims=True)
+    error: Floats = 4 * float(stored.eps) * np.abs(direction) + 2 * lost.astype(np.float64)
+    return error

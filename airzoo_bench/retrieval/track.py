@@ -18,9 +18,9 @@ from airzoo_bench.retrieval.metrics import (
     recall_at,
     reciprocal_rank,
 )
-from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scores import AP_VARIANTS, ap_name
 from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 if TYPE_CHECKING:

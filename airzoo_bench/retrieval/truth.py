@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import struct
+import tokenize
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import read_table
+from airzoo_bench.benchmark_tables import read_table
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.files import write_npz
 from airzoo_bench.queries import conditions_of, read_queries
@@ -27,6 +30,7 @@ __all__ = [
     "NO_GROUND_POINT",
     "NO_TILE",
     "RetrievalTruth",
+    "boxes_of",
     "read_truth",
     "write_truth",
 ]
@@ -36,7 +40,13 @@ ANCHOR_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon",
 FOOTPRINT_COLUMNS = ("footprint_lon", "footprint_lat")
 NO_GROUND_POINT = "no ray meets the ground"
 NO_TILE = "the footprint meets no tile"
-_TILE_COLUMNS = ("id", "size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS)
+_WINDOW_COLUMNS = ("x", "y", "width", "height")
+_TILE_COLUMNS = ("id", "size_px", "size_m", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
+_DAMAGE = (
+    *(EOFError, KeyError, MemoryError, NotImplementedError, OSError, RuntimeError, SyntaxError),
+    *(TypeError, ValueError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
+)
+"""What NumPy and zipfile raise over damaged bytes."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +67,8 @@ class RetrievalTruth:
         Tile indices that answer each query.
     excluded : DataFrame
         Photos that are no queries, with the reason.
+    dropped_tiles : DataFrame
+        Tiles that are not in the gallery, since they hold too little of the map.
     """
 
     scene: str
@@ -65,11 +77,12 @@ class RetrievalTruth:
     tiles: pd.DataFrame
     positives: Positives
     excluded: pd.DataFrame
+    dropped_tiles: pd.DataFrame
 
     @property
     def boxes(self) -> NDArray[np.float64]:
         """Tile boxes (G, 4): lon_min, lat_min, lon_max, lat_max in degrees."""
-        return self.tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
+        return boxes_of(self.tiles)
 
     @property
     def footprint_centres(self) -> NDArray[np.float64]:
@@ -93,11 +106,17 @@ class RetrievalTruth:
         digest = hashlib.sha256()
         for ids in (self.queries["id"], self.tiles["id"]):
             digest.update("\n".join(ids).encode() + b"\0")
-        for array in (self.boxes, self.footprint_centres):
+        sizes = self.tiles["size_m"].to_numpy(np.float64)
+        for array in (self.boxes, sizes, self.footprint_centres):
             digest.update(array.astype("<f8").tobytes())
         for indices in (self.positives.offsets, self.positives.tiles):
             digest.update(indices.astype("<i8").tobytes())
         return digest.hexdigest()
+
+
+def boxes_of(tiles: pd.DataFrame) -> NDArray[np.float64]:
+    """Boxes (G, 4) of tiles: lon_min, lat_min, lon_max, lat_max in degrees."""
+    return tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
 
 
 def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> None:
@@ -116,6 +135,7 @@ def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> Non
     home.mkdir(parents=True, exist_ok=True)
     for name in ("footprints", "excluded"):
         getattr(truth, name).to_csv(home / f"{name}.csv", index=False, lineterminator="\n")
+    truth.dropped_tiles.to_csv(home / "dropped_tiles.csv", index=False, lineterminator="\n")
     truth.tiles.to_parquet(home / "tiles.parquet", index=False)
     _save_sparse(home / "positives.npz", truth.positives)
     _save_sparse(home / "overlaps.npz", overlaps)
@@ -127,21 +147,47 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     Raises
     ------
     BenchmarkError
-        A file is missing, lacks a column, or the positives do not fit the tables.
+        A file is missing, lacks a column, boxes are none, no query is left, or the positives do
+        not fit the tables.
     """
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries = read_queries(folder, excluded)
     footprints = read_table(home / "footprints.csv", ("id", *FOOTPRINT_COLUMNS))
-    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS)
+    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+    _check_boxes(boxes_of(tiles), home / "tiles.parquet")
+    dropped = read_table(home / "dropped_tiles.csv", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
     if footprints["id"].tolist() != queries["id"].tolist():
         raise BenchmarkError(
             "the footprints are not those of queries.csv",
             where=home / "footprints.csv",
             mend="prepare the benchmark again",
         )
+    if queries.empty:
+        raise BenchmarkError(
+            f"scene {scene} has no query: {len(excluded)} photos are excluded",
+            where=home / "excluded.csv",
+            expected="at least one photo that a tile answers",
+            mend="prepare the benchmark again with other photos, or leave the scene out of the "
+            "protocol",
+        )
     positives = _load_sparse(home / "positives.npz", len(queries), len(tiles))
-    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded)
+    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
+
+
+def _check_boxes(boxes: NDArray[np.float64], where: Path) -> None:
+    west, south, east, north = boxes.T
+    good = (west <= east) & (south <= north) & (east - west < 180)  # also tells NaN
+    good &= (south >= -90) & (north <= 90) & np.isfinite(boxes).all(axis=1)
+    if not good.all():
+        row = int(np.flatnonzero(~good)[0])
+        raise BenchmarkError(
+            f"row {row + 1} is no box in degrees: {boxes[row].tolist()}",
+            where=where,
+            expected="lon_min <= lon_max less than 180 apart (unwrapped: 179.9 to 180.1 across "
+            "the 180th meridian), lat_min <= lat_max between -90 and 90",
+            mend="prepare the benchmark again",
+        )
 
 
 def _save_sparse(path: Path, pairs: Positives) -> None:
@@ -162,7 +208,7 @@ def _load_sparse(path: Path, n_queries: int, n_tiles: int) -> Positives:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         offsets, tiles = arrays["offsets"], arrays["tiles"]
-    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except _DAMAGE as error:
         raise BenchmarkError(
             f"the positives are damaged: {error}",
             where=path,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -21,11 +21,13 @@ from airzoo_bench.errors import (
     first_of,
 )
 from airzoo_bench.files import atomic_entries, check_output_folder, fingerprint, sha256_of_tree
-from airzoo_bench.ids import assign_queries, scene_of
+from airzoo_bench.ids import assign_queries, scene_of, with_endings
 from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
+from airzoo_bench.readers.arrays import open_arrays, protocol_name
 from airzoo_bench.result import (
     PredictionsUsed,
     ProtocolUsed,
+    Reference,
     Result,
     TruthUsed,
     read_result,
@@ -53,6 +55,7 @@ __all__ = [
     "make_result",
     "match_queries",
     "other_benchmark",
+    "refuse_other_track",
     "save",
 ]
 
@@ -170,6 +173,22 @@ def choose_protocol(
     return chosen
 
 
+def refuse_other_track(
+    path: Path, named: str | None, data: Path, model: type[P], memory_bytes: int
+) -> None:
+    """Refuse an ``.npz`` that names a protocol of another track, before its fields are read.
+
+    Raises
+    ------
+    PredictionError
+        The message names the right command, not the fields that the file lacks for this one.
+    """
+    if named is None and path.suffix == ".npz" and path.is_file():
+        in_file = protocol_name(open_arrays(path, memory_bytes))
+        if in_file is not None:
+            choose_protocol(path, in_file, None, data, model)
+
+
 def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Put the records of scenes under each other."""
     import pandas as pd
@@ -257,7 +276,8 @@ def check_against_benchmark(
             hold(truth, found)
         except PredictionError as error:
             faults.append(error)
-    return Checked(faults, [*_assignment_notes(rows, extra), *suspect(truths)])
+    apart = _counts_apart(protocol, [len(truth.queries) for truth in truths])
+    return Checked(faults, [*_assignment_notes(rows, extra), *apart, *suspect(truths)])
 
 
 def _assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:
@@ -279,6 +299,7 @@ def make_result(
     counts: dict[str, dict[str, int]],
     extra: int,
     notes: Sequence[str],
+    references: Mapping[str, Reference] | None = None,
 ) -> Result:
     """Average records and put everything that is known of a run into a result.
 
@@ -293,6 +314,8 @@ def make_result(
         Ids of the predictions that are no queries.
     notes : sequence of str
         Of the track, after those that all tracks have.
+    references : mapping of str to Reference, optional
+        What scores without a method, by the name that tables print.
     """
     protocol = run.protocol
     return Result(
@@ -318,6 +341,7 @@ def make_result(
         extra_queries=extra,
         notes=(*common_notes(protocol, counts, extra), *notes),
         **with_summary(summarise(records, scores, [scene.id for scene in protocol.scenes])),
+        references=dict(references or {}),
     ).sealed()
 
 
@@ -330,13 +354,17 @@ def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: i
         notes.append(f"{missing} queries are missing from the predictions and score their worst")
     if extra and not by_scene:
         notes.append(f"{extra} ids of the predictions are no queries and were left aside")
-    for scene in protocol.scenes:
-        found = counts[scene.id]["queries"]
-        if scene.queries not in (None, found) and not by_scene:
-            notes.append(
-                f"scene {scene.title} has {found} queries here, {scene.queries} in the paper"
-            )
-    return notes
+    queries = [counts[scene.id]["queries"] for scene in protocol.scenes]
+    return [*notes, *([] if by_scene else _counts_apart(protocol, queries))]
+
+
+def _counts_apart(protocol: Protocol, queries: Sequence[int]) -> list[str]:
+    """Say where a scene has not as many queries as in the paper."""
+    return [
+        f"scene {scene.title} has {found} queries here, {scene.queries} in the paper"
+        for scene, found in zip(protocol.scenes, queries, strict=True)
+        if scene.queries not in (None, found)
+    ]
 
 
 def other_benchmark(
@@ -348,13 +376,8 @@ def other_benchmark(
 ) -> PredictionError:
     """Make the fault of predictions none of whose ids belongs to the benchmark."""
     scenes = set(np.unique(scene_of(ids)))
-    alike = [
-        name
-        for name, path in protocol_files(data).items()
-        if name != protocol.name and scenes & _scenes_of(path)
-    ]
-    first = str(ids[0])
-    ending = "." in first and first.split("/")[0] in {scene.id for scene in protocol.scenes}
+    ending = scenes <= {scene.id for scene in protocol.scenes} and with_endings(ids)
+    alike = [] if ending else _alike(scenes, protocol, data)
     guess = f"they look like those of {' or '.join(alike)}" if alike else ""
     expected = example or ", ".join(f"{scene.id}/..." for scene in protocol.scenes[:3])
     return PredictionError(
@@ -368,8 +391,20 @@ def other_benchmark(
     )
 
 
-def _scenes_of(path: Path) -> set[str]:
+def _alike(scenes: set[str], protocol: Protocol, data: Path) -> list[str]:
+    """Name the protocols of the same track and another benchmark that have one of the scenes."""
+    return [
+        name
+        for name, path in protocol_files(data).items()
+        if scenes & _scenes_beside(path, protocol)
+    ]
+
+
+def _scenes_beside(path: Path, protocol: Protocol) -> set[str]:
     try:
-        return {scene.id for scene in load_protocol(path).scenes}
+        other = load_protocol(path)
     except ProtocolError:  # another benchmark's fault is not this file's
         return set()
+    if other.track != protocol.track or other.benchmark == protocol.benchmark:
+        return set()
+    return {scene.id for scene in other.scenes}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,15 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
+from airzoo_bench.errors import PredictionError
 from airzoo_bench.files import atomic_write
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
-from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim, faults
+from airzoo_bench.matching.predictions import PoseClaim, check_digits, faults
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.matching.track import ScoredScene, score_scene
+from airzoo_bench.matching.track import ScoredScene, score_priors, score_scene
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import MatchingProtocol
 from airzoo_bench.readers.matching import read_matching
+from airzoo_bench.result import Reference, with_summary
 from airzoo_bench.runner.common import (
     Checked,
     Evaluation,
@@ -27,24 +30,33 @@ from airzoo_bench.runner.common import (
     concatenate,
     make_result,
     match_queries,
+    refuse_other_track,
 )
+from airzoo_bench.runner.matching_notes import (
+    claim_notes,
+    equal_to_prior,
+    lifting_notes,
+    scored_notes,
+)
+from airzoo_bench.scores import summarise
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "PRIOR_ITSELF",
     "MatchingEvaluation",
     "check_matching",
     "evaluate_matching",
     "read_matching_truths",
     "save_timings",
+    "score_claims",
 ]
 
-# Pixels that all lie within this share of the photo are suspected, if there are enough of them.
-_ENOUGH_MATCHES = 100
-_CORNER = 0.6
-# Beyond any error of GPS, and of poses that mean the right place.
-_FAR_M = 1000.0
+PRIOR_ITSELF = "Prior itself"
+"""The reference of every result of the track."""
+
+_CHECKING_THREADS = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +104,7 @@ def evaluate_matching(
     UserError
         The predictions, the protocol or the benchmark folder are not as they must be.
     """
+    refuse_other_track(path, protocol, data, MatchingProtocol, memory_bytes)
     predictions = read_matching(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, MatchingProtocol)
     for fault in faults(predictions):
@@ -101,10 +114,7 @@ def evaluate_matching(
     rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
     pairs = list(zip(truths, rows, strict=True))
     claims = [claim_of_scene(predictions, truth, found) for truth, found in pairs]
-    scored = [
-        score_scene(truth, claim, chosen.solver, chosen.scores, workers=jobs, progress=progress)
-        for truth, claim in zip(truths, claims, strict=True)
-    ]
+    scored = score_claims(chosen, truths, claims, jobs=jobs, progress=progress)
     records = concatenate([scene.records for scene in scored])
     run = Run(
         path,
@@ -114,15 +124,55 @@ def evaluate_matching(
         benchmark,
         {truth.scene: truth.fingerprint for truth in truths},
     )
-    counts = {truth.scene: _counts(truth, records) for truth in truths}
+    counts = {
+        truth.scene: _counts(truth, records) | {"equal_to_prior": equal_to_prior(truth, claim)}
+        for truth, claim in zip(truths, claims, strict=True)
+    }
     notes = [
-        *_notes(records, predictions),
-        *_scale_notes(predictions, truths),
-        *_far_notes(truths, scored),
-        *_crop_notes(truths, claims),
+        *scored_notes(records, predictions, truths, scored),
+        *claim_notes(predictions, truths, claims),
     ]
-    result = make_result(run, records, matching_scores(chosen.scores), counts, extra, notes)
+    scores = matching_scores(chosen.scores)
+    result = make_result(run, records, scores, counts, extra, notes, _references(chosen, truths))
     return MatchingEvaluation(Evaluation(result, records), chosen, truths, claims, scored)
+
+
+def score_claims(
+    protocol: MatchingProtocol,
+    truths: Sequence[MatchingTruth],
+    claims: Sequence[SceneClaim],
+    *,
+    jobs: int,
+    progress: Progress = silent,
+) -> list[ScoredScene]:
+    """Score the claim about each scene by a protocol."""
+    return [
+        score_scene(
+            truth,
+            claim,
+            protocol.lift,
+            protocol.solver,
+            protocol.scores,
+            workers=jobs,
+            progress=progress,
+        )
+        for truth, claim in zip(truths, claims, strict=True)
+    ]
+
+
+def _references(
+    protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
+) -> dict[str, Reference]:
+    """Score the priors as if they were a method's poses; where they are the truth, nothing."""
+    if protocol.prior.source == "truth":
+        return {}
+    records = concatenate([score_priors(truth, protocol.scores) for truth in truths])
+    scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
+    floor = Reference(
+        meaning="what the photos' own GPS and gimbal angles score, without any matching",
+        **with_summary(summarise(records, scores, scenes)),
+    )
+    return {PRIOR_ITSELF: floor}
 
 
 def check_matching(path: Path, *, data: Path, protocol: str | None, memory_bytes: int) -> Checked:
@@ -136,20 +186,35 @@ def check_matching(path: Path, *, data: Path, protocol: str | None, memory_bytes
     UserError
         The file cannot be read at all, or the protocol is unknown.
     """
+    refuse_other_track(path, protocol, data, MatchingProtocol, memory_bytes)
     predictions = read_matching(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, MatchingProtocol)
     found = list(faults(predictions))
     if found:
         return Checked(found, [])
-    return check_against_benchmark(
+    claims: list[SceneClaim] = []
+    checked = check_against_benchmark(
         path,
         predictions.query_ids,
         chosen,
         data,
         lambda: read_matching_truths(find_benchmark(chosen.benchmark, data), chosen),
-        lambda truth, rows: claim_of_scene(predictions, truth, rows),
-        lambda truths: _scale_notes(predictions, truths),
+        lambda truth, rows: claims.append(claim_of_scene(predictions, truth, rows)),
+        lambda truths: (
+            [
+                *lifting_notes(truths, claims, chosen.lift, chosen.solver, _CHECKING_THREADS),
+                *claim_notes(predictions, truths, claims),
+            ]
+            if len(claims) == len(truths)
+            else []
+        ),
     )
+    if not checked.faults and isinstance(predictions.claim, PoseClaim):
+        try:  # as claims do, where the benchmark is not there to make them
+            check_digits(predictions.claim, predictions.query_ids)
+        except PredictionError as error:
+            return Checked([error.inside(path)], checked.notes)
+    return checked
 
 
 def read_matching_truths(benchmark: Benchmark, protocol: MatchingProtocol) -> list[MatchingTruth]:
@@ -176,70 +241,7 @@ def _counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int]:
         "failed": int(rows["failed"].sum()),
         "left_out": len(truth.excluded),
     }
-    for name in ("matches", "lifted", "outside_map", "outside_dsm", "no_height"):
+    for name in ("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"):
         if name in rows.columns:
             counts[name] = int(rows[name].sum())
     return counts
-
-
-def _notes(records: pd.DataFrame, predictions: MatchingPredictions) -> list[str]:
-    notes = [f"scored from {predictions.kind}"]
-    failed = records[records["failed"] & records["answered"]]
-    if len(failed):
-        reasons = failed["status"].value_counts().sort_index()
-        listed = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
-        who = "1 answered query has" if len(failed) == 1 else f"{len(failed)} answered queries have"
-        notes.append(f"{who} no pose ({listed}): infinite errors")
-    if "lifted" in records.columns:
-        notes += _lifting_notes(records)
-    return notes
-
-
-def _lifting_notes(records: pd.DataFrame) -> list[str]:
-    given, lifted = int(records["matches"].sum()), int(records["lifted"].sum())
-    notes = []
-    if lifted < given:
-        notes.append(f"{given - lifted} of {given} matches could not be lifted and were dropped")
-    blind = ((records["no_height"] > 0) & (records["lifted"] == 0)).sum()
-    if blind:
-        notes.append(f"the surface model has no height under any match of {blind} queries")
-    return notes
-
-
-def _far_notes(truths: list[MatchingTruth], scored: list[ScoredScene]) -> list[str]:
-    """Suspect another frame or convention where poses lie beyond any GPS error."""
-    offsets = [s.centres - t.priors.centres for t, s in zip(truths, scored, strict=True)]
-    away = np.linalg.norm(np.concatenate(offsets), axis=1)
-    far = int((away > _FAR_M).sum())
-    if not far:
-        return []
-    return [
-        f"{far} of {np.isfinite(away).sum()} poses lie more than {_FAR_M:g} m from the photo's GPS "
-        "position: are they world-to-camera, and all coordinates in the scene's CRS?"
-    ]
-
-
-def _crop_notes(truths: list[MatchingTruth], claims: list[SceneClaim]) -> list[str]:
-    """Count matches that the query's crop could not have given."""
-    outside = 0
-    for truth, claim in zip(truths, claims, strict=True):
-        if claim.map_xy is not None:
-            crop = np.repeat(truth.crops, np.diff(claim.offsets), axis=0)
-            local = claim.map_xy - crop[:, :2]
-            outside += int(((local < -1) | (local > crop[:, 2:] + 1)).any(axis=1).sum())
-    return [f"{outside} map pixels lie outside their query's crop"] if outside else []
-
-
-def _scale_notes(predictions: MatchingPredictions, truths: list[MatchingTruth]) -> list[str]:
-    """Suspect pixels of a smaller image: they would all lie in a corner of the photo."""
-    claim = predictions.claim
-    if isinstance(claim, PoseClaim) or len(claim.query_xy) < _ENOUGH_MATCHES:
-        return []
-    size = np.array([[t.cameras.width.max(), t.cameras.height.max()] for t in truths]).max(axis=0)
-    reach = claim.query_xy.max(axis=0)
-    if (reach < _CORNER * size).all():
-        return [
-            f"no query pixel lies beyond ({reach[0]:.0f}, {reach[1]:.0f}) in photos of "
-            f"{size[0]}x{size[1]} px: are the matches in the size of a smaller image?"
-        ]
-    return []

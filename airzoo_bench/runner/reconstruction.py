@@ -17,16 +17,14 @@ from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.pose_scores import worst_poses
 from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.reconstruction.track import ScoredScene, score_missing, score_scene
+from airzoo_bench.reconstruction.track import ScoredScene, score_missing
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
 from airzoo_bench.runner.common import Checked, Evaluation, Run, make_result
-from airzoo_bench.runner.reconstruction_claims import true_cameras
 from airzoo_bench.runner.reconstruction_notes import listing_notes
 from airzoo_bench.runner.reconstruction_scenes import (
     look_into,
     open_predictions,
-    placed_scene,
-    rules_of,
+    scored_scene,
     work_for,
 )
 
@@ -102,9 +100,8 @@ def evaluate_reconstruction(
         if truth.scene not in predictions.scenes:
             scored[truth.scene] = score_missing(truth.scene, chosen.scores)
             continue
-        with placed_scene(predictions, truth, chosen, memory_bytes, work) as found:
-            rules, cameras = rules_of(chosen), true_cameras(truth)
-            scene = score_scene(found.claim, found.placed, cameras, rules, work)
+        with scored_scene(predictions, truth, chosen, memory_bytes, work) as found:
+            scene = found.scored
             scored[truth.scene] = _kept(scene, path) if keep_clouds else _without_clouds(scene)
         kinds.add(found.kind)
         notes += found.notes
@@ -132,9 +129,10 @@ def evaluate_reconstruction(
 def check_reconstruction(
     path: Path, *, data: Path, protocol: str | None, memory_bytes: int
 ) -> Checked:
-    """Find all that is wrong with predictions, without looking at the true clouds.
+    """Find all that is wrong with predictions, or odd.
 
-    Where the benchmark folder is there, image names are held against its photos.
+    Where the benchmark folder is there, they are scored too, so that all that an evaluation notes
+    is noted here.
 
     Raises
     ------

@@ -92,6 +92,7 @@ def _alignment(found: Alignment) -> dict[str, Any]:
         "cameras": found.cameras,
         "cameras_missing": found.missing,
         "inliers": found.inliers,
+        "inlier_names": list(found.inlier_names),
         "inlier_limit_m": found.inlier_limit,
         "used_orientations": found.used_orientations,
         "robust": found.robust,
@@ -100,6 +101,7 @@ def _alignment(found: Alignment) -> dict[str, Any]:
         residuals: Residuals | None = getattr(found, name)
         values[name] = None if residuals is None else _finite(asdict(residuals))
     values["icp"] = None if found.icp is None else _finite(asdict(found.icp))
+    values["icp_failure"] = found.icp_failure
     return values
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from airzoo_bench.errors import first_of
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.readers.clouds.source import FileCloud
-from airzoo_bench.readers.clouds.suspicions import precision_suspicion, suspicions
+from airzoo_bench.readers.clouds.suspicions import lost_digits, mirror_suspicion, suspicions
 from airzoo_bench.readers.reconstruction import ReconstructionPredictions, ScenePrediction
 from airzoo_bench.readers.view_suspicions import suspect_camera_to_world, suspect_image_size
 from airzoo_bench.readers.views import Views
@@ -15,12 +15,20 @@ from airzoo_bench.reconstruction.alignment.cameras import Alignment
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.placing import Claim, PlacedClaim
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
-from airzoo_bench.reconstruction.settings import Fusion
+from airzoo_bench.reconstruction.settings import Fusion, ReconstructionScores
+from airzoo_bench.reconstruction.track import ScoredScene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
-__all__ = ["listing_notes", "notes_of_placed", "notes_of_reading"]
+__all__ = [
+    "listing_notes",
+    "notes_of_digits",
+    "notes_of_placed",
+    "notes_of_reading",
+    "notes_of_scored",
+]
 
-_PIECE = 1 << 20
+_PIECE = 1 << 14
+_FEW, _LEAST, _SHARE = 1000, 20, 0.5
 _HALF_TURN_DEG = 150.0
 _LOOKED_AT = 1 << 22
 
@@ -48,7 +56,7 @@ def notes_of_reading(
     """Say what looks odd about a prediction as it was read, and what was left open by it."""
     geometry = prediction.geometry
     if isinstance(geometry, FileCloud):
-        notes = [*geometry.notes, *_coarse(geometry)]
+        notes = [*geometry.notes]
     else:
         notes = [*geometry.notes, *_odd_views(geometry, truth, fusion)]
     if claim.cameras is not None:
@@ -60,7 +68,76 @@ def notes_of_reading(
     return notes
 
 
-def notes_of_placed(placed: PlacedClaim) -> list[str]:
+def notes_of_digits(
+    prediction: ScenePrediction, placed: PlacedClaim, scores: ReconstructionScores
+) -> list[str]:
+    """Say where coordinates lost digits, or K may be half a pixel off, by how many metres."""
+    geometry, scale = prediction.geometry, placed.alignment.transform.scale
+    found = []
+    if isinstance(geometry, FileCloud):
+        some = next(iter(geometry.pieces(_PIECE)), None)
+        if some is not None:
+            stored = geometry.precision
+            found.append(lost_digits(some.points, stored, scale, _finest_error(scores)))
+    elif geometry.points is not None:
+        some_points = geometry.points[0].reshape(-1, 3)[:_PIECE].astype(np.float64)
+        stored = geometry.points.dtype
+        found.append(lost_digits(some_points, stored, scale, _finest_error(scores)))
+    else:
+        found.append(_half_a_pixel(geometry, scale, scores))
+    return [note for note in found if note]
+
+
+def _finest_error(scores: ReconstructionScores) -> float:
+    return min(scores.finest_m / 20.0, 0.01)
+
+
+def _half_a_pixel(views: Views, scale: float, scores: ReconstructionScores) -> str | None:
+    """Ask for the field `pixel_centres` where it is absent and would move points."""
+    if views.pixel_centres is not None or views.cameras is None or views.depth is None:
+        return None
+    some = views.depth[: max(1, _LOOKED_AT // max(views.depth[0].size, 1))]
+    seen = some[np.isfinite(some) & (some > 0)]
+    if not seen.size:
+        return None
+    aside = float(np.hypot(*(0.5 / np.median(views.cameras.focal, axis=0))))
+    error = aside * float(np.median(seen)) * scale
+    if not error > scores.finest_m / 20.0:
+        return None
+    taken = "half (the first pixel's is 0.5, 0.5)" if views.named else "integer (Depth Anything 3)"
+    return (
+        f"does not say where K has its pixel centres, taken as {taken}: if that is wrong, points "
+        f"are {error:.2g} m off; add pixel_centres = 'integer' (Depth Anything 3, VGGT, CUT3R, "
+        "MapAnything, DUSt3R) or 'half'"
+    )
+
+
+def notes_of_scored(scored: ScoredScene, scores: ReconstructionScores) -> list[str]:
+    """Name the few points that decide a mean distance by themselves."""
+    if scored.distances is None:
+        return []
+    notes = []
+    for distances, whose, mean in (
+        (scored.distances.to_truth, "predicted", "Accuracy"),
+        (scored.distances.to_prediction, "true", "Completeness"),
+    ):
+        few = max(1, len(distances) // _FEW)
+        clipped = np.minimum(distances, scores.clip_m or np.inf)
+        if len(distances) < _LEAST or not np.isfinite(clipped).all():
+            continue
+        far = np.partition(clipped, -few)[-few:]
+        far = far[far > scores.headline_below_m]
+        share = float(far.sum() / max(clipped.sum(), 1e-300))
+        if share > _SHARE:
+            notes.append(
+                f"{len(far):,} of {len(distances):,} {whose} points, up to {distances.max():.4g} m "
+                f"away, make {share:.0%} of the mean distance: {mean} and Chamfer tell of them "
+                "alone"
+            )
+    return notes
+
+
+def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[str]:
     """Say what was left out of a claim, how it was aligned, and where it seems to be elsewhere."""
     cloud = placed.cloud
     notes = _alignment_notes(placed.alignment)
@@ -70,7 +147,11 @@ def notes_of_placed(placed: PlacedClaim) -> list[str]:
     ):
         if count:
             notes.append(f"left out: {_points(count)} {what}")
-    notes += suspicions(cloud.bounds, placed.truth.bounds)
+    odd = suspicions(cloud.bounds, placed.truth.bounds)
+    mirrored = mirror_suspicion(
+        cloud.sample, placed.truth.sample, placed.alignment.transform, scores.headline_below_m
+    )
+    notes += odd or ([mirrored] if mirrored else [])
     if not cloud.source.count:
         if not cloud.outside and not cloud.not_finite and not placed.distrusted:
             notes.append("the prediction holds no point, or no depth within the protocol's range")
@@ -85,17 +166,6 @@ def _points(count: int) -> str:
 
 def _named(names: tuple[str, ...]) -> str:
     return first_of([name[:80] for name in names])
-
-
-def _coarse(cloud: FileCloud) -> list[str]:
-    if cloud.precision.kind != "f" or cloud.precision.itemsize >= 8:
-        return []
-    largest = 0.0
-    for piece in cloud.pieces(_PIECE):
-        finite = piece.points[np.isfinite(piece.points)]
-        largest = max(largest, float(np.abs(finite).max(initial=0.0)))
-    odd = precision_suspicion(np.full((2, 3), largest), cloud.precision)
-    return [odd] if odd else []
 
 
 def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list[str]:
@@ -153,6 +223,13 @@ def _alignment_notes(alignment: Alignment) -> list[str]:
         )
     if not alignment.robust:
         notes.append("fewer than 3 cameras agree: aligned to all of them")
+    elif alignment.method != "none" and 2 * alignment.inliers < alignment.cameras:
+        notes.append(
+            f"only {alignment.inliers} of {alignment.cameras} cameras agree within "
+            f"{alignment.inlier_limit:.3g} m: the alignment may be that of a part"
+        )
+    if alignment.icp_failure is not None:
+        notes.append(f"{alignment.icp_failure}: aligned by cameras only")
     if alignment.method != "none" and alignment.missing:
         total = alignment.cameras + alignment.missing
         notes.append(f"{alignment.missing} of {total} photos have no pose in the prediction")

@@ -21,13 +21,19 @@ from airzoo_bench.readers.reconstruction import (
     open_reconstruction,
 )
 from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.placing import Claim, PlacedClaim, Rules, Work, place_claim
+from airzoo_bench.reconstruction.placing import Rules, TrueScene, Work, place_claim
+from airzoo_bench.reconstruction.track import ScoredScene, score_scene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.runner.common import choose_protocol
 from airzoo_bench.runner.reconstruction_claims import claim_of_scene, kind_of, true_cameras
-from airzoo_bench.runner.reconstruction_notes import notes_of_placed, notes_of_reading
+from airzoo_bench.runner.reconstruction_notes import (
+    notes_of_digits,
+    notes_of_placed,
+    notes_of_reading,
+    notes_of_scored,
+)
 
-__all__ = ["Placed", "look_into", "open_predictions", "placed_scene", "rules_of", "work_for"]
+__all__ = ["SceneOutcome", "look_into", "open_predictions", "scored_scene", "work_for"]
 
 # What a point takes in memory while distances are computed: both clouds, their order, the tree.
 _BYTES_A_POINT = 128
@@ -75,11 +81,10 @@ def work_for(memory_bytes: int, jobs: int, progress: Progress) -> Work:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
-    """A scene's prediction where it is compared, with what there is to say about it."""
+class SceneOutcome:
+    """What came of a scene's prediction, of which kind it is, and what there is to say about it."""
 
-    claim: Claim
-    placed: PlacedClaim
+    scored: ScoredScene
     kind: str
     notes: list[str]
 
@@ -116,24 +121,32 @@ class _TrueCloud:
 
 
 @contextmanager
-def placed_scene(
+def scored_scene(
     predictions: ReconstructionPredictions,
     truth: ReconstructionTruth,
     chosen: ReconstructionProtocol,
     memory_bytes: int,
     work: Work,
-) -> Iterator[Placed]:
-    """Read a scene's prediction and bring it to where it is compared; a fault names the scene."""
+) -> Iterator[SceneOutcome]:
+    """Read a scene's prediction and score it; a fault names the scene.
+
+    Its clouds may be read within the context only.
+    """
     place = f"{predictions.path}, scene {truth.scene}"
     with _entry(predictions, truth.scene, chosen, memory_bytes) as found:
         true_cloud = _TrueCloud(truth, memory_bytes, _sampling(chosen))
         claim = claim_of_scene(found, truth, place)
-        rules, cameras = rules_of(chosen), true_cameras(truth)
-        placed = place_claim(claim, true_cloud, cameras, rules, work)
-        notes = notes_of_reading(found, truth, claim, chosen.alignment, chosen.fusion)
-        notes += notes_of_placed(placed)
+        true = TrueScene(true_cloud, true_cameras(truth), truth.cameras)
+        placed = place_claim(claim, true, rules_of(chosen), work)
+        scored = score_scene(claim, placed, true.cameras, rules_of(chosen), work)
+        notes = [
+            *notes_of_reading(found, truth, claim, chosen.alignment, chosen.fusion),
+            *notes_of_digits(found, placed, chosen.scores),
+            *notes_of_placed(placed, chosen.scores),
+            *notes_of_scored(scored, chosen.scores),
+        ]
         told = [f"scene {truth.scene}: {note}" for note in notes]
-        yield Placed(claim, placed, kind_of(found), told)
+        yield SceneOutcome(scored, kind_of(found), told)
 
 
 @contextmanager
@@ -168,7 +181,7 @@ def look_into(
     chosen: ReconstructionProtocol,
     memory_bytes: int,
 ) -> list[str]:
-    """Do all with a scene's prediction that comes before distances; return the notes.
+    """Do all with a scene's prediction that an evaluation does; return the notes.
 
     Where `truth` is None it is only read.
 
@@ -179,7 +192,7 @@ def look_into(
     """
     if truth is not None:
         work = work_for(memory_bytes, 1, silent)
-        with placed_scene(predictions, truth, chosen, memory_bytes, work) as found:
+        with scored_scene(predictions, truth, chosen, memory_bytes, work) as found:
             return found.notes
     with _entry(predictions, scene, chosen, memory_bytes) as entry:
         if isinstance(entry.geometry, FileCloud):

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import Benchmark, find_benchmark
 from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import RetrievalProtocol
 from airzoo_bench.readers.retrieval import read_retrieval
-from airzoo_bench.retrieval.claims import check_tiles, rank_scene
-from airzoo_bench.retrieval.predictions import deep_faults, faults
+from airzoo_bench.result import Reference, with_summary
+from airzoo_bench.retrieval.chance import chance_scores
+from airzoo_bench.retrieval.claims import is_answered, rank_scene, strange_tiles
+from airzoo_bench.retrieval.hits import hit_matrix
+from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
 from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from airzoo_bench.runner.common import (
@@ -23,12 +32,11 @@ from airzoo_bench.runner.common import (
     concatenate,
     make_result,
     match_queries,
+    refuse_other_track,
 )
+from airzoo_bench.scores import summarise
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["check_retrieval", "evaluate_retrieval", "read_truths"]
+__all__ = ["chance_level", "chance_words", "check_retrieval", "evaluate_retrieval", "read_truths"]
 
 
 def evaluate_retrieval(
@@ -65,6 +73,7 @@ def evaluate_retrieval(
     UserError
         The predictions, the protocol or the benchmark folder are not as they must be.
     """
+    refuse_other_track(path, protocol, data, RetrievalProtocol, memory_bytes)
     predictions = read_retrieval(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, RetrievalProtocol)
     for fault in faults(predictions, chosen.scores.depth):
@@ -72,13 +81,13 @@ def evaluate_retrieval(
     benchmark = find_benchmark(chosen.benchmark, data)
     truths = read_truths(benchmark, chosen)
     rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
-    parts = []
-    for truth, found in progress(zip(truths, rows, strict=True), "scenes", len(truths)):
-        ranking = rank_scene(
-            predictions, truth, found, chosen.scores, memory_bytes=memory_bytes, workers=jobs
-        )
-        parts.append(score_scene(truth, ranking, found >= 0, chosen.scores))
-    records = concatenate(parts)
+    scenes = [
+        _ranked(predictions, truth, found, chosen, memory_bytes, jobs)
+        for truth, found in progress(zip(truths, rows, strict=True), "scenes", len(truths))
+    ]
+    records = concatenate(
+        [score_scene(one.truth, one.ranking, one.answered, chosen.scores) for one in scenes]
+    )
     run = Run(
         path,
         method or path.stem,
@@ -87,9 +96,10 @@ def evaluate_retrieval(
         benchmark,
         {truth.scene: truth.fingerprint for truth in truths},
     )
-    counts = {truth.scene: _counts(truth, records) for truth in truths}
-    scores = retrieval_scores(chosen.scores)
-    return Evaluation(make_result(run, records, scores, counts, extra, _notes(counts)), records)
+    counts = {one.truth.scene: _counts(one) for one in scenes}
+    scores, notes = retrieval_scores(chosen.scores), _notes(predictions, scenes, chosen)
+    references = {"Chance level": chance_level(truths, chosen)}
+    return Evaluation(make_result(run, records, scores, counts, extra, notes, references), records)
 
 
 def check_retrieval(path: Path, *, data: Path, protocol: str | None, memory_bytes: int) -> Checked:
@@ -104,16 +114,23 @@ def check_retrieval(path: Path, *, data: Path, protocol: str | None, memory_byte
     """
     predictions = read_retrieval(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, RetrievalProtocol)
-    found = [*faults(predictions, chosen.scores.depth), *deep_faults(predictions)]
+    metric = chosen.scores.descriptor_metric
+    found = [*faults(predictions, chosen.scores.depth), *deep_faults(predictions, metric)]
     if found:
         return Checked(found, [])
+    scenes: list[_Scene] = []
+
+    def hold(truth: RetrievalTruth, rows: NDArray[np.intp]) -> None:
+        scenes.append(_ranked(predictions, truth, rows, chosen, memory_bytes, 1))
+
     return check_against_benchmark(
         path,
         predictions.query_ids,
         chosen,
         data,
         lambda: read_truths(find_benchmark(chosen.benchmark, data), chosen),
-        lambda truth, rows: check_tiles(predictions, truth, rows),
+        hold,
+        lambda _: _notes(predictions, scenes, chosen),
     )
 
 
@@ -123,19 +140,110 @@ def read_truths(benchmark: Benchmark, protocol: RetrievalProtocol) -> list[Retri
     return [read_truth(benchmark.scene_folder(scene.id), scene.id) for scene in protocol.scenes]
 
 
-def _counts(truth: RetrievalTruth, records: pd.DataFrame) -> dict[str, int]:
-    rows = records[records["scene"] == truth.scene]
+def chance_level(truths: Sequence[RetrievalTruth], protocol: RetrievalProtocol) -> Reference:
+    """Return what tiles in random order score, by scene; see `chance_scores`."""
+    import pandas as pd
+
+    tables = [
+        pd.DataFrame(
+            chance_scores(truth.positives.counts, len(truth.tiles), protocol.scores)
+        ).assign(scene=truth.scene)
+        for truth in truths
+    ]
+    scores = [score for score in retrieval_scores(protocol.scores) if score.column in tables[0]]
+    summary = summarise(concatenate(tables), scores, [truth.scene for truth in truths])
+    return Reference(
+        meaning="expected of tiles in random order, exactly, from each query's number of positives "
+        "and the size of its gallery",
+        **with_summary(summary),
+    )
+
+
+def chance_words(protocol: RetrievalProtocol, data: Path) -> str:
+    """Write out the chance level of the headline scores, averaged over scenes."""
+    truths = read_truths(find_benchmark(protocol.benchmark, data), protocol)
+    level = chance_level(truths, protocol).overall
+    headline = [score for score in retrieval_scores(protocol.scores) if score.headline]
+    return ", ".join(f"{score.title} {level[score.column]:.2%}" for score in headline)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What became of one scene: its truth, its ranking, and which lists there are."""
+
+    truth: RetrievalTruth
+    ranking: Ranking
+    answered: NDArray[np.bool_]
+    given: NDArray[np.bool_]
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """How many ranks each query has a tile at."""
+        lengths: NDArray[np.int64] = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
+        return lengths
+
+    def shorter(self, depth: int) -> int:
+        """Count the lists that end before a rank, and not all of whose positives they hold."""
+        positives = self.truth.positives
+        hits = hit_matrix(
+            self.ranking.tiles, positives.offsets, positives.tiles, len(self.truth.tiles)
+        )
+        short = (self.lengths > 0) & (self.lengths < min(depth, len(self.truth.tiles)))
+        return int((short & (np.count_nonzero(hits, axis=1) < positives.counts)).sum())
+
+
+def _ranked(
+    predictions: RetrievalPredictions,
+    truth: RetrievalTruth,
+    rows: NDArray[np.intp],
+    protocol: RetrievalProtocol,
+    memory_bytes: int,
+    jobs: int,
+) -> _Scene:
+    ranking = rank_scene(
+        predictions, truth, rows, protocol.scores, memory_bytes=memory_bytes, workers=jobs
+    )
+    return _Scene(truth, ranking, is_answered(predictions, rows), rows >= 0)
+
+
+def _counts(scene: _Scene) -> dict[str, int]:
+    truth = scene.truth
     return {
-        "queries": len(rows),
+        "queries": len(truth.queries),
         "tiles": len(truth.tiles),
-        "missing": int((~rows["answered"]).sum()),
-        "tie_dependent": int(rows["tie_dependent"].sum()),
-        "without_positive": len(truth.excluded) + int((rows["positives"] == 0).sum()),
+        "missing": int((~scene.answered).sum()),
+        "empty_lists": int((scene.given & ~scene.answered).sum()),
+        "tie_dependent": int(scene.ranking.tie_dependent.sum()),
+        "without_positive": len(truth.excluded) + int((truth.positives.counts == 0).sum()),
         "without_ground_point": truth.without_ground_point,
+        "dropped_tiles": len(truth.dropped_tiles),
     }
 
 
-def _notes(counts: dict[str, dict[str, int]]) -> list[str]:
-    tied = sum(scene["tie_dependent"] for scene in counts.values())
-    text = f"{tied} queries depend on ties, which were broken against the method"
-    return [text] if tied else []
+def _notes(
+    predictions: RetrievalPredictions, scenes: Sequence[_Scene], protocol: RetrievalProtocol
+) -> list[str]:
+    """Say what `eval` and `check` find beside the scores."""
+    counts = [_counts(scene) for scene in scenes]
+    empty = sum(count["empty_lists"] for count in counts)
+    tied = sum(count["tie_dependent"] for count in counts)
+    flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
+    strange = strange_tiles(predictions, [scene.truth for scene in scenes])
+    dropped = sum(count["dropped_tiles"] for count in counts)
+    said = (
+        (empty, "queries have an empty list, and count as missing"),
+        (tied, "queries depend on ties, which were broken against the method"),
+        (flat, "queries score all of their tiles alike: they have no ranking, and score nothing"),
+        (strange, "described tiles are in no gallery and were left aside"),
+        (dropped, "tiles of the maps are not in the galleries, since the maps are empty there"),
+    )
+    return [f"{n} {what}" for n, what in said if n] + _short_lists(scenes, protocol.scores)
+
+
+def _short_lists(scenes: Sequence[_Scene], scores: RetrievalScores) -> list[str]:
+    """Say which scores read ranks that lists do not have."""
+    n = sum(scene.shorter(scores.ranks_kept) for scene in scenes)
+    depths = [k for k in scores.ndcg_at if any(scene.shorter(k) for scene in scenes)]
+    names = ", ".join(["mAP", "MRR", *(f"nDCG@{k}" for k in depths)])
+    text = f"{n} lists end before rank {scores.ranks_kept} without all positives, which count as "
+    return [f"{text}not found in {names}"] if n else []

@@ -31,7 +31,13 @@ _MATCHES = 20
 
 
 def write_template(
-    protocol: str, *, data: Path, out: Path, descriptors: bool = False, seed: int = 0
+    protocol: str,
+    *,
+    data: Path,
+    out: Path,
+    descriptors: bool = False,
+    seed: int = 0,
+    force: bool = False,
 ) -> str:
     """Write an example prediction file for a protocol, at random.
 
@@ -46,6 +52,8 @@ def write_template(
     descriptors : bool
         Descriptors instead of ranked ids; for retrieval only.
     seed : int
+    force : bool
+        Write over a file that is there.
 
     Returns
     -------
@@ -55,8 +63,8 @@ def write_template(
     Raises
     ------
     UserError
-        The protocol or the benchmark folder is not there, `out` does not end in ``.npz``, or is a
-        folder that holds something.
+        The protocol or the benchmark folder is not there, `out` does not end in ``.npz``, is there
+        already, or is a folder that holds something.
     """
     chosen = find_protocol(protocol, data)
     if isinstance(chosen, ReconstructionProtocol):
@@ -65,6 +73,12 @@ def write_template(
         return chosen.track
     if out.suffix != ".npz":
         raise UsageError("templates are written as .npz", where=out, mend=f"name it {out}.npz")
+    if out.exists() and not force:
+        raise UsageError(
+            "is there already, and could be a prediction",
+            where=out,
+            mend="name another file with --out, or add --force",
+        )
     arrays = _arrays(chosen, data, seed, descriptors=descriptors)
     with atomic_write(out) as stream:
         write_npz(stream, {"protocol": np.array(chosen.name), **arrays})

@@ -19,8 +19,10 @@ from airzoo_bench.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.records import Scored
 from airzoo_bench.result import ScoreColumn
-from airzoo_bench.statistics.intervals import FEWEST, Interval, bootstrap
+from airzoo_bench.statistics.intervals import FEWEST, Interval
+from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import Plan, Sample, plural
+from airzoo_bench.statistics.significance import is_share
 from airzoo_bench.statistics.wording import (
     brackets_note,
     by_reason,
@@ -54,6 +56,13 @@ class _Variables:
         # Scenes are averaged by their mean, whatever the average within a scene.
         of_scenes = self.unit == "scene"
         return np.array([s.average == "median" and not of_scenes for s, _ in self.all], np.bool_)
+
+    @property
+    def sample(self) -> Sample:
+        """All records as one group."""
+        of_queries = self.unit == "query"
+        shares = np.array([is_share(s) and of_queries for s, _ in self.all], np.bool_)
+        return Sample(self.unit, ("",), (self.values,), self.by_median, shares)
 
     @property
     def unit(self) -> str:
@@ -96,7 +105,7 @@ def breakdown_table(
     averages = group_averages(shown.values, shown.by_median, grouping.codes, len(grouping.labels))
     intervals: list[list[Interval]] = []
     if plan is not None:
-        intervals = group_intervals(shown.values, shown.by_median, grouping, plan, shown.unit)
+        intervals = group_intervals(shown.sample, grouping, plan)
     labels = _labels(methods[0], grouping)
     about = [] if plan is None else _about_intervals(shown, labels, intervals, plan)
     table = Table(
@@ -201,32 +210,27 @@ def _infinite(shown: _Variables, averages: Floats) -> list[str]:
     return notes
 
 
-def group_intervals(
-    values: Floats, medians: NDArray[np.bool_], grouping: Grouping, plan: Plan, unit: str
-) -> list[list[Interval]]:
+def group_intervals(sample: Sample, grouping: Grouping, plan: Plan) -> list[list[Interval]]:
     """Take the intervals of averages within groups, resampled within each group.
 
     Parameters
     ----------
-    values : (V, Q) array
-        Variables of the records; finite or +inf.
-    medians : (V,) bool
-        Which of them are averaged by the median.
+    sample : Sample
+        V variables of all records, as one group.
     grouping : Grouping
     plan : Plan
-    unit : str
-        What a record is of: "query" or "scene".
 
     Returns
     -------
     list of G lists of V Interval
         Of a group without records none, for no reason: the count says it.
     """
+    values, unit = sample.values[0], sample.unit
     counts = dict(zip(grouping.labels, grouping.counts.tolist(), strict=True))
     filled = [group for group, count in enumerate(counts.values()) if count]
     parts = tuple(np.ascontiguousarray(values[:, grouping.codes == group]) for group in filled)
     named = tuple(grouping.labels[group] for group in filled)
-    found = bootstrap(Sample(unit, named, parts, medians), plan).groups
+    found = sample_intervals(replace(sample, groups=named, values=parts), plan).groups
     few = f"fewer than {FEWEST} {plural(unit)}"
     nothing = [Interval(None, None, "")] * len(values)
     return [

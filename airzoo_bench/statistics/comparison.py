@@ -14,19 +14,22 @@ from airzoo_bench.records import Scored
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.compatibility import check_comparable
 from airzoo_bench.statistics.corrections import holm
-from airzoo_bench.statistics.intervals import Bootstrap, Interval, bootstrap
+from airzoo_bench.statistics.intervals import Interval, SampleIntervals
+from airzoo_bench.statistics.paired_tests import paired_tests
 from airzoo_bench.statistics.reference import family_of, find_one, value_of
-from airzoo_bench.statistics.samples import Plan, Sample, gap
+from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.samples import Plan, Sample, paired_gap
 from airzoo_bench.statistics.significance import (
     PairedTest,
     is_hit,
+    is_share,
     mcnemar,
-    paired_permutation,
+    p_floor,
 )
 
 __all__ = ["Comparison", "Pair", "compare", "make_sample", "score_intervals"]
 
-_ROUNDING = 1e-12
+_ROUNDING = 1e-9  # what processors may differ by; see `paired_gap`
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Pair:
     @property
     def p_floor(self) -> float:
         """The least p that any values could have, on as many units as differ here."""
-        return min(1.0, 2.0 ** (1 - self.wins - self.losses))
+        return p_floor(self.wins + self.losses)
 
 
 @dataclass(frozen=True)
@@ -145,12 +148,13 @@ def make_sample(
         chosen = values if scene is None else values[:, of_unit == scene]
         return Sample("scene", ("",), (chosen,), np.zeros_like(medians))
     parts = tuple(np.ascontiguousarray(values[:, of_unit == name]) for name in scenes)
-    return Sample("query", scenes, parts, medians)
+    shares = np.array([is_share(s) for s in scores for _ in methods], np.bool_)
+    return Sample("query", scenes, parts, medians, shares)
 
 
 def score_intervals(
     method: Scored, scores: Sequence[ScoreColumn], plan: Plan, scene: str | None = None
-) -> Bootstrap:
+) -> SampleIntervals:
     """Take the interval of every score, of each scene and of the mean over scenes.
 
     Parameters
@@ -163,11 +167,11 @@ def score_intervals(
 
     Returns
     -------
-    Bootstrap
+    SampleIntervals
         In the order of `scores`; without scenes where scenes are what is resampled.
     """
     sample = make_sample([method], scores, scene)
-    found = bootstrap(sample, plan)
+    found = sample_intervals(sample, plan)
     return found if sample.unit == "query" else replace(found, groups={})
 
 
@@ -213,8 +217,7 @@ def compare(
     places = [(start + other, start + base) for start in starts for other in others]
     if method is not None:
         places = [(one, other) for other, one in places]
-    intervals = bootstrap(sample, plan, places, groups=False).overall[len(sample.medians) :]
-    tests = paired_permutation(sample, plan, places)
+    intervals, tests = paired_tests(sample, plan, places)
     pairs = [
         _pair(sample, scores[place[0] // len(methods)], methods, place, scene, interval, test)
         for place, interval, test in zip(places, intervals, tests, strict=True)
@@ -283,7 +286,7 @@ def _difference(value: float, other: float) -> float:
 
 
 def _wins(score: ScoreColumn, one: Floats, other: Floats) -> int:
-    ahead = gap(one, other) if score.higher_is_better else gap(other, one)
+    ahead = paired_gap(one, other) if score.higher_is_better else paired_gap(other, one)
     return int((ahead > 0).sum())
 
 

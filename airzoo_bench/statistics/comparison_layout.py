@@ -182,6 +182,8 @@ def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]
     def why(pair: Pair) -> str:
         if is_decidable(pair):
             return ""
+        if not pair.test.patterns:
+            return f"{pair.interval.reason}, and medians are tested by theirs"
         count = pair.wins + pair.losses
         differ = f"only {counted(count, comparison.unit)} {'differs' if count == 1 else 'differ'}"
         return f"{differ}, so p {'is' if count == 1 else 'cannot be below'} {pair.p_floor:g}"
@@ -205,14 +207,25 @@ def _methods(comparison: Comparison) -> list[str]:
     intervals = [pair.interval for pair in pairs]
     return [
         *brackets_note(intervals, plan, drawn, "intervals of the difference"),
-        f"p: paired permutation, two-sided, {_patterns(comparison)}; {_correction(comparison)}"
+        f"p: {_tests(comparison)}; {_correction(comparison)}"
         + ("; McNemar exact, for hits" if any(p.p_mcnemar is not None for p in pairs) else ""),
         *_too_coarse(comparison),
     ]
 
 
+def _tests(comparison: Comparison) -> str:
+    kinds = {pair.test.kind for pair in comparison.pairs}
+    plan, said = comparison.plan, []
+    if "permutation" in kinds:
+        said.append(f"paired permutation, two-sided, {_patterns(comparison)}")
+    if "bootstrap" in kinds:
+        of_medians = f"{'of medians ' * bool(said)}paired bootstrap, two-sided"
+        said.append(f"{of_medians}, {plan.resamples} resamples, seed {plan.seed}")
+    return "; ".join(said)
+
+
 def _patterns(comparison: Comparison) -> str:
-    exact = {pair.test.exact for pair in comparison.pairs}
+    exact = {pair.test.exact for pair in comparison.pairs if pair.test.kind == "permutation"}
     some = f"{comparison.plan.resamples} random patterns, seed {comparison.plan.seed}"
     tried = {True: "all patterns", False: some}
     return tried[exact.pop()] if len(exact) == 1 else f"all patterns or {some}"
@@ -233,10 +246,11 @@ def _too_coarse(comparison: Comparison) -> list[str]:
     """Say where random patterns are too few for any p to be a finding after Holm."""
     if all(pair.test.exact for pair in comparison.pairs):
         return []
-    least = comparison.family / (comparison.plan.resamples + 1)
+    sides = 2 if any(pair.test.kind == "bootstrap" for pair in comparison.pairs) else 1
+    least = sides * comparison.family / (comparison.plan.resamples + 1)
     if least <= LEVEL:
         return []
-    needed = math.ceil(comparison.family / LEVEL)
+    needed = math.ceil(sides * comparison.family / LEVEL)
     return [
         f"p of random patterns, Holm, cannot be below {min(least, 1.0):.4f}: ask for {needed} "
         "--resamples or more"

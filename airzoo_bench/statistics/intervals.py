@@ -11,9 +11,18 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.averages import leave_one_out, weighted_averages
 from airzoo_bench.statistics.draws import blocks, resample_counts, stream_key
-from airzoo_bench.statistics.samples import Plan, Sample, counted, gap, plural
+from airzoo_bench.statistics.percentiles import percentile_p_values, quantiles
+from airzoo_bench.statistics.samples import Plan, Sample, counted, gap, paired_gap, plural
 
-__all__ = ["FEWEST", "Bootstrap", "Interval", "acceleration", "bootstrap", "interval_limits"]
+__all__ = [
+    "FEWEST",
+    "Interval",
+    "SampleIntervals",
+    "acceleration",
+    "bootstrap",
+    "few_units",
+    "interval_limits",
+]
 
 FEWEST = 5
 """Fewer units in a group than these have no interval: resamples of them repeat each other."""
@@ -30,7 +39,7 @@ class Interval:
     low, high : float or None
         None where there is none; a limit may be infinite.
     method : str
-        "bca" or "percentile"; empty where there is none.
+        "bca", "percentile", "wilson" or "mover"; empty where there is none.
     reason : str
         Why there is none; else empty.
     """
@@ -42,7 +51,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Bootstrap:
+class SampleIntervals:
     """Intervals of every variable, then of every difference, in the order that was asked for.
 
     Attributes
@@ -50,10 +59,14 @@ class Bootstrap:
     groups : dict of str to list of Interval
     overall : list of Interval
         Of the unweighted mean over groups.
+    p_values : list of float or None
+        Of every difference of medians, that of all groups: whether it is 0, two-sided. None where
+        there is no interval, or the difference is not one of medians.
     """
 
     groups: dict[str, list[Interval]]
     overall: list[Interval]
+    p_values: list[float | None]
 
 
 @dataclass(frozen=True)
@@ -69,7 +82,7 @@ class _Part:
 
 def bootstrap(
     sample: Sample, plan: Plan, differences: Sequence[tuple[int, int]] = (), *, groups: bool = True
-) -> Bootstrap:
+) -> SampleIntervals:
     """Resample units within groups, all variables alike, and take intervals.
 
     Parameters
@@ -84,10 +97,12 @@ def bootstrap(
 
     Returns
     -------
-    Bootstrap
+    SampleIntervals
         The same for any number of threads. There is no interval where a group has fewer than
         `FEWEST` units, or all of them are alike. BCa becomes percentile, and says so, where it
         does not exist: with infinite leave-one-out values, or all resamples on one side.
+        Differences of medians always have percentile intervals: BCa's leave out the true
+        difference too often where there are few units (docs/statistics.md).
     """
     pairs = np.array(differences, dtype=np.intp).reshape(-1, 2)
     found: dict[str, list[Interval]] = {}
@@ -100,14 +115,29 @@ def bootstrap(
     if total is None:
         raise ValueError("a sample has at least one group")
     overall = _mean_of(total, len(sample.groups)) if len(sample.groups) > 1 else total
-    return Bootstrap(found, _intervals(overall, pairs, plan, sample.unit))
+    return SampleIntervals(
+        found,
+        _intervals(overall, pairs, plan, sample.unit),
+        _p_values(overall, pairs, sample.medians),
+    )
+
+
+def _p_values(
+    part: _Part, pairs: NDArray[np.intp], medians: NDArray[np.bool_]
+) -> list[float | None]:
+    tested = medians[pairs[:, 0]] & (part.resamples.shape[1] > 0)
+    resamples = paired_gap(part.resamples[pairs[tested, 0]], part.resamples[pairs[tested, 1]])
+    found: list[float | None] = [None] * len(pairs)
+    for place, p_value in zip(np.flatnonzero(tested), percentile_p_values(resamples), strict=True):
+        found[place] = float(p_value)
+    return found
 
 
 def _resampled(
     group: str, values: Floats, medians: NDArray[np.bool_], pairs: NDArray[np.intp], plan: Plan
 ) -> _Part:
     units = values.shape[1]
-    differences = gap(values[pairs[:, 0]], values[pairs[:, 1]])
+    differences = paired_gap(values[pairs[:, 0]], values[pairs[:, 1]])
     even = np.concatenate([_all_alike(values), _all_alike(differences)])
     # On the grid of the resamples: one that is equal to it is then equal to the last bit.
     ones = np.ones((units, 1), np.int64)
@@ -123,6 +153,7 @@ def _resampled(
     left_out = leave_one_out(values, medians)
     contrasts = gap(left_out[pairs[:, 0]], left_out[pairs[:, 1]])
     moments = np.concatenate([_moments(left_out), _moments(contrasts)])
+    moments[len(values) :][medians[pairs[:, 0]]] = np.inf  # BCa is not for these
     return _Part(estimates, resamples, moments, even, fewest)
 
 
@@ -162,11 +193,9 @@ def _mean_of(total: _Part, groups: int) -> _Part:
 
 
 def _intervals(part: _Part, pairs: NDArray[np.intp], plan: Plan, unit: str) -> list[Interval]:
-    units, group = part.fewest
-    if units < FEWEST:
-        where = f" in scene {group}" if group else ""
-        reason = f"only {counted(units, unit)}{where}: an interval needs {FEWEST}"
-        return [Interval(None, None, "", reason) for _ in part.even]
+    few = few_units(*part.fewest, unit)
+    if few is not None:
+        return [few] * len(part.even)
     one, other = pairs[:, 0], pairs[:, 1]
     resamples = [part.resamples, gap(part.resamples[one], part.resamples[other])]
     estimates = [part.estimates, gap(part.estimates[one], part.estimates[other])]
@@ -185,6 +214,16 @@ def _intervals(part: _Part, pairs: NDArray[np.intp], plan: Plan, unit: str) -> l
         alike if even else Interval(low, high, method)
         for (low, high), method, even in zip(limits.tolist(), methods, part.even, strict=True)
     ]
+
+
+def few_units(units: int, group: str, unit: str) -> Interval | None:
+    """Say that a group has too few units for an interval; None where it has enough."""
+    if units >= FEWEST:
+        return None
+    where = f" in scene {group}" if group else ""
+    return Interval(
+        None, None, "", f"only {counted(units, unit)}{where}: an interval needs {FEWEST}"
+    )
 
 
 def acceleration(moments: Floats) -> Floats:
@@ -239,7 +278,7 @@ def interval_limits(
         adjusted = _bca_levels(resamples, estimates, scales, accelerations, tails)
         exists = np.asarray(np.isfinite(adjusted).all(axis=1))
         levels = np.where(exists[:, None], adjusted, levels)
-    return _quantiles(np.sort(resamples, axis=1), levels), exists
+    return quantiles(np.sort(resamples, axis=1), levels), exists
 
 
 def _bca_levels(
@@ -256,16 +295,3 @@ def _bca_levels(
     shifted = np.where(finite, bias, 0.0) + ndtri(tails)
     levels = ndtr(bias + shifted / (1 - accelerations[:, None] * shifted))
     return np.where(finite, levels, np.nan)
-
-
-def _quantiles(ranked: Floats, levels: Floats) -> Floats:
-    """Return quantiles (R, 2), linear between ranks; NumPy's own make NaN of infinite ones."""
-    place = levels * (ranked.shape[1] - 1)
-    below = np.floor(place).astype(np.intp)
-    above = np.minimum(below + 1, ranked.shape[1] - 1)
-    low = np.take_along_axis(ranked, below, axis=1)
-    high = np.take_along_axis(ranked, above, axis=1)
-    share = place - below
-    between = (share > 0) & np.isfinite(low)
-    found: Floats = low + np.multiply(gap(high, low), share, out=np.zeros_like(low), where=between)
-    return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from airzoo_bench.records import Scored
 from airzoo_bench.result import Result, ScoreColumn
-from airzoo_bench.statistics.intervals import Bootstrap, Interval
+from airzoo_bench.statistics.intervals import Interval, SampleIntervals
 from airzoo_bench.statistics.printed import Bounds, hit_rate_interval
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.statistics.verdicts import LEAST_P, bounds_verdict
@@ -29,7 +29,7 @@ _AVERAGE = "Average"
 def intervals_table(
     method: Scored,
     scores: Sequence[ScoreColumn],
-    found: Bootstrap,
+    found: SampleIntervals,
     plan: Plan,
     scene: str | None = None,
 ) -> Table:
@@ -39,7 +39,7 @@ def intervals_table(
     ----------
     method : Scored
     scores : sequence of ScoreColumn
-    found : Bootstrap
+    found : SampleIntervals
         From `score_intervals`, of the same scores and scene.
     plan : Plan
     scene : str, optional
@@ -70,9 +70,12 @@ class _Entry:
 
 
 def _entries(
-    result: Result, scores: Sequence[ScoreColumn], found: Bootstrap, scene: str | None
+    result: Result, scores: Sequence[ScoreColumn], found: SampleIntervals, scene: str | None
 ) -> Iterator[_Entry]:
     titles = result.truth.scene_titles
+    # The average over one scene is that scene: said once.
+    one = next(iter(result.scenes)) if len(found.groups) == 1 else None
+    scene = one if scene is None else scene
     if scene is None:
         parts = [(titles[name], result.scenes[name], found.groups[name]) for name in found.groups]
         last = (_AVERAGE, result.overall, found.overall)

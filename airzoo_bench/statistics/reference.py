@@ -11,7 +11,7 @@ from airzoo_bench.records import Scored
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.validation import nearest
 
-__all__ = ["family_of", "find_one", "find_reference", "value_of"]
+__all__ = ["best_place", "family_of", "find_one", "find_reference", "value_of"]
 
 _BEST = "best"
 
@@ -48,12 +48,17 @@ def find_reference(
     if wanted in names:
         return names.index(wanted)
     if wanted == _BEST:
-        sign = 1 if score.higher_is_better else -1
-        return int(np.argmax([sign * value_of(method, score, scene) for method in methods]))
+        return best_place(methods, score, scene)
     raise UsageError(
         f"{option} {wanted[:80]!r} is no method of these results{nearest(wanted[:80], names)}",
         expected=f"{_BEST}, or one of " + ", ".join(names),
     )
+
+
+def best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None = None) -> int:
+    """Return the place of the best method by a score, the first of equals; see `value_of`."""
+    sign = 1 if score.higher_is_better else -1
+    return int(np.argmax([sign * value_of(method, score, scene) for method in methods]))
 
 
 def find_one(

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Method", "Plan", "Sample", "counted", "gap", "plural"]
+__all__ = ["Method", "Plan", "Sample", "counted", "gap", "paired_gap", "plural"]
 
 Method = Literal["bca", "percentile"]
+
+_SAME = 1e-9
+"""Closer values of a unit, as a share of their size above 1, may differ by the processor alone."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +54,16 @@ class Sample:
     medians : (V,) bool
         Which variables are averaged by the median within a group; the statistic of all groups
         is the unweighted mean of theirs.
+    shares : (V,) bool, optional
+        Which variables are shares from 0 to 1 of each unit, averaged by their mean, so that their
+        intervals need no resamples; none where left out.
     """
 
     unit: str
     groups: tuple[str, ...]
     values: tuple[Floats, ...]
     medians: NDArray[np.bool_]
+    shares: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         if len(set(self.groups)) < len(self.groups):
@@ -86,3 +93,24 @@ def gap(first: Floats, second: Floats) -> Floats:
     """
     both = np.isinf(first) & (first == second)
     return np.subtract(first, second, out=np.zeros(np.broadcast(first, second).shape), where=~both)
+
+
+def paired_gap(first: Floats, second: Floats) -> Floats:
+    """Subtract what two methods have on the same units: what differs by its last digits is a tie.
+
+    Scores agree between processors to some 12 digits, not to the last. What is a tie on one of them
+    must be one on the other, since wins, signs and patterns are counted.
+
+    Parameters
+    ----------
+    first, second : (...) arrays
+
+    Returns
+    -------
+    (...) array
+        0 where the values differ by at most 1e-9, of their size where that is above 1.
+    """
+    found = gap(first, second)
+    sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
+    tied = np.isfinite(found) & (np.abs(found) <= _SAME * np.where(np.isinf(sizes), 1.0, sizes))
+    return np.where(tied, 0.0, found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,11 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.result import ScoreColumn
 from airzoo_bench.statistics.averages import weighted_averages
 from airzoo_bench.statistics.draws import blocks, sign_flips, stream_key
-from airzoo_bench.statistics.samples import Plan, Sample, gap
+from airzoo_bench.statistics.samples import Plan, Sample, gap, paired_gap
 
-__all__ = ["PairedTest", "is_hit", "mcnemar", "paired_permutation"]
+__all__ = ["PairedTest", "is_hit", "is_share", "mcnemar", "p_floor", "paired_permutation"]
 
-_SIGNS_SLACK, _SWAPS_SLACK = 1e-12, 1e-10
+_SLACK = 1e-9  # as `paired_gap`: sums that are closer differ by the processor alone
 _TRIED_WITH_BITS = 62
 _P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
 
@@ -37,17 +38,21 @@ class PairedTest:
     exact : bool
         Whether every pattern was tried; else `patterns` random ones were.
     patterns : int
+        Or resamples; 0 where there was nothing to try, and p is 1.
+    kind : {"permutation", "bootstrap"}
+        Bootstrap for medians, whose interval and p are of the same resamples.
     """
 
     p_value: float
     exact: bool
     patterns: int
+    kind: Literal["permutation", "bootstrap"] = "permutation"
 
 
 def paired_permutation(
     sample: Sample, plan: Plan, pairs: Sequence[tuple[int, int]]
 ) -> list[PairedTest]:
-    """Test whether two variables differ: their values change places, unit by unit.
+    """Test whether two means differ: values change places, unit by unit.
 
     The statistic is the difference of the averages over groups. Where units are exchangeable
     between the two, each of the 2**k patterns of the k units that differ is as likely as the one
@@ -55,7 +60,8 @@ def paired_permutation(
     tried where they are no more than `plan.resamples`; else that many random ones are, the same
     for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0.
     Where one side's average is infinite, patterns that make it so too are ordered by wins minus
-    losses.
+    losses. Of medians this would test whether units are exchangeable, which they are not where
+    one method's errors spread more: `paired_tests` takes theirs from the bootstrap.
 
     Parameters
     ----------
@@ -71,7 +77,7 @@ def paired_permutation(
     tests: list[PairedTest | None] = [None] * len(pairs)
     many = []
     for index, pair in enumerate(pairs):
-        unlike = [values[pair[0]] != values[pair[1]] for values in sample.values]
+        unlike = [paired_gap(values[pair[0]], values[pair[1]]) != 0 for values in sample.values]
         bits = sum(int(mask.sum()) for mask in unlike)
         if bits > _TRIED_WITH_BITS or 2**bits > plan.resamples:
             many.append(index)
@@ -128,7 +134,7 @@ def _by_signs(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
 ) -> NDArray[np.int64]:
     """For means: a change of places turns the sign of a unit's difference."""
-    differences = [gap(values[pairs[:, 0]], values[pairs[:, 1]]) for values in sample.values]
+    differences = [paired_gap(values[pairs[:, 0]], values[pairs[:, 1]]) for values in sample.values]
     observed, found = _signed_means(differences, patterns, flips)
     return np.asarray((found >= observed[:, None]).sum(axis=1))
 
@@ -146,7 +152,7 @@ def _signed_means(
         for first, size in blocks(units, patterns):
             kept = values @ flips(group, first, size).astype(np.float64)
             found[:, first : first + size] += (2 * kept - total[:, None]) / units
-    return np.abs(observed) - _SIGNS_SLACK * largest, np.abs(found)
+    return np.abs(observed) - _SLACK * largest, np.abs(found)
 
 
 def _by_swaps(
@@ -164,7 +170,7 @@ def _by_swaps(
             block = flips(group, first, count)
             sides[:, :, first : first + count] += _both_sides(pooled, medians, block)
     observed = np.abs(gap(before[0], before[1]))
-    slack = np.where(np.isinf(observed), 0.0, _SWAPS_SLACK * observed)
+    slack = np.where(np.isinf(observed), 0.0, _SLACK * observed)
     extreme = np.abs(gap(sides[0], sides[1])) >= observed - slack
     boundless = np.isinf(observed[:, 0])
     if boundless.any():
@@ -176,7 +182,9 @@ def _more_wins(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
 ) -> NDArray[np.bool_]:
     """Order infinite differences, which are all alike, by wins minus losses."""
-    signs = [np.sign(gap(values[pairs[:, 0]], values[pairs[:, 1]])) for values in sample.values]
+    signs = [
+        np.sign(paired_gap(values[pairs[:, 0]], values[pairs[:, 1]])) for values in sample.values
+    ]
     observed, found = _signed_means(signs, patterns, flips)
     return np.asarray(found >= observed[:, None])
 
@@ -194,6 +202,16 @@ def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uin
 def is_hit(track: str, score: ScoreColumn) -> bool:
     """Whether a score is 0 or 1 for each query by its definition, whatever its values are."""
     return score.unit == "share" and score.key.startswith(_HITS.get(track, ()))
+
+
+def is_share(score: ScoreColumn) -> bool:
+    """Whether a score of queries is a mean of shares from 0 to 1."""
+    return score.unit == "share" and score.average == "mean"
+
+
+def p_floor(unlike: int) -> float:
+    """Return the least p that any values could have, on as many units as differ."""
+    return min(1.0, 2.0 ** (1 - unlike))
 
 
 def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:

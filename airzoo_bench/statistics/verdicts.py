@@ -9,7 +9,7 @@ from airzoo_bench.statistics.comparison import Pair
 from airzoo_bench.statistics.printed import Bounds
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.tables.entries import as_shown
-from airzoo_bench.tables.model import share_to_percent
+from airzoo_bench.tables.model import share_to_percent, show_number
 
 __all__ = [
     "LEAST_P",
@@ -32,7 +32,9 @@ _OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
 
 def is_decidable(pair: Pair) -> bool:
     """Whether enough units differ for any p-value to be a finding."""
-    return pair.wins + pair.losses == 0 or pair.p_floor <= LEVEL
+    if pair.wins + pair.losses == 0:
+        return True
+    return pair.test.patterns > 0 and pair.p_floor <= LEVEL
 
 
 def verdict(pair: Pair) -> str:
@@ -107,7 +109,7 @@ def _amount(score: ScoreColumn, value: float) -> str:
 
 
 def _number(score: ScoreColumn, value: float) -> str:
-    return f"{as_shown(score, value):.2f}"
+    return show_number(as_shown(score, value), 2)
 
 
 def _span(pair: Pair, sign: int, plan: Plan) -> str:

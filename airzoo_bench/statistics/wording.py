@@ -23,7 +23,8 @@ __all__ = [
     "score_title",
 ]
 
-INTERVAL_NAMES = {"bca": "BCa", "percentile": "percentile"}
+INTERVAL_NAMES = {"wilson": "Wilson", "mover": "MOVER", "bca": "BCa", "percentile": "percentile"}
+_DRAWN = ("bca", "percentile")
 """What readers call the kinds of intervals."""
 
 _SHOWN = 6
@@ -109,14 +110,20 @@ def intervals_made(
     Returns
     -------
     str
-        Such as ``95 % intervals, BCa or percentile, 10000 resamples of scenes, seed 0``.
+        Such as ``95 % intervals, BCa or percentile, 10000 resamples of scenes, seed 0``, or
+        ``95 % intervals, Wilson or MOVER over queries within scenes``.
     """
     made = {interval.method for interval in intervals}
-    used = " or ".join(name for key, name in INTERVAL_NAMES.items() if key in made)
-    if not used:
+    closed, resampled = (
+        " or ".join(INTERVAL_NAMES[key] for key in INTERVAL_NAMES if key in made and key in kinds)
+        for kinds in (INTERVAL_NAMES.keys() - set(_DRAWN), _DRAWN)
+    )
+    how = [f"{closed} over {drawn}"] if closed else []
+    if resampled:
+        how.append(f"{resampled}, {plan.resamples} resamples of {drawn}, seed {plan.seed}")
+    if not how:
         return ""
-    percent = f"{share_to_percent(plan.confidence):g} %"
-    return f"{percent} {what}, {used}, {plan.resamples} resamples of {drawn}, seed {plan.seed}"
+    return f"{share_to_percent(plan.confidence):g} % {what}, {'; '.join(how)}"
 
 
 def brackets_note(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from airzoo_bench.result import Result, ScoreColumn
+from airzoo_bench.result import Reference, Result, ScoreColumn
 from airzoo_bench.tables.entries import OVERALL, as_shown, board_of, identity, score_column
-from airzoo_bench.tables.layouts import methods_layout
+from airzoo_bench.tables.layouts import AVERAGE, methods_layout
 from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty, mark_best
 
 __all__ = ["POOLED", "methods_table", "scenes_table"]
@@ -21,6 +21,7 @@ def scenes_table(
     every_score: bool = False,
     scores: Sequence[ScoreColumn] | None = None,
     uncertainties: Mapping[str, Mapping[str, Uncertainty]] | None = None,
+    floors: bool = False,
 ) -> Table:
     """Lay out one result: a row a scene, the average over scenes, the mean over all queries.
 
@@ -33,6 +34,8 @@ def scenes_table(
         Show these.
     uncertainties : mapping of str to mapping of str to Between or PlusMinus, optional
         By scene, with `OVERALL` for the average, then by score.
+    floors : bool
+        Show what scores without a method below, where the result holds it.
     """
     if scores is None:
         scores = [c for c in result.columns if every_score or c.headline]
@@ -46,16 +49,38 @@ def scenes_table(
         rows.append(Row((Cell(title), Cell(result.counts[scene].get(counted)), *cells)))
     total = sum(counts["queries"] for counts in result.counts.values())
     average = _cells(scores, result.overall, beside.get(OVERALL))
-    rows.append(Row((Cell("Average"), Cell(None), *average), summary=True))
+    rows.append(Row((Cell(AVERAGE), Cell(None), *average), summary=True))
     if total > len(result.scenes):
         pooled = _cells(scores, result.pooled)
         rows.append(Row((Cell(POOLED), Cell(total), *pooled), summary=True))
+    references = result.references if floors else {}
+    for name, reference in references.items():
+        rows += _floor_rows(name, reference, result, scores)
+    meanings = [f"{name}: {reference.meaning}" for name, reference in references.items()]
     return Table(
         f"{result.predictions.method} on {result.protocol.name} v{result.protocol.version}",
         (Column("Scene"), Column(counted.capitalize()), *map(score_column, scores)),
         tuple(rows),
-        (*result.notes, identity(result)),
+        (*meanings, *result.notes, identity(result)),
+        legend=tuple(meanings),
     )
+
+
+def _floor_rows(
+    name: str, reference: Reference, result: Result, scores: Sequence[ScoreColumn]
+) -> list[Row]:
+    titles = result.truth.scene_titles
+    parts = {titles[scene]: reference.scenes[scene] for scene in result.scenes}
+    if len(parts) > 1:
+        parts[AVERAGE] = reference.overall
+    return [
+        Row(
+            (Cell(f"{name}, {title}"), Cell(None), *_cells(scores, values)),
+            summary=True,
+            floor=True,
+        )
+        for title, values in parts.items()
+    ]
 
 
 def methods_table(
@@ -87,5 +112,7 @@ def _cells(
     spans = beside or {}
     return [
         Cell(as_shown(score, values[score.key]), uncertainty=spans.get(score.key))
+        if score.key in values
+        else Cell(None)
         for score in scores
     ]

@@ -48,12 +48,15 @@ class Entry:
         In the same order, where there are any.
     reported : str
         Where the numbers were printed; empty for those that were scored here.
+    floor : bool
+        Whether it is no method, but what scores without one.
     """
 
     method: str
     values: Mapping[str, Mapping[str, float]]
     uncertainties: Mapping[str, Mapping[str, Uncertainty]] = field(default_factory=dict)
     reported: str = ""
+    floor: bool = False
 
     def cell(self, scene: str, score: ScoreColumn) -> Cell:
         """Return the cell of one score in one scene; without a number where there is none."""
@@ -208,7 +211,8 @@ def with_published(
 
     A source may print an average twice and differently. An average alone is taken from the tables
     of averages, if there are any, and scenes with their average from the tables by scene; a note
-    names the methods whose other average differs.
+    names the methods whose other average differs. Where those by scene print none, the average is
+    that of the tables of averages.
 
     Parameters
     ----------
@@ -231,10 +235,24 @@ def with_published(
         others = [name for name in elsewhere if name != board.benchmark]
         return board.noted(note + (f", but on {', '.join(others)}" if others else ""))
     entries = tuple(entry for table in chosen for entry in _reported(board, table))
+    if by_scene and average:
+        entries = tuple(_with_average(board, entry, plain) for entry in entries)
     pairs = [(table, other) for table in chosen for other in tables] if average else []
     notes = [_disagreement(board, table, other) for table, other in pairs]
     board = replace(board, entries=(*entries, *board.entries))
     return board.noted(*filter(None, notes), legend=True)
+
+
+def _with_average(board: Board, entry: Entry, tables: Sequence[PublishedTable]) -> Entry:
+    """Fill in an average that the tables by scene do not print, and say from where it is."""
+    if OVERALL in entry.values:
+        return entry
+    others = (one for table in tables for one in _reported(board, table))
+    found = next((one for one in others if one.method == entry.method), None)
+    if found is None:
+        return entry
+    values = {**entry.values, OVERALL: found.values[OVERALL]}
+    return replace(entry, values=values, reported=f"{entry.reported}; average: {found.reported}")
 
 
 def _reported(board: Board, table: PublishedTable) -> list[Entry]:

@@ -1,7 +1,7 @@
 """Tables for LaTeX: booktabs, groups in blocks, on demand siunitx and a whole document.
 
-Everything that strangers wrote is escaped, and nothing but ``booktabs`` is needed unless the table
-has coloured rows or gains (``xcolor`` with its option ``table``) or the style asks for ``siunitx``.
+Everything that strangers wrote is escaped. ``booktabs`` is needed, ``xcolor`` with its option
+``table`` for coloured rows, gains and floors, and what the style asks for.
 
 Blocks of different tracks are tabulars of their own. What the numbers must not be read without
 stands under them; it is broken into lines here, since a tabular does not know its width.
@@ -13,9 +13,10 @@ import textwrap
 from dataclasses import dataclass
 from itertools import groupby
 
-from airzoo_bench.tables.blocks import by_block, by_count, leading_columns, units
-from airzoo_bench.tables.extent import COLUMN, PAGE, extent, text_extent
+from airzoo_bench.tables.blocks import by_block, by_count, leading_columns
+from airzoo_bench.tables.extent import text_extent
 from airzoo_bench.tables.latex_document import document
+from airzoo_bench.tables.latex_float import LatexStyle, needs, placed
 from airzoo_bench.tables.latex_numbers import NumberFormat, beside, is_number, number_format
 from airzoo_bench.tables.latex_text import escape, math_minus
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
@@ -24,28 +25,13 @@ __all__ = ["LatexStyle", "latex"]
 
 _DAGGER = escape("†")
 _HIGHLIGHT = r"\rowcolor{yellow!25}"
+_FLOOR = r"\textit{\color{gray}%s}"
 
 # Digits of the table are wider than letters of its notes, and two gaps as wide as five letters.
 _PER_LETTER = 1.25
 _PER_GAP = 2.5
 _CITATION = len("[12]")
 _SHORTEST = 30
-
-
-@dataclass(frozen=True)
-class LatexStyle:
-    """How a table is typeset.
-
-    Attributes
-    ----------
-    siunitx : bool
-        Align numbers at their points.
-    standalone : bool
-        A document that compiles by itself, instead of a ``tabular``.
-    """
-
-    siunitx: bool = False
-    standalone: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,41 +68,11 @@ def latex(table: Table, style: LatexStyle | None = None) -> str:
     """
     chosen = style or LatexStyle()
     comments = [plain(table.title), *(note for note in table.notes if note not in table.legend)]
-    head = "".join(f"% {plain(line)}\n" for line in comments) + _needs(table, chosen)
+    head = needs(table, chosen) + "".join(f"% {plain(line)}\n" for line in comments)
     tabulars = [_tabular(part, chosen) for part in by_block(table)]
     if chosen.standalone:
         return document(head, tabulars)
-    uses = [_use(part, chosen, alone=len(tabulars) == 1) for part in by_block(table)]
-    return head + "\n\\medskip\n".join(map("".join, zip(uses, tabulars, strict=True)))
-
-
-def _needs(table: Table, style: LatexStyle) -> str:
-    gains = any(cell.gain is not None for row in table.rows for cell in row.cells)
-    packages = [r"\usepackage{booktabs}"]
-    if gains or any(row.highlighted for row in table.rows):
-        packages.append(r"\usepackage[table]{xcolor}")
-    if style.siunitx:
-        packages.append(r"\usepackage{siunitx}")
-    return f"% needs {' '.join(packages)}\n" if len(packages) > 1 else ""
-
-
-def _use(table: Table, style: LatexStyle, *, alone: bool) -> str:
-    """Say how to put a tabular into a paper, by its estimated width."""
-    pieces = by_count(table)
-    width = max(extent(piece, aligned=style.siunitx) for piece in pieces)
-    if width <= PAGE:
-        environment = "table" if width <= COLUMN else "table*"
-        inner = r"\input{table.tex}" if alone else r"... \input{table.tex}"
-        used = rf"\begin{{{environment}}}\centering {inner}\end{{{environment}}}"
-        return f"% about {width:.0f} em wide: {used}\n"
-    shrunk = r"\resizebox{\linewidth}{!}{\input{table.tex}}"
-    used = rf"\begin{{table*}}\centering {shrunk}\end{{table*}}"
-    if not alone:
-        used = r"put \resizebox{\linewidth}{!}{ before and } behind this tabular, in table*"
-    in_groups = all(column.group for column in table.columns[leading_columns(table) :])
-    several = in_groups and max(map(len, map(units, pieces))) > 1
-    fewer = ", or --per-block 1" if several else ""
-    return f"% about {width:.0f} em wide, more than a page: {used}{fewer}\n"
+    return head + placed(table, tabulars, chosen)
 
 
 def _tabular(table: Table, style: LatexStyle) -> str:
@@ -235,11 +191,8 @@ def _beside_title(column: Column) -> str:
 
 def _body(piece: _Piece) -> list[str]:
     lines = []
-    previous = False
-    for row in piece.table.rows:
-        if row.summary and not previous:
-            lines.append(r"\midrule")
-        previous = row.summary
+    for above, row in zip((None, *piece.table.rows), piece.table.rows, strict=False):
+        lines += [r"\midrule"] * row.is_apart(above)
         lines += [_HIGHLIGHT] * row.highlighted
         cells = zip(row.cells, piece.table.columns, strict=True)
         texts = [_cell(piece, index, *pair, row) for index, pair in enumerate(cells)]
@@ -249,10 +202,11 @@ def _body(piece: _Piece) -> list[str]:
 
 def _cell(piece: _Piece, index: int, cell: Cell, column: Column, row: Row) -> str:
     if index in piece.formats and is_number(cell):
-        text = piece.formats[index].cell(cell, column.decimals)
+        text = piece.formats[index].cell(cell, column.decimals, _FLOOR if row.floor else "")
     else:
         value = math_minus(escape(cell.text(column.decimals)))
         shown = rf"\underline{{{value}}}" if cell.second else _bold(value) if cell.best else value
+        shown = _FLOOR % shown if row.floor else shown
         text = _braced(piece, index, shown + beside(cell, column.decimals))
     if index == 0:
         text += rf"~\cite{{{cell.cite}}}" if cell.cite else ""

@@ -7,12 +7,12 @@ the width that siunitx gives to any number of the column: that is centred at the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from airzoo_bench.tables.latex_text import escape, math_minus
 from airzoo_bench.tables.model import Cell
+from airzoo_bench.tables.numbers import is_wide
 
 __all__ = ["NumberFormat", "beside", "is_number", "number_format"]
 
@@ -45,23 +45,25 @@ class NumberFormat:
         room = f",table-space-text-post={{{self.after}}}" if self.after else ""
         return f"S[table-format={sign}{self.digits}.{self.decimals}{room}]"
 
-    def cell(self, cell: Cell, decimals: int) -> str:
-        """Return a number with its mark and what stands beside it."""
+    def cell(self, cell: Cell, decimals: int, style: str = "") -> str:
+        """Return a number with its mark, or in another style, and what stands beside it."""
         number, after = cell.text(decimals), beside(cell, decimals, _GAP)
-        if not (cell.best or cell.second or number.startswith("<")):
+        if not (cell.best or cell.second or style or number.startswith("<")):
             return number + (f"{{{after}}}" if after else "")
         whole, point, decimal = number.partition(".")
         place = ("$-$" if self.signed else "") + "0" * self.digits
         # What stands beside begins where the digits end, and bold ones end later.
-        shown = self._marked(cell, place, _sign(whole), point + decimal, after)
+        mark = r"\textbf{%s}" if cell.best else style or "%s"
+        shown = self._marked(cell, place, _sign(whole), point + decimal, after, mark)
         room = rf"\phantom{{{self.after}}}" if self.after else ""
         return f"{{{shown}{room}}}"
 
-    def _marked(self, cell: Cell, place: str, whole: str, fraction: str, after: str) -> str:
+    def _marked(
+        self, cell: Cell, place: str, whole: str, fraction: str, after: str, mark: str
+    ) -> str:
         behind = rf"\rlap{{{after}}}" if after else ""
         if cell.second:
             return rf"\phantom{{{place}{fraction}}}\llap{{\underline{{{whole}{fraction}}}}}{behind}"
-        mark = r"\textbf{%s}" if cell.best else "%s"
         before = rf"\phantom{{{place}}}\llap{{{mark % whole}}}"
         if not fraction:
             return before + behind
@@ -103,5 +105,5 @@ def _one_beside(text: str) -> str:
 
 
 def is_number(cell: Cell) -> bool:
-    """Whether a cell holds a finite number, which siunitx can align."""
-    return isinstance(cell.value, float) and math.isfinite(cell.value)
+    """Whether a cell holds a finite number, not too wide, which siunitx can align."""
+    return isinstance(cell.value, float) and not is_wide(cell.value)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 
 from airzoo_bench.comparable import find_scene
 from airzoo_bench.result import ScoreColumn
@@ -12,7 +11,10 @@ from airzoo_bench.tables.entries import OVERALL, Board, Entry, score_column
 from airzoo_bench.tables.heads import benchmark_heads
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-__all__ = ["benchmarks_layout", "methods_layout", "scenes_layout"]
+__all__ = ["AVERAGE", "benchmarks_layout", "methods_layout", "scenes_layout"]
+
+AVERAGE = "Average"
+"""The head of the average over scenes, where scenes stand side by side."""
 
 
 def methods_layout(board: Board, scene: str | None = None) -> Table:
@@ -54,7 +56,9 @@ def scenes_layout(
         where two would have more than twelve columns.
     """
     heads = {key: _head(board, key, queries) for key in board.scenes}
-    heads |= {OVERALL: "Average"} if average else {}
+    # Of published scenes alone an average may be printed nowhere.
+    has_average = any(entry.values.get(OVERALL) for entry in board.entries)
+    heads |= {OVERALL: AVERAGE} if average and has_average else {}
     columns = [score_column(score, head) for head in heads.values() for score in board.scores]
     cells = [
         [entry.cell(key, score) for key in heads for score in board.scores]
@@ -88,7 +92,7 @@ def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) 
     boards = sorted(boards, key=lambda board: tracks.index(board.track))
     heads = benchmark_heads(boards)
     numbered = [_numbered(board.entries) for board in boards]
-    keys = list(dict.fromkeys(key for found in numbered for key in found))
+    keys = sorted(dict.fromkeys(key for found in numbered for key in found), key=_is_floor)
     columns = [
         score_column(score, head, board.track)
         for board, head in zip(boards, heads, strict=True)
@@ -125,7 +129,12 @@ def _notes_of(boards: Sequence[Board], heads: Sequence[str]) -> dict[str, str]:
 
 def _rows(entries: Sequence[Entry], cells: Sequence[list[Cell]]) -> tuple[Row, ...]:
     return tuple(
-        Row((Cell(entry.method), *own), reported=entry.reported)
+        Row(
+            (Cell(entry.method), *own),
+            summary=entry.floor,
+            reported=entry.reported,
+            floor=entry.floor,
+        )
         for entry, own in zip(entries, cells, strict=True)
     )
 
@@ -148,15 +157,19 @@ def _units_note(scores: Sequence[ScoreColumn]) -> str:
     return "; ".join([*named, f"{others} in {most}"])
 
 
-_Key = tuple[str, bool, int]
+_Key = tuple[str, bool, bool, int]
+
+
+def _is_floor(key: _Key) -> bool:
+    return key[2]
 
 
 def _numbered(entries: Sequence[Entry]) -> dict[_Key, Entry]:
     """Return entries by what makes them one row across benchmarks: two of one name stay two."""
-    seen: Counter[tuple[str, bool]] = Counter()
+    seen: Counter[tuple[str, bool, bool]] = Counter()
     found = {}
     for entry in entries:
-        name = (entry.method, bool(entry.reported))
+        name = (entry.method, bool(entry.reported), entry.floor)
         found[(*name, seen[name])] = entry
         seen[name] += 1
     return found
@@ -170,6 +183,9 @@ def _across(key: _Key, boards: Sequence[Board], numbered: Sequence[dict[_Key, En
         for score in board.scores
     ]
     sources = dict.fromkeys(found[key].reported for found in numbered if key in found)
-    return replace(
-        Row((Cell(key[0]), *cells)), reported="; ".join(source for source in sources if source)
+    return Row(
+        (Cell(key[0]), *cells),
+        summary=_is_floor(key),
+        reported="; ".join(source for source in sources if source),
+        floor=_is_floor(key),
     )

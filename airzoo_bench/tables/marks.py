@@ -11,9 +11,60 @@ from airzoo_bench.errors import UsageError
 from airzoo_bench.tables.model import Cell, Row, Table
 from airzoo_bench.validation import nearest
 
-__all__ = ["add_gains", "cite", "highlight", "parse_baselines", "row_named"]
+__all__ = [
+    "BY_NAME",
+    "add_gains",
+    "cite",
+    "highlight",
+    "parse_baselines",
+    "row_named",
+    "sort_rows",
+    "with_decimals",
+]
+
+BY_NAME = "method"
+"""What rows are sorted by instead of a score, to be in the order of their names."""
 
 _KEYS = re.compile(r"[A-Za-z0-9][A-Za-z0-9:._/+-]*(,[A-Za-z0-9][A-Za-z0-9:._/+-]*)*")
+
+
+def with_decimals(table: Table, decimals: int) -> Table:
+    """Show so many digits behind the point of every score."""
+    columns = (
+        column if column.higher_is_better is None else replace(column, decimals=decimals)
+        for column in table.columns
+    )
+    return replace(table, columns=tuple(columns))
+
+
+def sort_rows(table: Table, title: str, average: str) -> Table:
+    """Put the best rows of a score on top, or all in the order of their names; floors stay last.
+
+    Where a score stands in several groups of columns, that of the average counts, or else the
+    first. Rows without a number follow those with one, infinite values between them.
+
+    Parameters
+    ----------
+    table : Table
+    title : str
+        Of a score, or `BY_NAME`.
+    average : str
+        The title of the group of averages.
+    """
+    if title == BY_NAME:
+        rows = sorted(table.rows, key=lambda row: (row.floor, str(row.cells[0].value).casefold()))
+        return replace(table, rows=tuple(rows))
+    places = [i for i, column in enumerate(table.columns) if column.title == title]
+    place = min(places, key=lambda i: table.columns[i].group != average)
+    sign = -1 if table.columns[place].higher_is_better else 1
+
+    def rank(row: Row) -> tuple[bool, int, float]:
+        value = row.cells[place].value
+        if not isinstance(value, float):
+            return row.floor, 2, 0.0
+        return row.floor, int(math.isinf(value)), sign * value
+
+    return replace(table, rows=tuple(sorted(table.rows, key=rank)))
 
 
 def highlight(table: Table, methods: Sequence[str]) -> Table:
@@ -68,7 +119,7 @@ def _pairs(table: Table, text: str) -> list[tuple[int, int]]:
         return [(method, baseline)]
     baseline = row_named(table, text, "--baseline")
     chosen = [i for i, row in enumerate(table.rows) if row.highlighted]
-    own = [i for i, row in enumerate(table.rows) if not row.reported]
+    own = [i for i, row in enumerate(table.rows) if row.is_own]
     return [(row, baseline) for row in chosen or own or range(len(table.rows)) if row != baseline]
 
 

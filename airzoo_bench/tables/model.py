@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from airzoo_bench.tables.numbers import share_to_percent, show_number
+
 __all__ = [
+    "FLOOR",
     "REPORTED",
     "Between",
     "Cell",
@@ -14,6 +18,7 @@ __all__ = [
     "Row",
     "Table",
     "Uncertainty",
+    "best_texts",
     "mark_best",
     "plain",
     "share_to_percent",
@@ -22,6 +27,9 @@ __all__ = [
 
 REPORTED = "reported, not re-scored"
 """What every row says whose numbers somebody else has printed."""
+
+FLOOR = "what scores without a method"
+"""What rows are called that are of no method."""
 
 _DAGGER = "†"
 
@@ -137,7 +145,9 @@ class Cell:
     def beside(self, decimals: int) -> list[str]:
         """Return what stands beside the value: uncertainty, then gain."""
         parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
-        return parts if self.gain is None else [*parts, f"({self.gain:+z.{decimals}f})"]
+        return (
+            parts if self.gain is None else [*parts, f"({show_number(self.gain, decimals, '+')})"]
+        )
 
 
 @dataclass(frozen=True)
@@ -154,12 +164,25 @@ class Row:
     reported : str
         Where the numbers were printed, if they were not scored here; such a row is marked with a
         dagger, and the table says what that means.
+    floor : bool
+        What scores without a method, such as chance: set apart, and never the best.
     """
 
     cells: tuple[Cell, ...]
     summary: bool = False
     highlighted: bool = False
     reported: str = ""
+    floor: bool = False
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is of a method that was scored here."""
+        return not (self.reported or self.floor)
+
+    def is_apart(self, above: Row | None) -> bool:
+        """Whether a rule stands between it and the row above."""
+        kind = (self.summary, self.floor)
+        return any(kind) and (above is None or kind != (above.summary, above.floor))
 
 
 @dataclass(frozen=True)
@@ -229,26 +252,12 @@ def plain(text: str) -> str:
     return "".join(printed)
 
 
-def share_to_percent(value: float) -> float:
-    """Turn a share into percent."""
-    return 100.0 * value
-
-
-def show_number(value: float, decimals: int) -> str:
-    """Return a number with so many digits after the point, an infinite one as ``inf``.
-
-    What rounds to zero has no sign.
-    """
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    return f"{value:z.{decimals}f}"
-
-
 def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:
     """Mark the best cell of each score, and every cell that is shown with the same digits.
 
-    An infinite value, which is a failure, is never the best. Rows of reported numbers neither
-    compete nor are marked, unless `reported` is true or there are no others.
+    An infinite value, which is a failure, is never the best; the only finite one is. Rows of
+    reported numbers neither compete nor are marked, unless `reported` is true or there are no
+    others; floors never are.
 
     Parameters
     ----------
@@ -263,14 +272,14 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
     -------
     Table
     """
-    open_to_all = reported or all(row.reported for row in table.rows)
-    competes = [open_to_all or not row.reported for row in table.rows]
+    open_to_all = reported or not any(row.is_own for row in table.rows)
+    competes = [row.is_own or (open_to_all and not row.floor) for row in table.rows]
     rows = [list(row.cells) for row in table.rows]
     for index, column in enumerate(table.columns):
         if column.higher_is_better is None:
             continue
         racing = [row[index] for row, runs in zip(rows, competes, strict=True) if runs]
-        first, runner_up = [*_ranked(column, racing), None, None][:2]
+        first, runner_up = [*best_texts(column, racing), None, None][:2]
         for row, runs in zip(rows, competes, strict=True):
             text = row[index].text(column.decimals)
             is_second = runs and second and text == runner_up
@@ -279,7 +288,7 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
     return replace(table, rows=tuple(marked))
 
 
-def _ranked(column: Column, cells: list[Cell]) -> list[str]:
+def best_texts(column: Column, cells: Sequence[Cell]) -> list[str]:
     """Return the different texts of a column's finite numbers, the best first."""
     numbers = [c for c in cells if isinstance(c.value, float) and math.isfinite(c.value)]
     ordered = sorted(numbers, key=_value, reverse=bool(column.higher_is_better))

@@ -1,4 +1,7 @@
-"""Other names for methods, scenes, benchmarks and scores: those that a paper gives them."""
+"""Other names for methods, scenes, benchmarks and scores: those that a paper gives them.
+
+Methods of different tracks that get one name get one row.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from airzoo_bench.errors import UsageError
-from airzoo_bench.tables.model import Column, Row, Table
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.validation import nearest
 
 __all__ = ["rename"]
@@ -18,6 +21,8 @@ _NUMBER = re.compile(r" \(\d+\)$")  # of queries, behind a scene's title
 def rename(table: Table, given: Sequence[str]) -> Table:
     """Give what a table names other names, in lists of names in its title and notes too.
 
+    Rows that get the name of another row become one with it.
+
     Parameters
     ----------
     table : Table
@@ -27,7 +32,8 @@ def rename(table: Table, given: Sequence[str]) -> Table:
     Raises
     ------
     UsageError
-        One is none of these, nothing has the old name, or the new one is empty.
+        One is none of these, nothing has the old name, or the new one is empty; or rows that
+        would become one have numbers in the same column.
     """
     known = _known(table)
     names: dict[str, str] = {}
@@ -35,7 +41,7 @@ def rename(table: Table, given: Sequence[str]) -> Table:
         old, new = _parsed(text, known)
         if names.setdefault(old, new) != new:
             raise UsageError(f"{old[:80]!r} has two new names", where=f"--rename {text[:80]}")
-    return _renamed(table, names) if names else table
+    return _merged(_renamed(table, names), set(names.values())) if names else table
 
 
 def _known(table: Table) -> list[str]:
@@ -66,7 +72,10 @@ def _parsed(text: str, known: Sequence[str]) -> tuple[str, str]:
 def _renamed(table: Table, names: Mapping[str, str]) -> Table:
     old = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
     # Only where it is one of a list of names: a method may be called like a word of a note.
-    listed = re.compile(rf"(?:(?<=^)|(?<=, )|(?<=; ))(?:{old})(?=$|, |: | in | on )")
+    heads = (f"{column.group}: " for column in table.columns if column.group)
+    ahead = dict.fromkeys([", ", "; ", "difference from ", *heads])
+    before = "|".join(["^", *(f"(?<={re.escape(text)})" for text in ahead)])
+    listed = re.compile(rf"(?:{before})(?:{old})(?=$|, |: | in | on )")
 
     def said(text: str) -> str:
         return listed.sub(lambda found: names[found[0]], text)
@@ -76,8 +85,8 @@ def _renamed(table: Table, names: Mapping[str, str]) -> Table:
         title=said(table.title),
         columns=tuple(_column(column, names) for column in table.columns),
         rows=tuple(_row(row, names) for row in table.rows),
-        notes=tuple(map(said, table.notes)),
-        legend=tuple(map(said, table.legend)),
+        notes=tuple(dict.fromkeys(map(said, table.notes))),
+        legend=tuple(dict.fromkeys(map(said, table.legend))),
     )
 
 
@@ -92,3 +101,46 @@ def _row(row: Row, names: Mapping[str, str]) -> Row:
     first = row.cells[0]
     value = names.get(str(first.value), first.value)
     return replace(row, cells=(replace(first, value=value), *row.cells[1:]))
+
+
+def _merged(table: Table, names: set[str]) -> Table:
+    """Make one row of those of one new name; reported ones and floors stay by themselves."""
+    found: dict[object, list[Row]] = {}
+    for number, row in enumerate(table.rows):
+        name = str(row.cells[0].value)
+        key = (name, bool(row.reported), row.floor) if name in names else number
+        found.setdefault(key, []).append(row)
+    return replace(table, rows=tuple(_one_row(table, rows) for rows in found.values()))
+
+
+def _one_row(table: Table, rows: Sequence[Row]) -> Row:
+    first = rows[0]
+    if len(rows) == 1:
+        return first
+    keys = dict.fromkeys(row.cells[0].cite for row in rows if row.cells[0].cite)
+    name = replace(first.cells[0], cite=",".join(keys))
+    rest = (
+        _one_cell(f"{first.cells[0].value}", column, [row.cells[place] for row in rows])
+        for place, column in enumerate(table.columns)
+        if place
+    )
+    sources = dict.fromkeys(part for row in rows for part in row.reported.split("; ") if part)
+    return replace(
+        first,
+        cells=(name, *rest),
+        highlighted=any(row.highlighted for row in rows),
+        reported="; ".join(sources),
+    )
+
+
+def _one_cell(name: str, column: Column, cells: Sequence[Cell]) -> Cell:
+    filled = [cell for cell in cells if cell.value is not None]
+    if len(filled) > 1:
+        where = f"{column.group}, {column.title}" if column.group else column.title
+        raise UsageError(
+            f"{len(filled)} rows that would become one, {name[:80]!r}, have {where}",
+            where="--rename",
+            expected="one name for methods of different benchmarks, which then share a row",
+            mend="give them different names, or name one result of each benchmark",
+        )
+    return filled[0] if filled else cells[0]

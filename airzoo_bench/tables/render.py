@@ -14,6 +14,7 @@ from itertools import groupby
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.model import (
+    FLOOR,
     REPORTED,
     Between,
     Cell,
@@ -30,6 +31,7 @@ __all__ = ["FORMATS", "render"]
 
 _GROUND = "#fff3bf"
 # Scores are called such as "@5m,10°": there is no operator in it and no function, thus no formula.
+_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?(e\+[0-9]+)?")
 _THRESHOLD = re.compile(r"@[0-9][\w.,° ±]*")
 
 
@@ -66,7 +68,7 @@ def _csv(table: Table) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     kinds = [_beside_in_csv(table, index) for index in range(len(table.columns))]
-    marked = any(row.reported for row in table.rows)
+    marked = not all(row.is_own for row in table.rows)
     titles = [
         plain(f"{column.group} {column.title}{kind}")
         for column, beside in zip(table.columns, kinds, strict=True)
@@ -76,9 +78,14 @@ def _csv(table: Table) -> str:
     for row in table.rows:
         cells = zip(row.cells, table.columns, kinds, strict=True)
         texts = [text for given in cells for text in _csv_cells(*given)]
-        mark = [f"{REPORTED}: {plain(row.reported)}" if row.reported else ""] * marked
+        mark = [plain(_standing(row))] * marked
         writer.writerow([_defused(text) for text in [*texts, *mark]])
     return out.getvalue()
+
+
+def _standing(row: Row) -> str:
+    """Say what a row is that is of no method scored here; empty for one that is."""
+    return FLOOR if row.floor else f"{REPORTED}: {row.reported}" if row.reported else ""
 
 
 def _beside_in_csv(table: Table, index: int) -> list[str]:
@@ -106,7 +113,7 @@ def _beside_numbers(cell: Cell) -> dict[str, float]:
 
 def _defused(text: str) -> str:
     # A spreadsheet would run a method's name that begins like a formula.
-    is_number = text.removeprefix("-").replace(".", "", 1).isdigit() or text == "-inf"
+    is_number = _NUMBER.fullmatch(text) or text == "-inf"
     is_harmless = is_number or _THRESHOLD.fullmatch(text)
     return "'" + text if text[:1] in ("=", "+", "-", "@") and not is_harmless else text
 
@@ -125,7 +132,7 @@ def _markdown_block(table: Table) -> str:
     rule = ["---" if table.is_text(i) else "---:" for i in range(len(table.columns))]
     heads = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
     rows = (
-        line([_markdown_cell(cell, text) for cell, text in zip(row.cells, texts, strict=True)])
+        line([_markdown_cell(*pair, row) for pair in zip(row.cells, texts, strict=True)])
         for row, texts in zip(table.rows, _values_apart(table), strict=True)
     )
     return "".join([line(heads), line(rule), *rows])
@@ -143,9 +150,10 @@ def _values_apart(table: Table) -> list[list[tuple[str, str]]]:
     ]
 
 
-def _markdown_cell(cell: Cell, text: tuple[str, str]) -> str:
+def _markdown_cell(cell: Cell, text: tuple[str, str], row: Row) -> str:
     value = _escape_markdown(text[0])
     shown = f"**{value}**" if cell.best else f"<u>{value}</u>" if cell.second else value
+    shown = f"*{value}*" if row.floor else shown
     return f"{shown} {_escape_markdown(text[1])}".rstrip()
 
 
@@ -207,6 +215,7 @@ def _html_row(table: Table, row: Row, texts: list[tuple[str, str]]) -> str:
         for i, (cell, text) in enumerate(zip(row.cells, texts, strict=True))
     )
     kinds = ["highlighted"] * row.highlighted + ["reported"] * bool(row.reported)
+    kinds += ["floor"] * row.floor
     attribute = f' class="{" ".join(kinds)}"' if kinds else ""
     ground = f' bgcolor="{_GROUND}"' if row.highlighted else ""
     return f"<tr{attribute}{ground}>{''.join(cells)}</tr>\n"
@@ -214,7 +223,7 @@ def _html_row(table: Table, row: Row, texts: list[tuple[str, str]]) -> str:
 
 def _html_cell(cell: Cell, text: tuple[str, str], row: Row) -> str:
     value = html.escape(text[0])
-    marks = ["em"] * bool(row.reported) + ["strong"] * cell.best + ["u"] * cell.second
+    marks = ["em"] * (not row.is_own) + ["strong"] * cell.best + ["u"] * cell.second
     for mark in reversed(marks):
         value = f"<{mark}>{value}</{mark}>"
     return value + (f" {_tag('small', text[1].strip())}" if text[1] else "")
@@ -251,9 +260,9 @@ def _json_beside(table: Table) -> dict[str, object]:
             [_json_uncertainty(cell.uncertainty) for cell in row.cells] for row in table.rows
         ]
     if any(row.reported for row in table.rows):
-        found["reported"] = [
-            f"{REPORTED}: {row.reported}" if row.reported else None for row in table.rows
-        ]
+        found["reported"] = [_standing(row) if row.reported else None for row in table.rows]
+    if any(row.floor for row in table.rows):
+        found["floors"] = [row.floor for row in table.rows]
     return found
 
 

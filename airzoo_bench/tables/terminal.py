@@ -24,6 +24,7 @@ TERMINAL_WIDTH = 80
 
 _EDGE = 2  # blanks at either end of a line
 _PADDING = 3  # between columns
+_FLOOR = "italic bright_black"
 _WITHIN = 2  # between columns of a group
 
 
@@ -121,12 +122,10 @@ class _Layout:
                 no_wrap=True,
                 vertical="bottom",
             )
-        previous = False
         for number, row in enumerate(self.table.rows):
-            if row.summary and not previous:
+            if row.is_apart(self.table.rows[number - 1] if number else None):
                 shown.add_section()
-            previous = row.summary
-            style = "on grey23" if row.highlighted else None
+            style = "on grey23" if row.highlighted else _FLOOR if row.floor else None
             shown.add_row(*(self._body(indices, number) for indices in self.columns), style=style)
         return shown
 

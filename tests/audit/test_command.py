@@ -15,7 +15,7 @@ from typer.testing import Result
 
 from airzoo_bench.tables.render import FORMATS
 from tests.audit.support import csv_text, row, rows_of
-from tests.support import PAPER, run_main
+from tests.support import PUBLISHED, run_main
 
 Command = Callable[..., Result]
 
@@ -46,10 +46,7 @@ def wrong(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def paper() -> Path:
-    for path in (ROOT / "protocols" / "published" / "airzoo-paper.csv", PAPER / "tables.csv"):
-        if path.is_file():
-            return path
-    pytest.skip("the paper's tables are neither in the checkout nor beside it")
+    return PUBLISHED
 
 
 @pytest.mark.parametrize("form", FORMATS)

@@ -269,11 +269,17 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "scores out of order": (
         changed(scores=np.vstack([np.tile(np.arange(8.0, 0, -1), (9, 1)), [np.arange(8.0)]])),
-        ["p.npz", "scores out of order", "west/q00003", "never rise", "sort"],
+        ["p.npz", "scores are not in order", "west/q00003", "never rise", "sort"],
     ),
     "NaN descriptors of queries": (
         described(query_descriptors=with_nan(10, [2, 3, 4, 5])),
-        ["p.npz", "query_descriptors", "NaN or infinite", "4 (first 3: east/q00002", "finite"],
+        [
+            "p.npz",
+            "query_descriptors",
+            "NaN or infinite",
+            "4 of 6 (first 3: east/q00002",
+            "finite",
+        ],
     ),
     "infinite descriptors of tiles": (
         described(gallery_descriptors=with_nan(20, [1], -np.inf)),
@@ -421,10 +427,10 @@ def test_check_names_descriptors_that_are_not_finite(
     )
     assert run_main("check", prediction_file(tmp_path, make, arrays)) == 1
     message = capsys.readouterr().err
-    assert "field 'query_descriptors': NaN or infinite descriptors of 1 of 10 (east/q00001)" in (
+    assert "field 'query_descriptors': NaN or infinite descriptors: 1 of 10 (east/q00001)" in (
         message
     )
-    assert "of 2 of 20 (east/t00000, west/t00001)" in message
+    assert "descriptors: 2 of 20 (east/t00000, west/t00001)" in message
 
 
 def test_check_of_a_good_file_exits_0(
@@ -500,7 +506,7 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     ),
     "too little memory": (
         ["eval", "retrieval", GOOD, "--max-memory", "1K"],
-        ["takes 3,", "more than the limit", "at most 1,024 bytes", "raise --max-memory"],
+        ["query_ids", "more than the limit", "at most 1,024 bytes", "raise --max-memory"],
     ),
     "a folder as predictions": (
         ["eval", "retrieval", "."],

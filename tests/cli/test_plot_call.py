@@ -66,3 +66,33 @@ def test_work_is_told_to_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> Non
         with working("drawing [red]\x07.png"):
             pass
         assert ("drawing [red]\\x07.png" in stream.getvalue()) is is_told
+
+
+OWN = {
+    "recall": ({"--up-to"}, "recall at K"),
+    "errors": ({"--score"}, "share of queries whose error is below"),
+    "thresholds": (set(), "precision, recall and F1"),
+    "intervals": ({"--score"}, "with its 95 % interval"),
+    "scenes": ({"--score"}, "by method and scene"),
+    "condition": ({"--score", "--by", "--bins"}, "in groups of queries"),
+}
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_each_kind_has_a_help_of_its_own(
+    kind: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    assert run_main("plot", kind, "--help") == 0
+    text = " ".join(capsys.readouterr().out.split())
+    own, says = OWN[kind]
+    assert says in text
+    assert f"Example: airzoo-bench plot {kind} results/" in text
+    every = {option for options, _ in OWN.values() for option in options}
+    assert {option for option in every if f" {option} " in text.partition("Options")[2]} == own
+
+
+def test_the_help_of_all_names_the_kinds(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("plot", "--help") == 0
+    text = capsys.readouterr().out
+    assert all(kind in text for kind in OWN)

@@ -307,6 +307,7 @@ def test_the_protocol_in_the_folder_is_the_one_that_was_used(tmp_path: Path) -> 
         for name in (
             "queries.csv",
             "retrieval/tiles.parquet",
+            "retrieval/dropped_tiles.csv",
             "retrieval/positives.npz",
             "retrieval/overlaps.npz",
             "retrieval/footprints.csv",

@@ -19,6 +19,8 @@ SETTINGS: PoseSettings = {
     "max_trials": 100_000,
     "confidence": 0.9999,
     "seed": 0,
+    "max_matches": 20_000,
+    "max_trials_times_matches": 500_000_000,
 }
 PINHOLE = (0.0, 0.0, 0.0, 0.0, 0.0)
 PROJECTED = (400_000.0, 3_130_000.0, 60.0)

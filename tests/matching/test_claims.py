@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -177,3 +178,101 @@ def test_check_refuses_what_eval_refuses(
     for command, code in ((("eval", "matching"), 2), (("check",), 1)):
         assert run_main(*command, path, "--data", world.root) == code
         assert "none of its query ids belongs to" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_opengl_axes(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str], *, back: bool
+) -> None:
+    oblique = np.concatenate([looking_down(55, 63 * q) for q in range(N_QUERIES)])
+    turned = dict(zip(PRIOR_COLUMNS[:4], matrix_to_quaternion(oblique).T, strict=True))
+    truth = replace(world.truth, queries=world.truth.queries.assign(**turned))
+    opengl = np.diag((1.0, -1.0, -1.0)) @ oblique
+    rotations = np.swapaxes(opengl, 1, 2) if back else opengl
+    fields = world.named(rotations=rotations, centres=world.truth.poses.centres)
+    message = refused(replace(world, truth=truth), tmp_path, fields)
+    what = "camera-to-world with OpenGL" if back else "those of OpenGL"
+    for part in (what, "z backward", "diag(1, -1, -1) @ R", "by 0"):
+        assert part in message
+    # As the command finds them, in poses and in check too.
+    true = world.truth.poses
+    wrong = Poses(rotation=np.diag((1.0, -1.0, -1.0)) @ true.rotation, centres=true.centres)
+    fields = world.named(poses=np.concatenate([wrong.rotation, wrong.translation[..., None]], 2))
+    path = world.write(tmp_path / "gl.npz", fields)
+    for command, code in ((("eval", "matching"), 2), (("check",), 1)):
+        assert run_main(*command, path, "--data", world.root) == code
+        assert re.search("by 1[78][0-9] degrees", capsys.readouterr().err)
+
+
+def test_centres_lose_nothing(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    fields = world.named(rotations=true.rotation.astype(np.float32), centres=true.centres)
+    claim = claimed(world, tmp_path, fields)
+    assert claim.poses is not None
+    np.testing.assert_array_equal(claim.poses.centres, true.centres)
+    np.testing.assert_allclose(claim.poses.rotation, true.rotation, rtol=0, atol=1e-6)
+
+
+def test_poses_of_too_few_digits(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = world.truth.poses
+    offset = np.array((0.123456789, 0.987654321, 0.5555555))
+    true = Poses(rotation=true.rotation, centres=true.centres + offset)
+    rounded = np.concatenate([np.round(true.rotation, 6), true.translation[..., None]], 2)
+    moved = Poses.from_translations(rounded[..., :3], rounded[..., 3]).centres - true.centres
+    error = np.sqrt((moved**2).sum(axis=1).mean())
+    message = refused(world, tmp_path, world.named(poses=rounded))
+    said = float(message.split("moves a camera by ")[1].split(" m")[0])
+    assert said == pytest.approx(error, rel=0.5)
+    assert error > 0.3
+    assert "rotations and centres" in message
+    for data, code in ((world.root, 1), (tmp_path, 1)):  # without the benchmark too
+        path = world.write(tmp_path / "p.npz", world.named(poses=rounded))
+        named = ("--protocol", world.folder / "protocols" / "hills-matching.toml")
+        assert run_main("check", path, "--data", data, *named) == code
+        assert "too few digits" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("digits", [4, 6])
+def test_pose_lists_of_too_few_digits(world: World, tmp_path: Path, digits: int) -> None:
+    true = world.truth.poses
+    centres = true.centres + 0.123456789
+    exact = Poses(rotation=true.rotation, centres=centres)
+    quaternions = np.round(matrix_to_quaternion(true.rotation), digits)
+    rows = zip(world.ids, quaternions, exact.translation, strict=True)
+    lines = [f"{name} {' '.join(f'{v:.12f}' for v in (*q, *t))}" for name, q, t in rows]
+    path = tmp_path / "poses.txt"
+    path.write_text("\n".join(lines))
+    moved = Poses.from_quaternions(quaternions, exact.translation).centres - centres
+    error = np.sqrt((moved**2).sum(axis=1).mean())
+    with pytest.raises(PredictionError, match="too few digits") as caught:
+        claim_of_scene(read_matching(path, 1 << 30), world.truth, EVERY)
+    said = float(str(caught.value).split("moves a camera by ")[1].split(" m")[0])
+    assert said == pytest.approx(error, rel=0.6)
+    assert error > (100 if digits == 4 else 1)
+
+
+@pytest.mark.parametrize("field", ["query_xy", "map_xy"])
+@pytest.mark.parametrize("kind", ["f2", "f8"])
+def test_pixels_that_went_through_float16(
+    world: World, tmp_path: Path, field: str, kind: str
+) -> None:
+    lost = [xy.astype(np.float16).astype(kind) for xy in getattr(world, field)]
+    fields = world.correspondences(world.query_xy, map_xy=world.map_xy)
+    fields[field] = np.concatenate(lost)
+    message = refused(world, tmp_path, fields)
+    for part in ("went through float16", f"'{field}'", "m of ground", "float32"):
+        assert part in message
+    # Whole pixels fit float16 too, and have lost nothing.
+    fields[field] = np.round(np.concatenate(getattr(world, field))).astype(kind)
+    claimed(world, tmp_path, fields)
+
+
+def test_the_mend_of_swapped_sides(world: World, tmp_path: Path) -> None:
+    swapped = [xy[:, ::-1] for xy in world.query_xy]
+    message = refused(world, tmp_path, world.correspondences(swapped, map_xy=world.map_xy))
+    assert "x, the column, before y" in message
+    assert "scale" not in message
+    turned = world.matches(image_size=np.tile((480, 640), (N_QUERIES, 1)))
+    assert "width before height" in refused(world, tmp_path, turned)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -327,3 +328,61 @@ def test_poselib_that_is_not_there(monkeypatch):
     with pytest.raises(UsageError, match="pip install poselib"):
         solve_pose(*make_scene(8).problem, **SETTINGS | {"solver": "poselib"})
     assert solve_pose(*make_scene(8).problem, **SETTINGS).status is Status.SOLVED
+
+
+def test_the_order_of_matches_changes_nothing() -> None:
+    scene = make_scene(31, count=300, noise_px=3.0, outliers=0.8)
+    camera, xy, points = scene.problem
+    first = solve_pose(*scene.problem, **SETTINGS)
+    for seed in range(6):
+        order = np.random.default_rng(seed).permutation(len(xy))
+        again = solve_pose(camera, xy[order], points[order], **SETTINGS)
+        np.testing.assert_array_equal(again.centre, first.centre)
+        np.testing.assert_array_equal(again.rotation, first.rotation)
+        np.testing.assert_array_equal(again.inliers, first.inliers[order])
+
+
+def test_matches_that_stand_twice_count_once() -> None:
+    scene = make_scene(32, count=200, noise_px=3.0, outliers=0.6)
+    camera, xy, points = scene.problem
+    first = solve_pose(*scene.problem, **SETTINGS)
+    copies = np.concatenate([np.arange(200), np.full(500, 7), np.arange(50)])
+    again = solve_pose(camera, xy[copies], points[copies], **SETTINGS)
+    np.testing.assert_array_equal(again.centre, first.centre)
+    np.testing.assert_array_equal(again.inliers, first.inliers[copies])
+
+
+def test_beyond_the_limit_a_choice_is_solved() -> None:
+    scene = make_scene(33, count=3000, noise_px=1.0, outliers=0.3)
+    camera, xy, points = scene.problem
+    limited = SETTINGS | {"max_matches": 1000}
+    first = solve_pose(*scene.problem, **limited)
+    assert first.left_out == 2000
+    assert first.inliers.sum() <= 1000
+    assert errors(first, scene)[0] < 1.0
+    order = np.random.default_rng(0).permutation(3000)
+    again = solve_pose(camera, xy[order], points[order], **limited)
+    np.testing.assert_array_equal(again.centre, first.centre)
+    np.testing.assert_array_equal(again.inliers, first.inliers[order])
+    other = solve_pose(*scene.problem, **limited | {"seed": 1})
+    assert (other.inliers != first.inliers).any()
+    assert solve_pose(*scene.problem, **SETTINGS).left_out == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "trials"), [(4_000, 100_000), (5_000, 100_000), (10_000, 50_000), (20_000, 25_000)]
+)
+def test_trials_are_bounded_by_the_matches(
+    count: int, trials: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def find(solver: str, camera: Any, xy: Any, points: Any, ransac: Any) -> None:
+        asked.append((len(xy), ransac.min_trials, ransac.max_trials))
+
+    monkeypatch.setattr("airzoo_bench.matching.pose.find_pose", find)
+    scene = make_scene(34, count=count, outliers=1.0)
+    assert solve_pose(*scene.problem, **SETTINGS).status is Status.NO_POSE
+    tight = SETTINGS | {"max_trials_times_matches": 500 * count}
+    solve_pose(*scene.problem, **tight)
+    assert asked == [(count, 1000, trials), (count, 500, 500)]

@@ -26,6 +26,7 @@ from tests.matching.world import (
     World,
     made_matching_protocol,
     make_world,
+    without,
 )
 from tests.support import run_main, write_raster
 
@@ -140,7 +141,9 @@ def on_surface(
     truth = replace(world.truth, dsm=dsm)
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
     claim = claim_of_scene(read, truth, np.arange(N_QUERIES))
-    return score_scene(truth, claim, world.protocol.solver, world.protocol.scores)
+    return score_scene(
+        truth, claim, world.protocol.lift, world.protocol.solver, world.protocol.scores
+    )
 
 
 def test_matches_off_the_surface_model(world: World, tmp_path: Path) -> None:
@@ -204,15 +207,33 @@ def test_half_a_pixel_of_the_query_is_seen(world: World, tmp_path: Path) -> None
     assert (rows["error_m"] > 1e-3).all()
 
 
-def test_rows_before_columns_are_seen(world: World, tmp_path: Path) -> None:
+def test_rows_before_columns_are_refused(world: World, tmp_path: Path) -> None:
     swapped = [xy[:, ::-1] for xy in world.map_xy]
-    rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=swapped))
-    assert (rows["error_m"] > 10).all()
+    fields = world.correspondences(world.query_xy, map_xy=swapped)
+    for frame in ({}, {"map_frame": np.array("map")}):
+        with pytest.raises(PredictionError, match="rows before columns") as caught:
+            records(world, tmp_path, fields | frame)
+        assert "x, the column, before y" in str(caught.value)
 
 
-def test_crop_pixels_taken_for_map_pixels_are_seen(world: World, tmp_path: Path) -> None:
-    rows = records(world, tmp_path, {k: v for k, v in world.in_crops().items() if k != "map_frame"})
-    assert (rows["error_m"] > 50).all()
+def test_crop_pixels_taken_for_map_pixels_are_refused(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fields = without(world.in_crops(), "map_frame")
+    path = world.write(tmp_path / "m.npz", fields)
+    for command, code in ((("eval", "matching"), 2), (("check",), 1)):
+        assert run_main(*command, path, "--data", world.root) == code
+        message = capsys.readouterr().err
+        for part in ("look like pixels of the crop", "100% lie", "26%", "map_frame='crop'"):
+            assert part in message
+    # Who says that they are the map's is believed, and told.
+    stated = evaluated(world, tmp_path, fields | {"map_frame": np.array("map")}).evaluation
+    assert (stated.records["error_m"] > 50).all()
+    said = "map pixels lie outside their query's crop"
+    assert any(said in note for note in stated.result.notes)
+    path = world.write(tmp_path / "m.npz", fields | {"map_frame": np.array("map")})
+    assert run_main("check", path, "--data", world.root) == 0
+    assert said in capsys.readouterr().err
 
 
 def test_camera_to_world_is_refused(world: World, tmp_path: Path) -> None:
@@ -276,3 +297,35 @@ def test_infinity_survives_json(world: World, tmp_path: Path, failing: dict[str,
     assert result["overall"]["error_m"] == "Infinity"
     assert pd.read_csv(out / "records.csv")["error_m"].tolist()[:3] == [np.inf] * 3
     assert run_main("table", out / "result.json") == 0
+
+
+def test_the_rotation_of_a_failure_and_fewest_matches_are_the_protocols(tmp_path: Path) -> None:
+    world = make_world(
+        tmp_path,
+        made_matching_protocol(scores={"failed_rotation_deg": 180.0}, solver={"least_matches": 5}),
+    )
+    counts = [0, 4, 5, N_MATCHES, N_MATCHES]
+    query_xy = [xy[:n] for xy, n in zip(world.query_xy, counts, strict=True)]
+    map_xy = [xy[:n] for xy, n in zip(world.map_xy, counts, strict=True)]
+    rows = records(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
+    assert rows["failed"].tolist() == [True, True, False, False, False]
+    assert rows["rotation_deg"].tolist()[:2] == [180.0, 180.0]
+    assert rows["error_m"].tolist()[:2] == [np.inf, np.inf]
+    assert rows["lifted"].tolist()[1] == 4
+
+
+@pytest.mark.parametrize("limit", [100.0, 105.0])
+def test_heights_that_do_not_count_are_dropped(tmp_path: Path, limit: float) -> None:
+    world = make_world(tmp_path, made_matching_protocol(lift={"heights_above_m": limit}))
+    rows = records(world, tmp_path, world.matches())
+    low = [int((points[:, 2] <= limit).sum()) for points in world.points]
+    assert (rows["no_height"] >= low).all()
+    assert (rows["no_height"] + rows["lifted"] == N_MATCHES).all()
+    assert 0 < rows["lifted"].sum() < N_QUERIES * N_MATCHES
+
+
+def test_integer_centres_shift_the_map_by_half_a_pixel(tmp_path: Path) -> None:
+    world = make_world(tmp_path, made_matching_protocol(lift={"map_pixel_centres": "integer"}))
+    shifted = [xy - 0.5 for xy in world.map_xy]
+    rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=shifted))
+    assert rows["error_m"].max() < 1e-6

@@ -10,14 +10,19 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.open3d_loader import load_open3d
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, umeyama
 from airzoo_bench.reconstruction.pose_metrics import (
+    auc_of_depth_anything_3,
     centre_errors,
     pair_errors,
     rms_of_placed,
     step_errors,
 )
+from airzoo_bench.reconstruction.pose_scores import pose_scores
+from tests.reconstruction.cloud_support import Pieces
+from tests.reconstruction.world import protocol
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
 
@@ -95,6 +100,55 @@ def test_ate_and_rpe_of_evo(seed: int) -> None:
     assert rms_of_placed(steps.rotation_deg) == pytest.approx(turned, rel=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("width", [40.0, 1e-9])  # on a line, the turn about it changes no error
+def test_trajectories_are_aligned_as_evo_aligns_them(seed: int, width: float) -> None:
+    metrics = pytest.importorskip("evo.core.metrics")
+    rng = np.random.default_rng(seed)
+    predicted, truth = shaken(rng, 12)
+    line = truth.centres * (1.0, width / 40.0, width / 40.0)
+    truth = Poses(rotation=truth.rotation, centres=line)
+    made = Similarity(0.3, Rotation.random(random_state=rng).as_matrix(), UTM)
+    moved = made.apply_poses(predicted)
+    names = tuple("abcdefghijkl")
+    settings = protocol(alignment={"method": "none"}).scores
+    scores = pose_scores(
+        PosedCameras(names, moved.centres, moved.rotation),
+        Similarity.identity(),
+        PosedCameras(names, truth.centres, truth.rotation),
+        settings,
+    )
+    theirs, true = path(predicted), path(truth)
+    theirs.align(true, correct_scale=True)
+    ate = metrics.APE(metrics.PoseRelation.translation_part)
+    ate.process_data((true, theirs))
+    expected = float(ate.get_statistic(metrics.StatisticsType.rmse))
+    assert scores["ate_m"] == pytest.approx(expected, rel=1e-7)
+    rpe = metrics.RPE(metrics.PoseRelation.translation_part, delta=1, all_pairs=False)
+    rpe.process_data((true, theirs))
+    expected = float(rpe.get_statistic(metrics.StatisticsType.rmse))
+    assert scores["rpe_m"] == pytest.approx(expected, rel=1e-7)
+    assert scores["cameras_placed"] == 1.0
+
+
+# What `compute_pose` of Depth Anything 3's bench/utils.py, commit 2c21ea8, gives for `shaken`
+# poses of 15 cameras: AUC at 3, 5, 15 and 30 degrees.
+DEPTH_ANYTHING_3 = (
+    (0.0, 0.013333333333333332, 0.2628571428571428, 0.5958730158730159),
+    (0.0, 0.00380952380952381, 0.1638095238095238, 0.5168253968253967),
+    (0.0, 0.00380952380952381, 0.07365079365079366, 0.3603174603174603),
+    (0.003174603174603175, 0.01142857142857143, 0.22539682539682543, 0.5622222222222224),
+    (0.003174603174603175, 0.020952380952380955, 0.32317460317460317, 0.6447619047619048),
+    (0.0, 0.0, 0.07809523809523808, 0.380952380952381),
+)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_auc_of_depth_anything_3(seed: int) -> None:
+    found = auc_of_depth_anything_3(*shaken(np.random.default_rng(seed), 15), [3, 5, 15, 30])
+    assert found == pytest.approx(DEPTH_ANYTHING_3[seed], rel=1e-12, abs=1e-15)
+
+
 def test_relative_poses_of_evo() -> None:
     lie = pytest.importorskip("evo.core.lie_algebra")
     predicted, truth = shaken(np.random.default_rng(5), 6)
@@ -138,13 +192,11 @@ def test_icp_of_open3d(with_scale: bool) -> None:
         with_scale=with_scale,
         seed=0,
     )
-    start = Similarity.identity()
-    found, report = refine(source, truth, start, settings)
+    found, report = refine(Pieces(source), Pieces(truth), settings, held_points=10**6)
     moved = source @ theirs.transformation[:3, :3].T + theirs.transformation[:3, 3]
     np.testing.assert_allclose(found.apply(source), moved, atol=1e-6)
     assert report.after.fitness == pytest.approx(theirs.fitness)
     assert report.after.rmse == pytest.approx(theirs.inlier_rmse, rel=1e-6)
     # Far from the origin it is the same, shifted.
-    far = Similarity(1.0, np.eye(3), UTM)
-    there, _ = refine(source, truth + UTM, far, settings)
-    np.testing.assert_allclose(there.apply(source) - UTM, found.apply(source), atol=1e-6)
+    there, _ = refine(Pieces(source + UTM), Pieces(truth + UTM), settings, held_points=10**6)
+    np.testing.assert_allclose(there.apply(source + UTM) - UTM, found.apply(source), atol=1e-6)

@@ -18,7 +18,7 @@ import pytest
 from typer.testing import Result
 
 from airzoo_bench.protocol import load_protocol, shipped_protocols
-from tests.support import PAPER, MadeScene, write_benchmark, write_predictions
+from tests.support import PUBLISHED, MadeScene, write_benchmark, write_predictions
 
 METHODS = ("AnyLoc", "SALAD", "Game4Loc", "MegaLoc", "MegaLoc (Ours)")
 SCORES = ("R@1", "R@3", "R@5", "AP@5")
@@ -47,10 +47,7 @@ ROUNDED_TWICE = {
 
 def paper_values(table: str, method: str) -> dict[str, dict[str, str]]:
     """Return the printed texts by scene and score."""
-    path = PAPER / "tables.csv"
-    if not path.is_file():
-        pytest.skip("the paper's tables.csv is not beside the checkout")
-    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    rows = pd.read_csv(PUBLISHED, dtype=str, keep_default_na=False)
     rows = rows[(rows["table"] == table) & (rows["method"] == method)]
     values: dict[str, dict[str, str]] = {}
     for scene, score, value in zip(rows["scene"], rows["metric"], rows["value"], strict=True):

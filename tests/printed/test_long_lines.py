@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.latex import looks_like_latex, without_macro
+from airzoo_bench.printed.latex import looks_like_latex
+from airzoo_bench.printed.latex_source import without_macro
 from airzoo_bench.printed.table import read_published
 
 MANY = 200_000

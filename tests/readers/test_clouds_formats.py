@@ -132,3 +132,37 @@ def test_damage_gives_a_message_or_points(
     with contextlib.suppress(PredictionError):
         source = opened(path)
         assert sum(len(piece) for piece in source.pieces(4096)) == source.count
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "left"),
+    [
+        (
+            "a.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+            b"property float z\nend_header\n1 2 3\n4 5 6\n7 8 9\n\n1 1 1",
+            "2 lines",
+        ),
+        (
+            "a.pcd",
+            b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 2\nDATA ascii\n"
+            b"1 2 3\n4 5 6\n7 8 9\n",
+            "1 lines",
+        ),
+        (
+            "a.pcd",
+            b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 2\nDATA binary\n"
+            + bytes(36),
+            "12 bytes",
+        ),
+    ],
+)
+def test_points_that_a_header_does_not_count_are_named(
+    name: str, content: bytes, left: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    (note,) = opened(tmp_path / name).notes
+    assert note == f"{left} follow the 2 points that its header promises: not read"
+    count = content.replace(b"vertex 2", b"vertex 4").replace(b"POINTS 2", b"POINTS 3")
+    (tmp_path / name).write_bytes(count)
+    assert opened(tmp_path / name).notes == ()

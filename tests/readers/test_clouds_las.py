@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.errors import PredictionError
-from tests.readers.cloud_support import colours_of, made, read, refused, write_las
+from tests.readers.cloud_support import colours_of, made, opened, read, refused, write_las
 
 N = 300
 
@@ -162,3 +162,30 @@ def test_colours_of_eight_bits_in_sixteen(tmp_path: Path) -> None:
         setattr(las, name, columns[name])
     las.write(tmp_path / "b.las")
     np.testing.assert_array_equal(read(tmp_path / "b.las").colours, colours_of(columns))
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize("point_format", [0, 3, 6, 7])
+@pytest.mark.parametrize("count", [1, 100, 290])
+def test_a_header_that_counts_too_few(
+    suffix: str, point_format: int, count: int, tmp_path: Path
+) -> None:
+    path = write_las(tmp_path / f"a.{suffix}", made(N), point_format)
+    assert opened(path).notes == ()
+    raw = bytearray(path.read_bytes())
+    struct.pack_into("<I", raw, 107, count)
+    if raw[25] >= 4:
+        struct.pack_into("<Q", raw, 247, count)
+    path.write_bytes(raw)
+    (note,) = opened(path).notes
+    assert note.endswith(f"follow the {count} points that its header promises: not read")
+
+
+def test_what_follows_the_points_of_a_las_file_is_no_point(tmp_path: Path) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.random.default_rng(0).integers(0, 900, (3, N)) / 4.0
+    las.evlrs = laspy.vlrs.vlrlist.VLRList()
+    las.evlrs.append(laspy.VLR("someone", 1, "", b"x" * 5000))
+    las.write(tmp_path / "a.las")
+    assert opened(tmp_path / "a.las").notes == ()

@@ -31,6 +31,7 @@ CENTRES = np.array([[500_000.0, 5_200_000.0, 200.0], [500_010.0, 5_200_020.0, 21
 TRUE = Poses.from_centres(np.concatenate([looking_down(10, 30), looking_down(20, 80)]), CENTRES)
 RT = np.concatenate([TRUE.rotation, TRUE.translation[:, :, None]], axis=2)
 POSES = {"protocol": "photos-matching", "query_ids": IDS, "poses": RT}
+CENTRED = without(POSES, "poses") | {"rotations": TRUE.rotation, "centres": CENTRES}
 NAN_ROW = np.where(np.arange(5)[:, None] == 3, np.nan, MATCHES["query_xy"])
 
 
@@ -49,7 +50,7 @@ def test_matches_are_read_as_they_are(tmp_path: Path) -> None:
         "photos-matching",
         IDS,
     )
-    assert claim.map_frame == "map"
+    assert claim.map_frame is None
     assert claim.points3d is None
     np.testing.assert_array_equal(claim.query_xy[claim.of(1)], MATCHES["query_xy"][2:])
     np.testing.assert_array_equal(claim.map_xy, MATCHES["map_xy"])
@@ -130,11 +131,15 @@ UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
     "flat points": (PAIRS | {"points3d": np.ones((5, 2))}, ["'points3d' is", "(any, 3)"]),
     "coarse points": (
         PAIRS | {"points3d": POINTS.astype(np.float32)},
-        ["'points3d' is float32", "0.62 m only", "expected: float64"],
+        ["'points3d' is float32", "0.5 m only", "expected: float64"],
     ),
-    "coarse poses": (
-        POSES | {"poses": RT.astype(np.float32)},
-        ["'poses' is float32", "expected: float64"],
+    "points through float32": (
+        PAIRS | {"points3d": (POINTS + np.pi * np.arange(5)[:, None]).astype("f4").astype("f8")},
+        ["'points3d' went through float32", "0.5 m only", "expected: float64"],
+    ),
+    "coarse centres": (
+        CENTRED | {"centres": CENTRES.astype(np.float32)},
+        ["'centres' is float32", "0.5 m only"],
     ),
     "rows differ": (
         MATCHES | {"map_xy": np.ones((4, 2))},
@@ -161,6 +166,14 @@ UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
     ),
     "infinite": (POSES | {"poses": np.full((2, 3, 4), np.inf)}, []),
     "scaled": (POSES | {"poses": SCALED}, ["not orthonormal", "hills/a", "field 'poses'", "mend"]),
+    "no rotations": (without(CENTRED, "rotations"), ["lacks the field rotations"]),
+    "poses twice": (CENTRED | {"poses": RT}, ["holds poses and centres", "disagree"]),
+    "few centres": (CENTRED | {"centres": CENTRES[:1]}, ["'centres' has 1 rows"]),
+    "centre without rotation": (
+        CENTRED | {"rotations": np.full((2, 3, 3), np.nan)},
+        ["2 poses are NaN or infinite in part", "'rotations' and 'centres'"],
+    ),
+    "scaled rotations": (CENTRED | {"rotations": 2 * TRUE.rotation}, ["not orthonormal"]),
     "mirrored": (POSES | {"poses": MIRRORED}, ["reflection", "hills/a", "axes"]),
 }
 
@@ -262,7 +275,7 @@ def test_no_prediction_file(tmp_path: Path, name: str) -> None:
 
 def test_too_large_for_the_memory(tmp_path: Path) -> None:
     with pytest.raises(PredictionError, match="query_xy"):
-        read_matching(written(tmp_path / "m.npz", MATCHES), 72)
+        read_matching(written(tmp_path / "m.npz", MATCHES), 350)
 
 
 @pytest.mark.parametrize(

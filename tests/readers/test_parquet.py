@@ -13,16 +13,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from airzoo_bench.errors import PredictionError
+from airzoo_bench.readers.budget import Budget
 from airzoo_bench.readers.parquet import read_columns
 
-LIMIT = 1 << 24
+LIMIT = 1 << 26
 COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")
 IDS, RANKED = ["e/a", "e/ü"], [["e/t1", "e/t2"], ["e/t2", ""]]
 
 
 def written(path: Path, limit: int = LIMIT, **columns: Any) -> dict[str, Any]:
     pq.write_table(pa.table(columns), path)
-    return read_columns(path, COLUMNS, limit)
+    return read_columns(path, COLUMNS, Budget(limit))
 
 
 @pytest.mark.parametrize(
@@ -53,7 +54,7 @@ def test_reads_many_batches_and_row_groups_in_order(tmp_path: Path) -> None:
     ids = [f"e/{i}" for i in range(150_000)]
     table = pa.table({"query_ids": ids, "ranked_ids": [[i] for i in ids]})
     pq.write_table(table, tmp_path / "x.parquet", row_group_size=40_000)
-    read = read_columns(tmp_path / "x.parquet", COLUMNS, LIMIT)
+    read = read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
     assert read["query_ids"].tolist() == ids
     assert read["ranked_ids"][:, 0].tolist() == ids
 
@@ -99,7 +100,7 @@ def test_a_column_twice(tmp_path: Path) -> None:
     table = pa.Table.from_arrays([pa.array(IDS), pa.array(IDS)], names=["query_ids"] * 2)
     pq.write_table(table, tmp_path / "x.parquet")
     with pytest.raises(PredictionError, match=r"more than once: 1 \(query_ids\)"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, LIMIT)
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
 
 
 def test_text_that_is_not_utf8(tmp_path: Path) -> None:
@@ -109,14 +110,17 @@ def test_text_that_is_not_utf8(tmp_path: Path) -> None:
     )
     pq.write_table(pa.table({"query_ids": bad}), tmp_path / "x.parquet")
     with pytest.raises(PredictionError, match=r"not a readable parquet file: .*UTF8"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, LIMIT)
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
 
 
 def test_larger_than_the_limit(tmp_path: Path) -> None:
     scores = pa.FixedSizeListArray.from_arrays(pa.array(np.random.default_rng(0).random(4000)), 2)
-    with pytest.raises(PredictionError, match=r"columns take 3\d,\d+ bytes or more"):
+    with pytest.raises(PredictionError, match=r"its pages: 1\d\d,\d+ bytes"):
         written(tmp_path / "x.parquet", limit=31_000, scores=scores)
-    assert written(tmp_path / "x.parquet", limit=64_000, scores=scores)["scores"].shape == (2000, 2)
+    assert written(tmp_path / "x.parquet", limit=220_000, scores=scores)["scores"].shape == (
+        2000,
+        2,
+    )
 
 
 def test_a_text_a_million_times_is_counted_before_it_is_made(
@@ -134,16 +138,16 @@ def test_a_text_a_million_times_is_counted_before_it_is_made(
     pq.write_table(pa.table({"ranked_ids": ranked}), tmp_path / "x.parquet")
     assert (tmp_path / "x.parquet").stat().st_size < 5000
     with pytest.raises(PredictionError, match="more than the limit"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, LIMIT)
-    with pytest.raises(PredictionError, match="columns take 4,000,"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, 1 << 20)
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+    with pytest.raises(PredictionError, match=r"its pages: 12,0\d\d,"):
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(1 << 20))
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" * 4, b"hello, I am a csv", bytes(99)])
 def test_not_parquet(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_bytes(content)
     with pytest.raises(PredictionError, match=r"not a readable parquet file: ."):
-        read_columns(tmp_path / "x.parquet", COLUMNS, LIMIT)
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
 
 
 def test_damaged_bytes_are_read_or_refused(tmp_path: Path) -> None:
@@ -156,7 +160,7 @@ def test_damaged_bytes_are_read_or_refused(tmp_path: Path) -> None:
         content[dice.randrange(len(good))] = dice.randrange(256)
         path.write_bytes(content[: dice.choice([len(good), len(good), dice.randrange(len(good))])])
         try:
-            read_columns(path, COLUMNS, LIMIT)
+            read_columns(path, COLUMNS, Budget(LIMIT))
         except PredictionError:
             refused += 1
     assert 100 < refused < 400

@@ -13,6 +13,7 @@ from airzoo_bench.readers.pose_list import read_pose_list
 from tests.support import run_main
 
 # A quarter turn about x: y becomes z. With t = (1, 2, 3) the centre is -R^T t = (-1, -3, 2).
+LIMIT = 1 << 24
 TURN = f"{0.5**0.5!r} {0.5**0.5!r} 0 0 1 2 3"
 
 
@@ -24,7 +25,7 @@ def written(folder: Path, text: str) -> Path:
 
 def test_lines_become_poses(tmp_path: Path) -> None:
     text = f"# name q t\n\n  # more\nhills/a.jpg {TURN}\nhills/b.PNG 1 0 0 0 4 5 6\n"
-    read = read_pose_list(written(tmp_path, text))
+    read = read_pose_list(written(tmp_path, text), LIMIT)
     assert isinstance(read.claim, PoseClaim)
     assert (read.protocol, read.kind) == (None, "poses")
     assert read.query_ids.tolist() == ["hills/a", "hills/b"]
@@ -46,12 +47,14 @@ def test_lines_become_poses(tmp_path: Path) -> None:
     ],
 )
 def test_only_the_ending_of_a_photo_is_taken_off(tmp_path: Path, name: str, expected: str) -> None:
-    assert read_pose_list(written(tmp_path, f"{name} {TURN}")).query_ids.tolist() == [expected]
+    assert read_pose_list(written(tmp_path, f"{name} {TURN}"), LIMIT).query_ids.tolist() == [
+        expected
+    ]
 
 
 @pytest.mark.parametrize("failure", ["1 0 0 0 0 0 0", "nan " * 7])
 def test_failures_are_no_poses(tmp_path: Path, failure: str) -> None:
-    claim = read_pose_list(written(tmp_path, f"hills/a {failure}\nhills/b {TURN}\n")).claim
+    claim = read_pose_list(written(tmp_path, f"hills/a {failure}\nhills/b {TURN}\n"), LIMIT).claim
     assert isinstance(claim, PoseClaim)
     assert claim.found.tolist() == [False, True]
 
@@ -75,7 +78,7 @@ BAD = {
 def test_bad_lines(tmp_path: Path, text: str) -> None:
     path = written(tmp_path, text)
     with pytest.raises(PredictionError) as caught:
-        read_pose_list(path)
+        read_pose_list(path, LIMIT)
     assert str(path) in str(caught.value)
     assert caught.value.expected
     for fragment in BAD[text]:
@@ -86,9 +89,9 @@ def test_not_text(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     path.write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(PredictionError, match=r"poses\.txt"):
-        read_pose_list(path)
+        read_pose_list(path, LIMIT)
     with pytest.raises(PredictionError, match=r"absent\.txt"):
-        read_pose_list(tmp_path / "absent.txt")
+        read_pose_list(tmp_path / "absent.txt", LIMIT)
 
 
 def test_the_command_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

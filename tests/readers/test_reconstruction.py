@@ -272,6 +272,13 @@ def test_protocols_that_are_no_names(name: str, folder: Path) -> None:
         listed(folder)
 
 
+def test_endings_that_are_not_read_are_named(tmp_path: Path) -> None:
+    (tmp_path / "small.xyz").write_text("0 0 0\n")
+    with refused("small.xyz") as caught:
+        listed(tmp_path)
+    assert caught.value.mend == "endings such as '.xyz' are not read: write a cloud as .ply"
+
+
 def test_nothing_there(tmp_path: Path) -> None:
     for path in (tmp_path / "none", tmp_path):
         with refused("no such predictions|holds no cloud"):

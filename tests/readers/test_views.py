@@ -71,6 +71,37 @@ def test_other_shapes_that_mean_the_same(tmp_path: Path) -> None:
     np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-3)
 
 
+def principal_point(folder: Path, **changes: Any) -> list[float]:
+    views = read_views(written(folder, **changes), LIMIT)
+    assert views.cameras is not None
+    return list(views.cameras.principal_point[0].tolist())
+
+
+def test_pixel_centres_that_are_integers_are_shifted(tmp_path: Path) -> None:
+    corner, shifted = [W / 2, H / 2], [W / 2 + 0.5, H / 2 + 0.5]
+    assert principal_point(tmp_path) == corner
+    assert principal_point(tmp_path, pixel_centres=np.array("half")) == corner
+    assert principal_point(tmp_path, pixel_centres=np.array("integer")) == shifted
+    assert principal_point(tmp_path, pixel_centres=np.array(["integer"])) == shifted
+    # Files without names are Depth Anything 3's, whose centres are integers.
+    assert principal_point(tmp_path, image_names=None) == shifted
+    assert principal_point(tmp_path, image_names=None, pixel_centres=np.array("half")) == corner
+    assert read_views(written(tmp_path), LIMIT).pixel_centres is None
+
+
+@pytest.mark.parametrize("value", ["corner", "", 0.5, ["half", "half"], [["a"]]])
+def test_other_pixel_centres_are_refused(value: object, tmp_path: Path) -> None:
+    with refused("'half'.*or 'integer'") as caught:
+        read_views(written(tmp_path, pixel_centres=np.array(value)), LIMIT)
+    assert "field 'pixel_centres'" in str(caught.value)
+
+
+def test_an_axis_before_the_pixels_is_told_how_to_go(tmp_path: Path) -> None:
+    with refused("axis of 1 before the pixels") as caught:
+        read_views(written(tmp_path, depth=made()["depth"][:, None]), LIMIT)
+    assert "depth[:, 0]" in str(caught.value.mend)
+
+
 def test_views_without_names_are_numbered(tmp_path: Path) -> None:
     views = read_views(written(tmp_path, image_names=None), LIMIT)
     assert not views.named

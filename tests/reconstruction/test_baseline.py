@@ -41,7 +41,16 @@ SETTINGS = SfmSettings(
     max_error_px=2.0,
     seed=0,
 )
-RANSAC = RansacSettings(iterations=50, sample_share=0.0, inlier_limit=0.5, line_ratio=0.02, seed=0)
+RANSAC = RansacSettings(
+    min_trials=50,
+    max_trials=5000,
+    confidence=0.9999,
+    sample_share=None,
+    inlier_limit=0.5,
+    inlier_limit_deg=10.0,
+    line_ratio=0.02,
+    seed=0,
+)
 
 
 def photo(camera: Cameras, pose: Poses, texture: np.ndarray) -> np.ndarray:
@@ -124,7 +133,7 @@ def test_poses_and_points_are_right(flight: Flight, made: tuple[SfmResult, Path]
     assert result.names == truth.names
     assert result.photos == 6
     # Aligned by positions alone; a hundredth of 300 px at 30 m is 0.1 pixel.
-    found = align("none", result.posed, truth, ransac=None, icp=None)
+    found = align("none", result.posed, truth, ransac=None)
     assert found.centres is not None
     assert found.centres.largest < 0.1
     assert found.rotations_deg is not None
@@ -182,7 +191,7 @@ def test_other_settings_share_only_what_is_the_same(
 def test_without_positions_the_frame_is_free(flight: Flight, made: tuple[SfmResult, Path]) -> None:
     free = run(flight, made[1], priors=None, alignment=None)
     assert free.alignment is None
-    found = align("sim3", free.posed, flight[2], ransac=RANSAC, icp=None)
+    found = align("sim3", free.posed, flight[2], ransac=RANSAC)
     np.testing.assert_allclose(
         found.transform.apply(free.poses.centres), made[0].poses.centres, atol=1e-6
     )

@@ -10,6 +10,7 @@ from airzoo_bench.reconstruction import pose_metrics
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.pose_metrics import (
     PairErrors,
+    auc_of_depth_anything_3,
     centre_errors,
     pair_errors,
     pose_auc,
@@ -156,3 +157,22 @@ def test_refusals() -> None:
         errors(truth.take([0, 1]), truth)
     with pytest.raises(ValueError, match="true poses hold NaN"):
         errors(truth, Poses(rotation=truth.rotation, centres=truth.centres * np.nan))
+
+
+def test_the_area_of_depth_anything_3_by_hand() -> None:
+    centres = np.array(((0.0, 0, 0), (10, 0, 0), (0, 10, 0)))
+    truth = Poses(rotation=np.tile(np.eye(3), (3, 1, 1)), centres=centres)
+    # The last camera is turned by 4.5 degrees: two of three pairs are right from 5 degrees on.
+    rotation = np.stack((np.eye(3), np.eye(3), turned("z", 4.5)))
+    predicted = Poses(rotation=rotation, centres=centres)
+    found = auc_of_depth_anything_3(predicted, truth, [3, 10])
+    assert found[0] == pytest.approx(1 / 3)
+    assert found[1] == pytest.approx((4 * 1 + 6 * 3) / 3 / 10)
+    # One camera less: one pair is left, and the others have failed.
+    lost = centres.copy()
+    lost[2] = np.nan
+    found = auc_of_depth_anything_3(Poses(rotation=rotation, centres=lost), truth, [10])
+    assert found == pytest.approx([1 / 3])
+    lost[1] = np.nan
+    found = auc_of_depth_anything_3(Poses(rotation=rotation, centres=lost), truth, [10])
+    assert found == [0.0]

@@ -11,8 +11,15 @@ from hypothesis import strategies as st
 
 from airzoo_bench.errors import BenchmarkError
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.prepared import Held, Moved, PreparedCloud, box_of, prepared
+from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
+from airzoo_bench.reconstruction.prepared import (
+    Held,
+    Moved,
+    PreparedCloud,
+    box_of,
+    cropped_region,
+    prepared,
+)
 from airzoo_bench.reconstruction.regions import Box
 from airzoo_bench.reconstruction.settings import Preparation
 from tests.geometry.support import quick, seeds
@@ -22,7 +29,15 @@ BOX = Box(np.zeros(3), np.ones(3))
 
 
 def settings(**changes: Any) -> Preparation:
-    return Preparation(**({"crop_margin_m": "none", "voxel_m": "none"} | changes))
+    crop = {"crop": "none", "crop_margin_m": 1.0, "crop_cell_m": 1.0}
+    region = {"region": "all", "observed_photos": 2, "observed_cell_m": 1.0, "hidden_beyond_m": 3.0}
+    return Preparation(**(crop | region | {"voxel_m": "none"} | changes))
+
+
+def prepare(source: CloudSource, used: Preparation, block: int) -> PreparedCloud:
+    """Prepare a cloud whose truth is the unit cube's corners."""
+    truth = Pieces(np.stack((BOX.low, BOX.high)))
+    return prepared(source, used, cropped_region(truth, BOX, used, block), block)
 
 
 def points_of(cloud: PreparedCloud, points: int = 3) -> np.ndarray[Any, Any]:
@@ -35,21 +50,21 @@ def points_of(cloud: PreparedCloud, points: int = 3) -> np.ndarray[Any, Any]:
 
 def test_points_that_are_not_finite_are_counted_and_left_out() -> None:
     points = np.array([[0, 0, 0], [np.nan, 0, 0], [1, 2, np.inf], [5, 5, 5], [0, -1e200, 0]])
-    cloud = prepared(Pieces(points), settings(), BOX, 2)
+    cloud = prepare(Pieces(points), settings(), 2)
     assert (cloud.not_finite, cloud.outside, cloud.thinned) == (3, 0, 0)
     np.testing.assert_array_equal(points_of(cloud), points[[0, 3]])
 
 
 def test_the_crop_includes_its_border() -> None:
     points = np.array([[1.5, 0, 0], [1.5000001, 0, 0], [-0.5, -0.5, -0.5], [0, 0, np.nan]])
-    cloud = prepared(Pieces(points), settings(crop_margin_m=0.5), BOX, 10)
+    cloud = prepare(Pieces(points), settings(crop="box", crop_margin_m=0.5), 10)
     assert (cloud.not_finite, cloud.outside) == (1, 1)
     np.testing.assert_array_equal(points_of(cloud), points[[0, 2]])
 
 
 def test_voxels_thin_what_the_crop_has_left() -> None:
     points = np.array([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [0.6, 0.1, 0.1], [9, 9, 9.0]])
-    cloud = prepared(Pieces(points), settings(crop_margin_m=0.0, voxel_m=0.5), BOX, 1)
+    cloud = prepare(Pieces(points), settings(crop="box", crop_margin_m=0.0, voxel_m=0.5), 1)
     assert (cloud.outside, cloud.thinned) == (1, 1)
     np.testing.assert_allclose(points_of(cloud), [[0.2, 0.1, 0.1], [0.6, 0.1, 0.1]], atol=1e-9)
 
@@ -58,9 +73,9 @@ def test_bounds_see_through_outliers_and_crops() -> None:
     along = np.linspace(0, 1000, 1001)
     points = np.stack([along, 2 * along, 0 * along], axis=1)
     points[0] = np.nan
-    cloud = prepared(Pieces(points), settings(crop_margin_m=0.0), BOX, 100)
+    cloud = prepare(Pieces(points), settings(crop="box", crop_margin_m=0.0), 100)
     np.testing.assert_allclose(cloud.bounds[:, 0], [10.99, 990.01])
-    nothing = prepared(Pieces(np.zeros((0, 3))), settings(), BOX, 100)
+    nothing = prepare(Pieces(np.zeros((0, 3))), settings(), 100)
     assert np.isnan(nothing.bounds).all()
 
 
@@ -70,8 +85,8 @@ def test_nothing_depends_on_the_pieces(seed: int, block: int) -> None:
     random = np.random.default_rng(seed)
     points = random.normal(size=(300, 3))
     points[random.random(300) < 0.1] = np.nan
-    for used in (settings(), settings(crop_margin_m=0.3), settings(voxel_m=0.2)):
-        one, other = (prepared(Pieces(points), used, BOX, size) for size in (300, block))
+    for used in (settings(), settings(crop="box", crop_margin_m=0.3), settings(voxel_m=0.2)):
+        one, other = (prepare(Pieces(points), used, size) for size in (300, block))
         np.testing.assert_array_equal(points_of(one), points_of(other, 7))
         np.testing.assert_array_equal(one.bounds, other.bounds)
         assert (one.not_finite, one.outside, one.thinned) == (
@@ -84,7 +99,7 @@ def test_nothing_depends_on_the_pieces(seed: int, block: int) -> None:
 def test_bounds_of_many_points_do_not_depend_on_the_pieces() -> None:
     points = np.random.default_rng(0).normal(size=(250_001, 3))
     sizes = (250_001, 99_999, 7_001)
-    found = [prepared(Pieces(points), settings(), BOX, size).bounds for size in sizes]
+    found = [prepare(Pieces(points), settings(), size).bounds for size in sizes]
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
     # Every second point was looked at.

@@ -11,7 +11,7 @@ from airzoo_bench.reconstruction.alignment.similarity import (
     AlignmentError,
     Similarity,
     fit_many,
-    fit_rotated,
+    fit_strips,
     point_rank,
     umeyama,
 )
@@ -144,12 +144,34 @@ def test_many_fits_are_the_single_ones() -> None:
         np.testing.assert_array_equal(fit.matrix, alone.matrix)
 
 
-def test_fit_with_a_given_rotation() -> None:
-    rng = np.random.default_rng(7)
+def test_the_orientations_of_a_strip_give_the_turn_about_it() -> None:
+    made = some(np.random.default_rng(7), 3.0)
+    count = len(LINE)
+    turns = np.tile(made.rotation, (2, count, 1, 1))
+    (fit, backwards), determined = fit_strips(
+        np.stack((LINE, LINE)),
+        np.stack((made.apply(LINE), made.apply(LINE))),
+        np.stack((turns[0], turns[1])),
+        axis_share=0.02,
+    )
+    assert determined.all()
+    np.testing.assert_allclose(fit.matrix, made.matrix, atol=1e-10)
+    np.testing.assert_array_equal(fit.matrix, backwards.matrix)
+
+
+def test_the_centres_of_a_strip_give_its_direction() -> None:
+    rng = np.random.default_rng(8)
     made = some(rng, 3.0)
-    fit, determined = fit_rotated(LINE, made.apply(LINE), made.rotation)
-    assert determined
-    assert fit.scale == pytest.approx(3.0)
-    np.testing.assert_allclose(fit.apply(LINE), made.apply(LINE), atol=1e-12)
-    backwards, determined = fit_rotated(LINE, made.apply(-LINE), made.rotation)
-    assert (backwards.scale, determined) == (1.0, False)
+    # All orientations are off by five degrees: along the line that does no harm.
+    wrong = Rotation.from_rotvec(np.radians(5) * np.array((0.6, 0.0, 0.8))).as_matrix()
+    turns = np.tile(wrong @ made.rotation, (1, len(LINE), 1, 1))
+    (fit,), _ = fit_strips(LINE[None], made.apply(LINE)[None], turns, axis_share=0.02)
+    extent = np.linalg.norm(LINE[-1] - LINE[0]) * 3.0
+    away = np.linalg.norm(fit.apply(LINE) - made.apply(LINE), axis=1).max()
+    assert away < 1e-3 * extent
+
+
+def test_a_strip_at_a_point_is_not_determined() -> None:
+    turns = np.tile(np.eye(3), (1, 4, 1, 1))
+    _, determined = fit_strips(np.ones((1, 4, 3)), LINE[None, :4], turns, axis_share=0.02)
+    assert not determined[0]

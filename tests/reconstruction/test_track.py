@@ -11,15 +11,20 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.open3d_loader import load_open3d
+from airzoo_bench.protocol import ReconstructionProtocol, load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.similarity import umeyama
 from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.placing import Claim, Rules, Work, place_claim
+from airzoo_bench.reconstruction.observed import observed_cells
+from airzoo_bench.reconstruction.placing import Claim, Rules, TrueScene, Work, place_claim
 from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.prepared import Held
+from airzoo_bench.reconstruction.regions import bounding_box
 from airzoo_bench.reconstruction.track import ScoredScene, score_scene
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import all_pairs
@@ -31,6 +36,7 @@ from tests.reconstruction.world import (
     World,
     camera_poses,
     ground,
+    lenses,
     make_world,
     predict_clouds,
     protocol,
@@ -84,7 +90,7 @@ def test_duplicates_weigh_unless_they_are_thinned(world: World, tmp_path: Path) 
     record = lot(world, tmp_path, twice)
     assert record["precision_10m"] == 14_400 / 16_800
     assert record["recall_10m"] == 1.0
-    thin = lot(world, tmp_path, twice, preparation={"voxel_m": 0.25})
+    thin = lot(world, tmp_path, twice, preparation={"voxel_m": 0.25}, scores={"f1_below_m": (1.0,)})
     assert thin["precision_10m"] == 14_400 / 15_600
     assert (thin["thinned"], thin["points"], thin["truth_thinned"]) == (1200, 15_600, 0)
 
@@ -92,7 +98,9 @@ def test_duplicates_weigh_unless_they_are_thinned(world: World, tmp_path: Path) 
 def test_thinning_both_clouds_by_voxels(world: World, tmp_path: Path) -> None:
     # Four points of half a metre are one voxel of a metre; the prediction lies a metre above.
     points = true_points("lot") + np.array((0, 0, 1.0))
-    record = lot(world, tmp_path, points, preparation={"voxel_m": 1.0})
+    record = lot(
+        world, tmp_path, points, preparation={"voxel_m": 1.0}, scores={"f1_below_m": (2.0,)}
+    )
     assert (record["points"], record["truth_points"]) == (3600, 3600)
     assert record["chamfer_m"] == pytest.approx(1.0, abs=NEAR)
 
@@ -100,7 +108,12 @@ def test_thinning_both_clouds_by_voxels(world: World, tmp_path: Path) -> None:
 def test_a_crop_leaves_out_what_lies_beyond_its_margin(world: World, tmp_path: Path) -> None:
     points = true_points("lot")
     at = points[:1] * (1, 1, 0) + np.array([[0, 0, 105.0], [0, 0, 105.001], [0, 0, 900.0]])
-    record = lot(world, tmp_path, np.concatenate([points, at]), preparation={"crop_margin_m": 5.0})
+    record = lot(
+        world,
+        tmp_path,
+        np.concatenate([points, at]),
+        preparation={"crop": "box", "crop_margin_m": 5.0},
+    )
     assert (record["points"], record["outside"]) == (14_401, 2)
     assert record["accuracy_m"] == pytest.approx(5.0 / 14_401, rel=1e-9)
 
@@ -204,7 +217,7 @@ def test_fusing_keeps_the_surface_and_thins_it(world: World, tmp_path: Path) -> 
 def test_maps_without_a_pose_are_nowhere(method: str, world: World, tmp_path: Path) -> None:
     fields = world.views("yard")
     rows = np.array([0, 2, 3, 5])
-    few = {name: values[rows] for name, values in fields.items()}
+    few = {name: values[rows] if values.ndim else values for name, values in fields.items()}
     extrinsics = fields["extrinsics"].copy()
     extrinsics[[1, 4]] = np.nan
     lost = fields | {"extrinsics": extrinsics}
@@ -297,7 +310,8 @@ def with_poses(world: World, folder: Path, extrinsics: Array | None) -> dict[str
         (path / "yard.cameras.npz").unlink()
     else:
         save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=extrinsics))
-    chosen = world.protocol(folder / "c.toml", alignment={"method": "none"})
+    as_it_stands = {"trajectory_alignment": "cloud"}
+    chosen = world.protocol(folder / "c.toml", alignment={"method": "none"}, scores=as_it_stands)
     return world.score(path, protocol=str(chosen)).evaluation.result.scenes["yard"]
 
 
@@ -340,7 +354,39 @@ def test_a_camera_without_a_pose(world: World, tmp_path: Path) -> None:
     extrinsics[2] = np.nan
     values = with_poses(world, tmp_path, extrinsics)
     assert values["pose_auc_30deg"] == pytest.approx(20 / 30, abs=1e-6)
+    assert values["cameras_placed"] == 5 / 6
     assert values["ate_m"] < NEAR
+
+
+def test_cameras_that_are_left_out_buy_no_score(world: World, tmp_path: Path) -> None:
+    """Three of six cameras fit anything: their share, and the AUC, say so."""
+    few = world.cameras("yard")
+    few = {name: values[:3] for name, values in few.items()}
+    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
+    save(path / "yard.cameras.npz", few)
+    values = world.score(path).evaluation.result.scenes["yard"]
+    assert values["cameras_placed"] == 0.5
+    assert values["pose_auc_30deg"] == pytest.approx(6 / 30, abs=1e-6)
+    two = {name: values[:2] for name, values in few.items()}
+    save(path / "yard.cameras.npz", two)
+    chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "none"})
+    values = world.score(path, protocol=str(chosen)).evaluation.result.scenes["yard"]
+    assert np.isinf([values["ate_m"], values["rpe_m"], values["rpe_deg"]]).all()
+
+
+def test_ate_sees_the_cameras_that_the_alignment_left_out(world: World, tmp_path: Path) -> None:
+    poses = camera_poses("yard")
+    centres = poses.centres.copy()
+    centres[0] += (0.0, 30.0, 0.0)
+    extrinsics = np.concatenate([poses.rotation, -(poses.rotation @ centres[..., None])], axis=2)
+    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
+    save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=extrinsics))
+    scored = world.score(path).scored["yard"]
+    assert scored.record["inlier_cameras"] == 5
+    assert scored.record["chamfer_m"] < 1e-6
+    fit = umeyama(centres, poses.centres, with_scale=True)
+    left = np.linalg.norm(fit.apply(centres) - poses.centres, axis=1)
+    assert scored.record["ate_m"] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
 
 
 def test_a_scene_without_cameras_where_others_have_them(world: World, tmp_path: Path) -> None:
@@ -367,6 +413,121 @@ def test_every_kind_of_file_and_an_archive_score_alike(world: World, tmp_path: P
     paths = [folder, tmp_path / "npz", tmp_path / "npy", tmp_path / "p.zip", folder / "lot.ply"]
     records = [world.score(path).scored["lot"].record for path in paths]
     assert all(record == records[0] for record in records)
+
+
+# No number depends on the frame that a prediction happens to be in.
+
+
+@pytest.mark.parametrize("method", ["sim3", "sim3+icp"])
+@pytest.mark.parametrize("fusion", ["back-projection", "tsdf"])
+def test_scores_do_not_depend_on_the_frame_of_the_prediction(
+    method: str, fusion: str, world: World, tmp_path: Path
+) -> None:
+    fields = world.views("yard")
+    random = np.random.default_rng(3)
+    fields["depth"] = fields["depth"] * (1 + random.normal(0, 0.003, fields["depth"].shape))
+    used = {"method": method, "icp_points": 5000, "icp_iterations": 10}
+    chosen = world.protocol(tmp_path / "c.toml", alignment=used, fusion={"method": fusion})
+    records = []
+    for number, scale in enumerate((1.0, 0.003, 700.0)):
+        other = fields | moved_cameras(world, "yard", scale, seed=number)
+        other["depth"] = fields["depth"] * scale
+        path = save(tmp_path / f"{number}" / "yard.npz", other).parent
+        records.append(world.score(path, protocol=str(chosen)).scored["yard"].record)
+    for record in records[1:]:
+        assert record["points"] == records[0]["points"]
+        for name in ("f1_0.2m", "f1_0.5m", "f1_1m", "pose_auc_3deg"):
+            assert record[name] == pytest.approx(records[0][name], abs=1e-3), name
+        for name in ("chamfer_m", "accuracy_m", "completeness_m", "ate_m"):
+            assert record[name] == pytest.approx(records[0][name], rel=1e-4, abs=1e-6), name
+
+
+# What cannot be bought: the shipped preparation against clouds that know nothing of the scene.
+
+
+def bought(points: Array, **sections: Any) -> dict[str, Any]:
+    """Return the record of a cloud in the yard by the shipped preparation and scores."""
+    chosen = load_protocol(shipped_protocols()["photos-reconstruction"])
+    assert isinstance(chosen, ReconstructionProtocol)
+    shipped = chosen.model_dump()
+    given = {name: shipped[name] for name in ("preparation", "scores")}
+    given |= {"alignment": {"method": "none"}}
+    for name, changes in sections.items():
+        given[name] = given[name] | changes
+    return scored(points, true_points("yard"), rules(**given)).record
+
+
+PLAIN = {
+    "preparation": {"crop": "none", "region": "all", "voxel_m": "none"},
+    "scores": {"max_distance_m": "none"},
+}
+
+
+def sparse() -> Array:
+    """Return an honest sparse cloud: every 40th true point, off by 0.2 m."""
+    points = true_points("yard")[::40]
+    return points + np.random.default_rng(0).normal(0, 0.2, points.shape)
+
+
+def test_a_flood_with_one_true_point_many_times_over() -> None:
+    along = np.arange(0.0, SIDE, 1.1)
+    up = np.arange(-5.0, 25.0, 1.1)
+    flood = np.stack(np.meshgrid(along, along, up), axis=-1).reshape(-1, 3) + ORIGIN
+    cheat = np.concatenate([flood, np.repeat(true_points("yard")[:1], 800_000, axis=0)])
+    assert bought(cheat, **PLAIN)["f1_1m"] > 0.9
+    record = bought(cheat)
+    assert record["f1_1m"] < 0.2
+    assert bought(sparse())["f1_1m"] > 0.3
+
+
+def test_a_flat_plane_through_the_scene() -> None:
+    plane = ground(height=3.0) + ORIGIN
+    assert bought(plane, **PLAIN)["f1_10m"] > 0.9
+    cheat, honest = bought(plane), bought(sparse())
+    assert honest["f1_10m"] >= cheat["f1_10m"]
+    for limit in (1, 2):
+        assert honest[f"f1_{limit}m"] > cheat[f"f1_{limit}m"] + 0.2
+    assert honest["chamfer_m"] < cheat["chamfer_m"]
+
+
+def test_one_point_at_the_end_of_the_world() -> None:
+    far = np.concatenate([true_points("yard"), [[1e9, 1e9, 1e9]]])
+    assert bought(far, **PLAIN)["chamfer_m"] > 10_000
+    clipped = bought(far, preparation=PLAIN["preparation"])
+    assert clipped["chamfer_m"] == pytest.approx(100 / 15_265 / 2, rel=1e-9)
+    assert bought(far)["chamfer_m"] == 0.0  # it lies outside of what the truth covers
+
+
+def test_points_that_decide_the_mean_are_named(world: World, tmp_path: Path) -> None:
+    far = np.concatenate([true_points("yard"), [[1e9, 1e9, 1e9]]])
+    path = predict_clouds(world, tmp_path / "p", {"yard": far})
+    notes = world.score(path).evaluation.result.notes
+    assert any(
+        "1 of 15,265 predicted points, up to 1.729e+09 m away, make 100%" in n for n in notes
+    )
+
+
+def test_recall_is_over_what_the_photos_saw() -> None:
+    points = true_points("yard")
+    everywhere = bought(points)
+    assert everywhere["f1_1m"] == 1.0
+    assert 0 < everywhere["truth_unseen"] < everywhere["truth_points"]
+    observed = observed_part(points)
+    kept = bought(points[observed])
+    assert kept["recall_1m"] == 1.0
+    assert bought(points[observed], preparation={"region": "all"})["recall_1m"] < 1.0
+
+
+def observed_part(points: Array) -> Array:
+    poses = camera_poses("yard")
+    options = {"cell": 1.0, "hidden_beyond": 5.0, "photos": 2}
+    cells = observed_cells([points], bounding_box(points), lenses(len(poses)), poses, **options)
+    return cells.holds(points)
+
+
+def test_voxels_wider_than_half_of_a_threshold_are_refused() -> None:
+    with pytest.raises(ValidationError, match="must be at least two voxels"):
+        protocol(preparation={"voxel_m": 0.5})
 
 
 # Open3D as an oracle of distances, and a naive version of everything.
@@ -408,7 +569,8 @@ def scored(
     poses = camera_poses("yard")
     cameras = PosedCameras(tuple("abcdef"), poses.centres, poses.rotation)
     claim, work = Claim("yard", Held(Cloud(points)), cameras), Work(block_points, threads)
-    placed = place_claim(claim, Held(Cloud(truth)), cameras, used, work)
+    true = TrueScene(Held(Cloud(truth)), cameras, lenses(len(poses)))
+    placed = place_claim(claim, true, used, work)
     return score_scene(claim, placed, cameras, used, work)
 
 
@@ -433,8 +595,10 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "sim3": {},
     "none": {"alignment": {"method": "none"}},
     "icp": {"alignment": {"method": "sim3+icp", "icp_points": 500_000, "icp_iterations": 5}},
-    "crop": {"preparation": {"crop_margin_m": 2.0}},
-    "voxels": {"preparation": {"voxel_m": 0.7}},
+    "box": {"preparation": {"crop": "box", "crop_margin_m": 2.0}},
+    "covered": {"preparation": {"crop": "covered", "crop_margin_m": 2.0}},
+    "observed": {"preparation": {"region": "observed"}},
+    "voxels": {"preparation": {"voxel_m": 0.7}, "scores": {"f1_below_m": (2.0, 10.0)}},
 }
 
 
@@ -465,7 +629,7 @@ def test_the_same_for_any_block_size_and_number_of_threads(variant: str) -> None
         assert run.counts == runs[0].counts
 
 
-@pytest.mark.parametrize("variant", ["sim3", "none", "crop", "voxels"])
+@pytest.mark.parametrize("variant", ["sim3", "none", "box", "covered", "observed", "voxels"])
 def test_the_same_for_any_order_of_points(variant: str) -> None:
     used, truth, points = rules(**VARIANTS[variant]), true_points("yard"), noisy()
     random = np.random.default_rng(1)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import BenchmarkError, PredictionError
+from airzoo_bench.errors import BenchmarkError, PredictionError, UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_points, finite_rows, take
@@ -154,3 +154,14 @@ def test_regions_have_their_borders() -> None:
     assert (joined.low.tolist(), joined.high.tolist()) == ([-1.0] * 3, [3.0, 2.5, 5.0])
     with pytest.raises(ValueError, match="no points"):
         bounding_box(np.zeros((0, 3)))
+
+
+def test_voxels_beyond_the_limit_are_refused() -> None:
+    points = np.random.default_rng(0).uniform(0, 10, (5000, 3))
+    occupied = len(voxel_downsample(Cloud(points), size=1.0, origin=np.zeros(3)))
+    grid = VoxelGrid(1.0, np.zeros(3), occupied)
+    for start in range(0, 5000, 300):
+        grid.add(Cloud(points[start : start + 300]))
+    assert len(grid.cloud()) == occupied
+    with pytest.raises(UsageError, match=f"more than {occupied:,} voxels of 1 m"):
+        grid.add(Cloud(np.full((1, 3), 50.0)))

@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from airzoo_bench.cli.breakdown import breakdown
-from airzoo_bench.cli.plot import plot
+from airzoo_bench.cli.plot import app as plot
 from airzoo_bench.cli.report import report
 from airzoo_bench.records import Scored
 from airzoo_bench.result import ScoreColumn
@@ -38,7 +38,7 @@ F1 = [
 app = typer.Typer()
 app.command("report")(report)
 app.command("breakdown")(breakdown)
-app.command("plot")(plot)
+app.add_typer(plot, name="plot")
 
 
 def run(*arguments: object) -> Result:

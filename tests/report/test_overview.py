@@ -78,15 +78,15 @@ def test_a_picture_without_intervals_says_why() -> None:
     said = texts_of(draw.intervals([reconstruction_method("a", 0)], HIT_OF_RECONSTRUCTION))
     assert "no interval: only 3 scenes" in said
     assert "bars" not in said
-    assert "bars: 95 % interval, BCa, 10000" in texts_of(
+    assert "bars: 95 % interval, MOVER over queries within scenes" in texts_of(
         draw.intervals([retrieval_method("a", 0)], HIT)
     )
 
 
 def test_who_has_no_interval_is_named() -> None:
     full, other = retrieval_method("full", 0), retrieval_method("other", 1)
-    full.records["recall@1"] = 1.0
-    said = texts_of(draw.intervals([full, other], HIT))
+    full.records["error_m"] = 1.0
+    said = texts_of(draw.intervals([full, other], ERROR))
     assert "no interval of full: all queries are alike" in said
 
 
@@ -199,7 +199,7 @@ def test_why_a_condition_has_no_intervals() -> None:
     said = texts_of(draw.condition([retrieval_method("a", 0, queries=6)], HIT, "weather"))
     assert "no intervals: each group has fewer than 5 queries" in said
     said = texts_of(draw.condition([retrieval_method("a", 0)], HIT, "weather"))
-    assert "whiskers: 95 % intervals, BCa" in said
+    assert "whiskers: 95 % intervals, Wilson over queries within each group" in said
 
 
 def test_marks_that_meet_take_turns() -> None:

@@ -85,13 +85,13 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path]]:
 
 
 def test_numbers_are_those_of_results_and_records(tmp_path: Path) -> None:
-    methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
+    methods = [retrieval_method("a", 1), retrieval_method("b", 0)]
     page = made_page(tmp_path, *write_methods(tmp_path, methods))
     [part] = page.sections
     assert [method["name"] for method in part["methods"]] == ["a", "b"]
     keys = [score["key"] for score in part["scores"]]
     for place, method in enumerate(methods):
-        assert part["averages"]["overall"][place] == json_value(
+        assert part["standings"]["overall"]["values"][place] == json_value(
             [method.result.overall[key] for key in keys]
         )
     assert page.unpack(part["queries"]["ids"]) == methods[0].records["query"].tolist()
@@ -118,7 +118,7 @@ def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
     from airzoo_bench.statistics.comparison import score_intervals
     from airzoo_bench.statistics.samples import Plan
 
-    methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
+    methods = [retrieval_method("a", 1), retrieval_method("b", 0)]
     [part] = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
     for place, method in enumerate(methods):
         found = score_intervals(method, method.result.columns[:1], Plan())
@@ -132,8 +132,8 @@ def test_other_protocols_are_parts_of_their_own_benchmark_by_benchmark(tmp_path:
     methods = [
         reconstruction_method("cloud", 0),
         of_benchmark(retrieval_method("x", 3, truth="x" * 64), "other"),
-        retrieval_method("a", 0),
-        retrieval_method("b", 1),
+        retrieval_method("b", 0),
+        retrieval_method("a", 1),
         retrieval_method("c", 2, truth="u" * 64),
         of_track(retrieval_method("pose", 4, truth="m" * 64), "matching"),
     ]
@@ -197,7 +197,9 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
 def test_intervals_are_called_what_they_are(tmp_path: Path) -> None:
     methods = [retrieval_method("a", 0)]
     note = made_page(tmp_path, *write_methods(tmp_path, methods)).sections[0]["intervals"]["note"]
-    assert note.startswith("95 % intervals of R@1, Median, BCa, 10000 resamples of queries within")
+    assert note.startswith(
+        "95 % intervals of R@1, Median, Wilson or MOVER over queries within scenes; BCa, 10000 "
+    )
     # Of a median that one query more makes infinite there is no BCa.
     errors = np.where(np.arange(40) % 4 < 2, np.inf, np.arange(40.0))
     records = methods[0].records.assign(error_m=errors)
@@ -225,14 +227,14 @@ def test_without_the_number_of_ranks_the_picture_of_recall_is_left_out(tmp_path:
 
 
 def test_methods_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
-    paths = write_methods(tmp_path, [retrieval_method("a", 0), retrieval_method("a", 1)])
+    paths = write_methods(tmp_path, [retrieval_method("a", 1), retrieval_method("a", 0)])
     names = [section.name for section in read_sections(paths)[0].methods]
     assert names == ["a (retrieval0)", "a (retrieval1)"]
 
 
 def test_paths_of_which_one_is_no_end_stand_whole(tmp_path: Path) -> None:
-    first = write_method(tmp_path / "x", retrieval_method("a", 0))
-    second = write_method(tmp_path / "x" / "y", retrieval_method("a", 1))
+    first = write_method(tmp_path / "x", retrieval_method("a", 1))
+    second = write_method(tmp_path / "x" / "y", retrieval_method("a", 0))
     names = [method.name for method in read_sections([first, second])[0].methods]
     assert names == [f"a ({first})", f"a ({second})"]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +15,23 @@ from pyproj import Transformer
 from rasterio.transform import Affine
 
 from airzoo_bench.errors import RasterError
+from airzoo_bench.geometry.frames import unwrapped
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.retrieval.gallery import cut_gallery, tile_starts
+from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
 from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
+from airzoo_bench.retrieval.valid_shares import valid_shares
 
 
 def gallery(sizes: tuple[int, ...] = (64, 32), gsd_m: float | str = "any") -> Gallery:
     return Gallery.model_validate(
-        {"tile_sizes_px": sizes, "overlap": 0.5, "gsd_m": gsd_m, "gsd_tolerance": 0.1}
+        {
+            "tile_sizes_px": sizes,
+            "overlap": 0.5,
+            "gsd_m": gsd_m,
+            "gsd_tolerance": 0.1,
+            "least_valid_share": 0.0,
+        }
     )
 
 
@@ -49,7 +59,9 @@ def test_tiles_cover_the_axis_and_stay_on_it(length: int, size: int, overlap: fl
     starts = tile_starts(length, size, overlap)
     assert starts[0] == 0
     assert (np.diff(starts) > 0).all()
-    assert (np.diff(starts) <= max(1, round(size * (1 - overlap)))).all()
+    stride = max(1, (Fraction(size) * (1 - Fraction(overlap)) + Fraction(1, 2)).__floor__())
+    assert (np.diff(starts)[:-1] == stride).all()
+    assert (np.diff(starts)[-1:] <= stride).all()
     assert starts[-1] + min(size, length) == length
 
 
@@ -93,3 +105,134 @@ def test_a_map_smaller_than_a_tile_is_one_tile(tmp_path: Path) -> None:
     path = write_map(tmp_path / "m.tif", "EPSG:32650", Affine(1, 0, 0, 0, -1, 10), 50, 20)
     tiles = cut_gallery(open_info(path), gallery((64,)), "s")
     assert tiles[["x", "y", "width", "height"]].to_numpy().tolist() == [[0, 0, 50, 20]]
+
+
+@pytest.mark.parametrize(("size", "stride"), [(201, 101), (203, 102), (16, 8), (17, 9)])
+def test_strides_of_odd_tiles_are_rounded_half_up(size: int, stride: int) -> None:
+    # Python's round goes to the even neighbour: 201 gave 100, 203 gave 102.
+    assert tile_starts(10_000, size, 0.5)[1] == stride
+
+
+def test_a_stride_is_at_least_a_pixel() -> None:
+    assert tile_starts(20, 16, 0.99).tolist() == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("crs", "transform"),
+    [
+        ("EPSG:4326", Affine(1e-4, 0, 179.995, 0, -1e-4, 10)),
+        ("EPSG:4326", Affine(1e-4, 0, -180.005, 0, -1e-4, 10)),
+        ("EPSG:32601", Affine(11, 0, 170_400, 0, -11, 1_107_000)),
+        ("EPSG:32760", Affine(11, 0, 816_800, 0, -11, 8_008_000)),
+        ("EPSG:3832", Affine(11, 0, 3_338_700, 0, -11, 1_000_000)),
+    ],
+)
+def test_boxes_across_the_180th_meridian_are_no_larger_than_their_tiles(
+    tmp_path: Path, crs: str, transform: Affine
+) -> None:
+    info = open_info(write_map(tmp_path / "m.tif", crs, transform))
+    tiles = cut_gallery(info, gallery((64,)), "s")
+    boxes = tiles[list(BOX_COLUMNS)].to_numpy(float)
+    assert (boxes[:, 0] <= boxes[:, 2]).all()
+    assert (boxes[:, 2] - boxes[:, 0]).max() < 0.01
+    assert np.ptp(boxes[:, [0, 2]]) < 0.02
+    across = (np.abs(boxes[:, 0]) < 180) != (np.abs(boxes[:, 2]) < 180)
+    assert across.any()
+    assert box_growth(info, tiles) < 0.04
+
+
+@pytest.mark.parametrize(
+    ("transform", "words"),
+    [
+        (Affine(100, 0, -7000, 0, -100, 6000), "holds a pole"),
+        (Affine(100, 0, -3200, 0, -100, 3200), "holds a pole"),
+    ],
+)
+def test_a_map_that_holds_a_pole_is_refused(tmp_path: Path, transform: Affine, words: str) -> None:
+    path = write_map(tmp_path / "m.tif", "EPSG:3413", transform)
+    with pytest.raises(RasterError, match=words):
+        cut_gallery(open_info(path), gallery(), "s")
+
+
+def test_a_map_beside_the_pole_is_cut_whatever_the_meridian(tmp_path: Path) -> None:
+    # 7 km from the pole, on the far side of the meridian that longitudes jump at.
+    for x, y in ((500, 22_000), (-15_500, 22_000), (500, -500), (-15_500, -500)):
+        path = write_map(tmp_path / "m.tif", "EPSG:3413", Affine(100, 0, x, 0, -100, y))
+        tiles = cut_gallery(open_info(path), gallery((32,)), "s")
+        boxes = tiles[list(BOX_COLUMNS)].to_numpy(float)
+        assert (boxes[:, 2] - boxes[:, 0]).max() < 95
+
+
+def test_a_map_beyond_the_earth_is_refused(tmp_path: Path) -> None:
+    path = write_map(tmp_path / "m.tif", "EPSG:4326", Affine(0.1, 0, 10, 0, -0.1, -84))
+    with pytest.raises(RasterError, match="not on the earth"):
+        cut_gallery(open_info(path), gallery(), "s")
+
+
+def test_boxes_of_a_turned_map_outgrow_its_tiles(tmp_path: Path) -> None:
+    turned = Affine.translation(500_000, 10_000) @ Affine.rotation(45) @ Affine.scale(1, -1)
+    info = open_info(write_map(tmp_path / "m.tif", "EPSG:32650", turned))
+    tiles = cut_gallery(info, gallery((64,)), "s")
+    # A square turned by 45 degrees has a box of twice its area; its own side stays 64 m.
+    assert box_growth(info, tiles) == pytest.approx(1, abs=0.01)
+    np.testing.assert_allclose(tiles["size_m"], 64 / 0.9996, atol=0.2)
+
+
+def masked_map(path: Path, valid: np.ndarray, how: str) -> Path:
+    height, width = valid.shape
+    transform = Affine(1, 0, 500_000, 0, -1, 3_000_000)
+    profile = {"driver": "GTiff", "dtype": "uint8", "crs": "EPSG:32650", "transform": transform}
+    count = {"nodata": 3, "alpha": 4, "mask": 3, "untagged": 3}[how]
+    if how == "nodata":
+        profile["nodata"] = 0
+    picture = np.where(valid, 200, 0).astype(np.uint8)
+    with (
+        rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True),
+        rasterio.open(path, "w", width=width, height=height, count=count, **profile) as raster,
+    ):
+        for band in range(1, 4):
+            raster.write(picture, band)
+        if how == "alpha":
+            raster.colorinterp = [*raster.colorinterp[:3], rasterio.enums.ColorInterp.alpha]
+            raster.write(np.where(valid, 255, 0).astype(np.uint8), 4)
+        if how == "mask":
+            raster.write_mask(valid)
+    return path
+
+
+@pytest.mark.parametrize("how", ["nodata", "alpha", "mask"])
+def test_shares_of_valid_pixels_are_counted_exactly(
+    tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("airzoo_bench.retrieval.valid_shares._SIDE_PX", 37)
+    valid = np.random.default_rng(0).random((100, 150)) < 0.3
+    valid[:40, :70] = False
+    path = masked_map(tmp_path / "m.tif", valid, how)
+    tiles = cut_gallery(open_info(path), gallery(), "s")
+    expected = [
+        valid[y : y + h, x : x + w].mean()
+        for x, y, w, h in tiles[["x", "y", "width", "height"]].to_numpy()
+    ]
+    np.testing.assert_array_equal(tiles["valid_share"], expected)
+    assert (tiles["valid_share"] == 0).sum() == 3
+
+
+def test_black_without_a_tag_is_a_picture(tmp_path: Path) -> None:
+    path = masked_map(tmp_path / "m.tif", np.zeros((100, 150), bool), "untagged")
+    assert valid_shares(path, np.array([[0, 0, 150, 100]])).tolist() == [1.0]
+
+
+@given(
+    lon=st.floats(-540, 540), about=st.floats(-200, 200), lat=st.floats(-90, 90) | st.just(math.nan)
+)
+def test_unwrapped_longitudes_are_the_same_places_near_by(
+    lon: float, about: float, lat: float
+) -> None:
+    moved, same = unwrapped([lon, lat], about)
+    assert abs(moved - about) <= 180 + 1e-9
+    assert math.isclose((moved - lon) % 360 % 360, 0, abs_tol=1e-9) or math.isclose(
+        (moved - lon) % 360, 360, abs_tol=1e-9
+    )
+    np.testing.assert_equal(same, lat)
+    if abs(lon - about) < 180:
+        assert moved == lon  # to the last bit

@@ -298,3 +298,29 @@ def test_wrong_shapes_are_refused():
         overlaps(np.zeros((1, 5, 2)), UNIT_BOX)
     with pytest.raises(ValueError, match="1 polygons for 0"):
         overlap_of(np.zeros((1, 4, 2)), UNIT_BOX, Positives(np.zeros(1, int), np.zeros(0, int)))
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        [1.0, 0, 0, 1],
+        [0, 1.0, 1, 0],
+        [np.nan, 0, 1, 1],
+        [0, 0, 1, np.nan],
+        [-np.inf, 0, 1, 1],
+        [0, 0, 1, np.inf],
+    ],
+    ids=["west of east", "south of north", "NaN", "NaN at last", "-infinity", "infinity"],
+)
+def test_boxes_that_are_none_are_refused_by_row(box):
+    boxes = np.array([[0.0, 0, 1, 1], box, [0, 0, 1, 1]])
+    corners = np.array([[[0, 0], [1, 0], [1, 1], [0, 1.0]]])
+    for call in (
+        lambda: positives_from_points(corners, boxes),
+        lambda: overlaps(corners, boxes),
+        lambda: positives_from_iou(corners, boxes, 0.1),
+    ):
+        with pytest.raises(BenchmarkError, match=r"without a valid extent: 1 of 3 \(1\)"):
+            call()
+    flat = np.array([[0.0, 0, 0, 1], [0, 0, 1, 0]])  # without area, but boxes
+    assert positives_from_points(corners, flat).tiles.tolist() == [0, 1]

@@ -48,6 +48,8 @@ def naive(scores, positives, k, depth):
         for tile in order[:depth]:
             run = positive[row == row[tile]]
             tied[query] |= run.any() and not run.all()
+        if n_tiles > 1 and (row == row[0]).all() and not positive.all():
+            tiles[query] = -1  # no ranking at all
     return tiles, tied
 
 
@@ -62,46 +64,109 @@ def assert_is(ranking, expected):
 
 def test_order_stands_without_scores():
     ranked = np.array([[3, 1, -1], [0, 2, 1]])
-    ranking = rank_by_ids(ranked, None, positives_of([3], []), 5)
+    ranking = rank_by_ids(ranked, None, positives_of([3], []), n_tiles=4, k=3, depth=5)
     assert_is(ranking, (ranked, np.array([False, False])))
 
 
 def test_ties_go_against_the_submitter():
     ranked = np.array([[3, 1, 2, 0]])
     scores = np.array([[1.0, 1, 1, 0.5]])
-    ranking = rank_by_ids(ranked, scores, positives_of([1, 3]), 1)
+    ranking = rank_by_ids(ranked, scores, positives_of([1, 3]), n_tiles=4, k=4, depth=1)
     assert_is(ranking, (np.array([[2, 1, 3, 0]]), np.array([True])))
     # The same scores as distances.
-    again = rank_by_ids(ranked, -scores, positives_of([1, 3]), 1)
+    again = rank_by_ids(ranked, -scores, positives_of([1, 3]), n_tiles=4, k=4, depth=1)
     assert again.tiles.tolist() == ranking.tiles.tolist()
 
 
 @pytest.mark.parametrize(("depth", "tied"), [(1, False), (2, True), (3, True)])
 def test_tie_counts_when_it_begins_before_the_depth(depth, tied):
-    ranked, scores = np.array([[5, 4, 3, 2]]), np.array([[9.0, 8, 8, 8]])
-    ranking = rank_by_ids(ranked, scores, positives_of([2]), depth)
-    assert ranking.tiles.tolist() == [[5, 3, 4, 2]]
+    ranked, scores = np.array([[5, 4, 3, 2, 1, 0]]), np.array([[9.0, 8, 8, 8, 7, 6]])
+    ranking = rank_by_ids(ranked, scores, positives_of([2]), n_tiles=6, k=6, depth=depth)
+    assert ranking.tiles.tolist() == [[5, 3, 4, 2, 1, 0]]
     assert ranking.tie_dependent.tolist() == [tied]
 
 
 def test_tie_of_one_kind_is_none():
-    ranked, scores = np.array([[5, 4], [5, 4]]), np.ones((2, 2))
-    ranking = rank_by_ids(ranked, scores, positives_of([], [4, 5]), 2)
-    assert ranking.tiles.tolist() == [[4, 5], [4, 5]]
+    ranked, scores = np.array([[1, 0, 2], [1, 0, 2]]), np.array([[1, 1, 0.0]] * 2)
+    ranking = rank_by_ids(ranked, scores, positives_of([], [0, 1]), n_tiles=3, k=3, depth=2)
+    assert ranking.tiles.tolist() == [[0, 1, 2], [0, 1, 2]]
     assert not ranking.tie_dependent.any()
 
 
 def test_missing_tiles_take_no_part():
-    ranked, scores = np.array([[5, 4, -1, -1]]), np.array([[1.0, 1, 1, np.nan]])
-    ranking = rank_by_ids(ranked, scores, positives_of([5]), 4)
-    assert ranking.tiles.tolist() == [[4, 5, -1, -1]]
+    ranked = np.array([[0, 5, 4, 1, -1, -1]])
+    scores = np.array([[2, 1.0, 1, 0.5, 0.5, np.nan]])
+    ranking = rank_by_ids(ranked, scores, positives_of([5]), n_tiles=6, k=6, depth=4)
+    assert ranking.tiles.tolist() == [[0, 4, 5, 1, -1, -1]]
 
 
 def test_infinite_scores_tie():
     ranking = rank_by_ids(
-        np.array([[5, 4, 1]]), np.array([[np.inf, np.inf, -np.inf]]), positives_of([5]), 3
+        np.array([[5, 4, 1]]),
+        np.array([[np.inf, np.inf, -np.inf]]),
+        positives_of([5]),
+        n_tiles=6,
+        k=3,
+        depth=3,
     )
     assert ranking.tiles.tolist() == [[4, 5, 1]]
+
+
+def completed(ranked, scores, positives, n_tiles):
+    """What the rule says of lists that end in a tie: the scores of all tiles, those left out too.
+
+    Positives that were left out are as good as not there: worse than everything.
+    """
+    whole = np.full((len(ranked), n_tiles), -np.inf)
+    for query, (tiles, row) in enumerate(zip(ranked, scores, strict=True)):
+        if len(tiles) > 1 and row[-1] == row[-2]:
+            whole[query] = row[-1]
+            whole[query, positives.of(query)] = -np.inf
+        whole[query, tiles] = row
+    return whole
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n_tiles=st.integers(2, 14),
+    listed=st.integers(1, 14),
+    k=st.integers(1, 14),
+    falling=st.booleans(),
+)
+def test_a_tie_at_the_end_of_a_list_takes_in_what_was_left_out(seed, n_tiles, listed, k, falling):
+    rng = np.random.default_rng(seed)
+    listed = min(listed, n_tiles)
+    positives = random_positives(rng, 4, n_tiles)
+    ranked = np.stack([rng.permutation(n_tiles)[:listed] for _ in range(4)])
+    scores = -np.sort(rng.integers(0, 3, ranked.shape), axis=1).astype(float)
+    given_scores = scores if falling else -scores
+    found = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=k, depth=1)
+    for query, row in enumerate(completed(ranked, scores, positives, n_tiles)):
+        positive = np.isin(np.arange(n_tiles), positives.of(query))
+        order = np.lexsort((np.arange(n_tiles), positive, -row))
+        order = order[row[order] > -np.inf]
+        expected = [*order[:k], *[-1] * k][:k]
+        tied_throughout = (scores[query] == scores[query, 0]).all() and listed > 1
+        if tied_throughout and not positive.all():
+            expected = [-1] * k
+        assert found.tiles[query].tolist() == expected
+
+
+def test_a_constant_list_is_no_ranking_however_long_it_is():
+    # Tile 0 answers, and stands first; every list says the same of all that it names.
+    for listed in (2, 5, 100, 299, 300):
+        ranked, scores = np.arange(listed)[None], np.full((1, listed), 0.7)
+        found = rank_by_ids(ranked, scores, positives_of([0]), n_tiles=300, k=100, depth=5)
+        assert (found.tiles == -1).all()
+        assert found.tie_dependent.tolist() == [True]
+
+
+def test_a_tie_with_a_positive_that_was_left_out_counts_as_one():
+    ranked, scores = np.array([[4, 1, 2]]), np.array([[2.0, 1, 1]])
+    for positives, tied in (([0], True), ([1], True), ([4], False), ([0, 1, 2, 3, 5], False)):
+        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, depth=5)
+        assert found.tie_dependent.tolist() == [tied]
 
 
 @settings(max_examples=100, deadline=None)
@@ -112,7 +177,7 @@ def test_ranked_ids_agree_with_a_plain_sort(seed, n_tiles, depth, distances):
     positives = random_positives(rng, 3, n_tiles)
     ranked = np.argsort(-scores + rng.random(scores.shape) / 2, axis=1)
     given_scores = np.take_along_axis(scores, ranked, axis=1) * (-1 if distances else 1)
-    ranking = rank_by_ids(ranked, given_scores, positives, depth)
+    ranking = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=n_tiles, depth=depth)
     assert_is(ranking, naive(scores, positives, n_tiles, depth))
 
 
@@ -130,14 +195,24 @@ def test_ranked_ids_agree_with_a_plain_sort(seed, n_tiles, depth, distances):
 def test_bad_rankings_are_refused_by_name(ranked, scores, fault):
     scores = None if scores is None else np.array(scores, float)
     with pytest.raises(PredictionError, match=fault):
-        rank_by_ids(np.array(ranked), scores, positives_of([], []), 5, names=["a", "b"])
+        rank_by_ids(
+            np.array(ranked),
+            scores,
+            positives_of([], []),
+            n_tiles=3,
+            k=3,
+            depth=5,
+            names=["a", "b"],
+        )
 
 
 def test_rankings_that_do_not_fit_are_bugs():
     with pytest.raises(ValueError, match="2 queries"):
-        rank_by_ids(np.zeros((1, 3), int), None, positives_of([], []), 5)
+        rank_by_ids(np.zeros((1, 3), int), None, positives_of([], []), n_tiles=3, k=3, depth=5)
     with pytest.raises(ValueError, match="scores"):
-        rank_by_ids(np.zeros((1, 1), int), np.zeros((1, 2)), positives_of([]), 5)
+        rank_by_ids(
+            np.zeros((1, 1), int), np.zeros((1, 2)), positives_of([]), n_tiles=3, k=3, depth=5
+        )
 
 
 # Descriptors
@@ -198,12 +273,95 @@ def test_constant_scorer_scores_nothing(metric, memory_bytes):
         depth=5,
         memory_bytes=memory_bytes,
     )
-    assert ranking.tiles.tolist() == [list(range(2, 12)), list(range(10)), list(range(10))]
+    assert (ranking.tiles == -1).all()
     assert ranking.tie_dependent.tolist() == [True, True, False]
 
 
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("n_tiles", [2, 40, 900])  # kept; kept; a crowd
+def test_multiples_of_one_vector_tie_under_cosine(dtype, n_tiles):
+    rng = np.random.default_rng(3)
+    gallery = np.outer(rng.uniform(0.1, 9, n_tiles), rng.standard_normal(64)).astype(dtype)
+    ranking = rank_by_descriptors(
+        rng.standard_normal((5, 64)).astype(dtype),
+        gallery,
+        k=min(100, n_tiles),
+        metric="cosine",
+        positives=positives_of(*[[int(tile)] for tile in rng.integers(0, n_tiles, 5)]),
+        depth=5,
+    )
+    assert (ranking.tiles == -1).all()
+    assert ranking.tie_dependent.all()
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("n_tiles", [40, 900])
+@pytest.mark.parametrize("memory_bytes", [1 << 14, 1 << 30])
+def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes):
+    """Mathematically alike for every query, in floating point not: half of the gallery."""
+    rng = np.random.default_rng(4)
+    base = rng.standard_normal(96)
+    queries = np.full((3, 96), 0.1)
+    gallery = np.stack([rng.permutation(base) for _ in range(n_tiles)])  # one sum, many orders
+    if metric == "cosine":
+        gallery *= rng.uniform(0.5, 2, (n_tiles, 1))
+    gallery[::2] = -5  # farther, by any metric
+    plain = similarities(queries, gallery, metric)[0, 1::2]
+    assert len(np.unique(plain)) > 1
+    last = n_tiles - 1
+    positives = positives_of([1], [last], [1, 3, last])
+    found = rank_by_descriptors(
+        queries,
+        gallery,
+        k=10,
+        metric=metric,
+        positives=positives,
+        depth=5,
+        memory_bytes=memory_bytes,
+    )
+    others = [
+        [tile for tile in range(1, n_tiles, 2) if tile not in positives.of(query)][:10]
+        for query in range(3)
+    ]
+    assert found.tiles.tolist() == others
+    assert found.tie_dependent.all()
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("n_tiles", [2, 40, 900])
+@pytest.mark.parametrize("memory_bytes", [1 << 14, 1 << 30])
+def test_a_gallery_that_rounding_alone_tells_apart_is_no_ranking(metric, n_tiles, memory_bytes):
+    base = np.random.default_rng(5).standard_normal(96)
+    gallery = np.stack([np.random.default_rng(i).permutation(base) for i in range(n_tiles)])
+    found = rank_by_descriptors(
+        np.full((2, 96), 0.1),
+        gallery,
+        k=10,
+        metric=metric,
+        positives=positives_of([0], []),
+        depth=5,
+        memory_bytes=memory_bytes,
+    )
+    assert (found.tiles == -1).all()
+    assert found.tie_dependent.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_where_every_tile_answers_a_constant_scorer_is_right(metric):
+    found = rank_by_descriptors(
+        np.ones((1, 4)),
+        np.ones((3, 4)),
+        k=5,
+        metric=metric,
+        positives=positives_of([0, 1, 2]),
+        depth=5,
+    )
+    assert_is(found, (np.array([[0, 1, 2, -1, -1]]), np.array([False])))
+
+
 def test_positive_beyond_k_makes_the_tie_count():
-    gallery = np.ones((50, 2), np.float32)
+    gallery = np.ones((51, 2), np.float32)
+    gallery[50] = 2
     positives, queries = positives_of([49]), np.ones((1, 2))
     ranking = rank_by_descriptors(queries, gallery, k=3, metric="l2", positives=positives, depth=3)
     assert_is(ranking, (np.array([[0, 1, 2]]), np.array([True])))
@@ -212,7 +370,7 @@ def test_positive_beyond_k_makes_the_tie_count():
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("n_tiles", [80, 500])  # few enough to be kept; a crowd
 @pytest.mark.parametrize("memory_bytes", [1 << 13, 1 << 30])
-@pytest.mark.parametrize("apart", [1e-9, 3e-8])
+@pytest.mark.parametrize("apart", [1e-8, 3e-8])
 def test_order_below_the_resolution_of_float32(metric, n_tiles, memory_bytes, apart):
     rng = np.random.default_rng(4)
     base = rng.standard_normal(40)
@@ -364,24 +522,26 @@ def test_descriptors_that_are_not_finite_are_refused_by_name(value, metric, tmp_
     good, bad = np.ones((10, 4), np.float32), np.ones((10, 4), np.float32)
     bad[[1, 4, 5, 9], 2] = value
     names = [f"city/{i}" for i in range(10)]
-    with pytest.raises(PredictionError, match=r"4 \(first 3: city/1, city/4, city/5\)") as caught:
+    with pytest.raises(
+        PredictionError, match=r"4 of 10 \(first 3: city/1, city/4, city/5\)"
+    ) as caught:
         run(bad, good, metric, names=names)
-    assert caught.value.where == "query_descriptors"
+    assert caught.value.where == "field 'query_descriptors'"
     np.save(tmp_path / "bad.npy", bad)
     for gallery in (bad, np.load(tmp_path / "bad.npy", mmap_mode="r")):
         for memory_bytes in (1 << 7, 1 << 30):
             with pytest.raises(
-                PredictionError, match=r"4 \(first 3: row 1, row 4, row 5\)"
+                PredictionError, match=r"4 of 10 \(first 3: row 1, row 4, row 5\)"
             ) as caught:
                 run(good, gallery, metric, names=names, memory_bytes=memory_bytes)
-            assert caught.value.where == "gallery_descriptors"
+            assert caught.value.where == "field 'gallery_descriptors'"
 
 
 def test_zero_has_no_cosine():
     good, bad = np.ones((3, 4)), np.ones((3, 4))
     bad[1] = 0
     for queries, gallery in ((good, bad), (bad, good)):
-        with pytest.raises(PredictionError, match=r"zero: 1 \(row 1\)"):
+        with pytest.raises(PredictionError, match=r"zero: 1 of 3 \(row 1\)"):
             run(queries, gallery, "cosine")
         run(queries, gallery, "l2")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.retrieval.ranking import Ranking
+from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.track import score_scene
 from tests.support import MadeScene, made_protocol, made_truth
 

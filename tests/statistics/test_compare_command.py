@@ -90,7 +90,9 @@ def test_intervals_of_one(files: list[Path], compare: Callable[..., str]) -> Non
     ]
     for row, (*_, beside, _) in zip(table["rows"], table["uncertainties"], strict=True):
         assert beside["low"] < row[2] < beside["high"]
-        assert row[3] == "percentile"
+        scene, score = row[:2]
+        of_shares = "MOVER" if scene == "Average" else "Wilson"
+        assert row[3] == (of_shares if score == "R@1 [%]" else "percentile")
 
 
 def test_intervals_of_one_scene(files: list[Path], compare: Callable[..., str]) -> None:
@@ -98,6 +100,12 @@ def test_intervals_of_one_scene(files: list[Path], compare: Callable[..., str]) 
     east = json.loads(compare(files[0], "--scene", "East", "-f", "json"))
     assert east["rows"] == every["rows"][:2]
     assert east["uncertainties"] == every["uncertainties"][:2]
+
+
+def test_one_scene_is_said_once(tmp_path: Path, compare: Callable[..., str]) -> None:
+    (method,) = random_methods(1, {"east": 30}, (HIT, ERROR))
+    table = json.loads(compare(write_method(tmp_path / "one", method), "-f", "json"))
+    assert [row[:2] for row in table["rows"]] == [["East", "R@1 [%]"], ["East", "Median [m]"]]
 
 
 def test_every_score(files: list[Path], compare: Callable[..., str]) -> None:

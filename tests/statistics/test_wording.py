@@ -54,9 +54,12 @@ def test_a_board_names_the_kinds_that_it_shows() -> None:
     method = made_method(scenes, (HIT, ERROR))
     board = board_of([method.result])
     for shown, kinds in (
-        (["east"], "BCa"),
-        (["west"], "BCa or percentile"),
-        (["east", "west", OVERALL], "BCa or percentile"),
+        (["east"], "Wilson over queries within scenes; BCa"),
+        (["west"], "Wilson over queries within scenes; percentile"),
+        (
+            ["east", "west", OVERALL],
+            "Wilson or MOVER over queries within scenes; BCa or percentile",
+        ),
     ):
         note = with_intervals(board, [method], Plan(500), shown).notes[0]
         assert f"95 % intervals, {kinds}, 500 resamples of queries within scenes" in note

@@ -310,7 +310,7 @@ def test_intervals(
     shown = json.loads(capsys.readouterr().out)
     place = [column.get("group") for column in shown["columns"]].index("Scene east")
     low, high = (shown["uncertainties"][0][place][key] for key in ("low", "high"))
-    assert 0 < low < shown["rows"][0][place] < high == 100
+    assert 0 < low < shown["rows"][0][place] < high < 100
     assert any(note.startswith("in square brackets: 95 % intervals") for note in shown["notes"])
     # Of one result, a row a scene.
     assert run_main("table", tmp_path / "out", "--intervals", "--format", "json") == 0
@@ -323,5 +323,5 @@ def test_intervals(
     assert run_main("table", tmp_path / "out", "--intervals", *LATEX) == 0
     lines = capsys.readouterr().out.splitlines()
     (legend,) = [line for line in lines if "footnotesize" in line]
-    assert "in square brackets: 95 \\% intervals, BCa" in legend.replace(r"\\ ", "")
+    assert "in square brackets: 95 \\% intervals, Wilson or MOVER" in legend.replace(r"\\ ", "")
     assert "no interval for Pooled" in legend.replace(r"\\ ", "")

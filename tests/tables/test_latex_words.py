@@ -27,8 +27,8 @@ def table(**parts: object) -> Table:
 def test_a_comment_stays_one_line(standalone: bool) -> None:
     made = table(title=BREAK, notes=(BREAK,))
     lines = latex(made, LatexStyle(standalone=standalone)).splitlines()
-    assert lines[:2] == [f"% {SHOWN}"] * 2
-    assert not any("undefined" in line for line in lines[2:])
+    assert lines[1:3] == [f"% {SHOWN}"] * 2
+    assert not any("undefined" in line for line in lines[3:])
 
 
 def test_lines_break_nothing_on_a_page(tmp_path: Path) -> None:

@@ -95,3 +95,62 @@ def test_what_is_published_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "nothing is published on lake (retrieval), but on " in out
     assert "airzoo-real" in out
     assert "lake," not in out
+
+
+class TestOneRow:
+    """Results of several tracks that are renamed to one method."""
+
+    OURS = ("--rename", "SIFT and VLAD=Ours", "--rename", "SIFT=Ours")
+
+    @pytest.fixture
+    def tracks(self, tmp_path: Path) -> list[Path]:
+        paths = []
+        for name, benchmark in {"SIFT and VLAD": "a", "SIFT": "b", "Other": "b"}.items():
+            one = made(name, {"City": {"recall@1": 0.5}, "Rural": {"recall@1": 0.25}})
+            truth = one.truth.model_copy(update={"benchmark": benchmark})
+            protocol = one.protocol.model_copy(update={"name": f"{benchmark}-protocol"})
+            changes = {"truth": truth, "protocol": protocol}
+            paths.append(tmp_path / f"{name}.json")
+            write_result(paths[-1], one.model_copy(update=changes).sealed())
+        return paths
+
+    @pytest.mark.parametrize("form", FORMATS)
+    def test_they_share_one(
+        self, form: str, tracks: list[Path], capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert run_main("table", *tracks, *self.OURS, "--format", form) == 0
+        out = capsys.readouterr().out
+        assert "SIFT" not in out
+        # A note names the method too.
+        rows = [line for line in out.splitlines() if line.strip(' |"<tdr>').startswith("Ours")]
+        rows = [line for line in rows if "A note" not in line and "note." not in line]
+        assert len(rows) == 1 or form in ("html", "json")
+        if form == "csv":
+            assert rows == ["Ours,37.50,37.50"]
+        if form == "json":
+            assert out.count('"Ours"') == 1
+
+    def test_marks_citations_and_gains_stay(
+        self, tracks: list[Path], capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        options = ("--highlight", "SIFT", "--baseline", "Other", "--cite", "SIFT=a")
+        options += ("--cite", "SIFT and VLAD=b", "--format", "latex")
+        assert run_main("table", *tracks, *self.OURS, *options) == 0
+        out = capsys.readouterr().out
+        assert r"\rowcolor{yellow!25}" + "\n" + r"Ours~\cite{b,a}" in out
+        assert "{(0.00)}" in out or "(0.00)" in out or "(+0.00)" in out
+
+    def test_an_existing_name_is_joined(
+        self, tracks: list[Path], capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        options = ("--rename", "SIFT and VLAD=SIFT", "--format", "csv")
+        assert run_main("table", *tracks, *options) == 0
+        rows = capsys.readouterr().out.splitlines()
+        assert rows[1:] == ["SIFT,37.50,37.50", "Other,–,37.50"]
+
+    def test_two_numbers_do_not_fit_one_cell(
+        self, tracks: list[Path], capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert run_main("table", *tracks, *self.OURS, "--rename", "Other=Ours") == 2
+        message = capsys.readouterr().err
+        assert "--rename: 2 rows that would become one, 'Ours', have b, R@1" in message

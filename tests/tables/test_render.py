@@ -103,10 +103,10 @@ def test_latex_takes_no_cell_for_an_argument_of_the_line_before(name: str, start
 
 def test_latex_comments_stay_on_their_line() -> None:
     lines = render(named("50 %\n\\immediate\\write18{x}"), "latex").splitlines()
-    assert lines[0] == r"% 50 % \immediate\write18{x}"
-    assert lines[1].startswith("% 50 % ")
-    assert lines[2].startswith("% about ")
-    assert lines[3].startswith(r"\begin{tabular}")
+    assert lines[1] == r"% 50 % \immediate\write18{x}"
+    assert lines[2].startswith("% 50 % ")
+    assert lines[3].startswith("% about ")
+    assert lines[4].startswith(r"\begin{tabular}")
 
 
 class Cells(html.parser.HTMLParser):

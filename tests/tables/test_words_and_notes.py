@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from airzoo_bench.records import Scored
 from airzoo_bench.statistics.board_intervals import with_intervals
@@ -17,8 +20,8 @@ from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.tables.entries import OVERALL, board_of
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.marks import add_gains
-from airzoo_bench.tables.model import Cell, Column, Row, Table
-from airzoo_bench.tables.render import render
+from airzoo_bench.tables.model import Cell, Column, Row, Table, show_number
+from airzoo_bench.tables.render import FORMATS, render
 from tests.support import run_main
 from tests.tables.test_command import files, show
 from tests.tables.typeset import typeset, words
@@ -188,8 +191,13 @@ ALIKE = "all queries are alike: resamples cannot differ"
     ("one", "two", "shown", "expected"),
     [
         ((MIXED, MIXED), (MIXED, MIXED), (OVERALL,), [f"the average (Distance): {ALIKE}"]),
-        ((MIXED, SAME), (MIXED, MIXED), ("b",), [f"Bay (one; two: Distance): {ALIKE}"]),
-        ((SAME, SAME), (SAME, SAME), ("a", "b", OVERALL), [f"Alp, Bay, the average: {ALIKE}"]),
+        ((MIXED, SAME), (MIXED, MIXED), ("b",), [f"Bay (Distance): {ALIKE}"]),
+        (
+            (SAME, SAME),
+            (SAME, SAME),
+            ("a", "b", OVERALL),
+            [f"Alp, Bay, the average (Distance): {ALIKE}"],
+        ),
         (
             (MIXED, MIXED[:3]),
             (MIXED, MIXED[:3]),
@@ -229,3 +237,45 @@ def test_a_number_that_is_too_small_has_no_gain() -> None:
     rows = tuple(Row((Cell(name), Cell(v, least=0.1))) for name, v in (("a", 0.01), ("b", 0.5)))
     made = add_gains(Table("T", (Column("M"), Column("p", "", False)), rows), {1: 0, 0: 1})
     assert [row.cells[1].gain for row in made.rows] == [None, None]
+
+
+class TestLargeNumbers:
+    @pytest.mark.parametrize(
+        ("value", "shown"),
+        [
+            (1e200, "1.00e+200"),
+            (-1e200, "-1.00e+200"),
+            (12546.333, "12546.33"),
+            (999999999.0, "999999999.00"),
+            (1e9, "1.00e+09"),
+            (math.inf, "inf"),
+            (-0.001, "0.00"),
+        ],
+    )
+    def test_their_width_is_bounded(self, value: float, shown: str) -> None:
+        assert show_number(value, 2) == shown
+
+    @given(st.floats(-1e300, 1e300) | st.sampled_from([math.inf, -math.inf]), st.integers(0, 6))
+    def test_no_number_is_wide(self, value: float, decimals: int) -> None:
+        text = show_number(value, decimals)
+        assert len(text) <= len("-1000000000.") + decimals
+        if math.isfinite(value):
+            assert float(text) == pytest.approx(value, rel=0.5, abs=0.51)
+
+    @pytest.mark.parametrize("form", FORMATS)
+    def test_in_every_format(self, form: str) -> None:
+        rows = (Row((Cell("a"), Cell(1e200, gain=-9e199))), Row((Cell("b"), Cell(2.0))))
+        table = Table("T", (Column("Method"), Column("Error", "m", False)), rows)
+        styles = [LatexStyle(siunitx) for siunitx in (False, True)]
+        for style in styles:
+            text = render(table, form, style=style)
+            assert "000000" not in text
+            assert "e+200" in text
+            assert "'" not in text
+
+    def test_on_a_page(self, tmp_path: Path) -> None:
+        rows = (Row((Cell("a"), Cell(1e200, gain=-9e199))), Row((Cell("b"), Cell(2.0))))
+        table = Table("T", (Column("Method"), Column("Error", "m", False)), rows)
+        for siunitx in (False, True):
+            page = typeset(latex(table, LatexStyle(siunitx, standalone=True)), tmp_path)
+            assert "1.00e+200" in page

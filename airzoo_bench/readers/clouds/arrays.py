@@ -23,6 +23,7 @@ from airzoo_bench.readers.clouds.source import (
     as_confidence,
     fault,
     read_block,
+    uncounted,
 )
 from airzoo_bench.reconstruction.clouds import Cloud
 
@@ -42,8 +43,8 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
     ----------
     path : Path
     limit_bytes : int
-        The most that one array may take in memory; points that `numpy.savez` wrote are mapped and
-        may be larger.
+        The most that the arrays may take in memory together; points that
+        `numpy.savez` wrote are mapped and may be larger.
 
     Raises
     ------
@@ -104,10 +105,12 @@ def open_npy(path: Path) -> FileCloud:
             expected="points (N, 3), numbers of at most 64 bits",
             mend="np.save(file, np.ascontiguousarray(points, dtype=np.float64))",
         )
-    if math.prod(shape) * dtype.itemsize > path.stat().st_size - start:
+    left = path.stat().st_size - start - math.prod(shape) * dtype.itemsize
+    if left < 0:
         raise fault(path, f"ends before its {shape[0]:,} points do", mend=MEND_COPY)
     read = partial(_stream, path, dtype, start, shape[0])
-    return FileCloud(path, "npy", shape[0], read, dtype)
+    notes = uncounted(left, "bytes", shape[0])
+    return FileCloud(path, "npy", shape[0], read, dtype, notes)
 
 
 def _optional(arrays: Arrays, names: tuple[str, str], width: int) -> NDArray[Any] | None:

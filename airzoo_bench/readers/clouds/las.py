@@ -19,13 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.readers.clouds.laz import open_decompressor
+from airzoo_bench.readers.clouds.laz import beyond_count, open_decompressor
 from airzoo_bench.readers.clouds.source import (
     MEND_COPY,
     FileCloud,
     columns_to_points,
     fault,
     read_block,
+    uncounted,
 )
 from airzoo_bench.reconstruction.clouds import Cloud
 
@@ -51,8 +52,8 @@ class LasHeader:
         0 to 10.
     record_bytes : int
     count : int
-    start : int
-        Where the points begin.
+    start, end : int
+        Where the points begin, and where in the file something else may follow them.
     scale, offset : (3,) float64
         World coordinate = integer * scale + offset.
     laszip : bytes or None
@@ -65,6 +66,7 @@ class LasHeader:
     record_bytes: int
     count: int
     start: int
+    end: int
     scale: Floats
     offset: Floats
     laszip: bytes | None
@@ -96,7 +98,8 @@ def open_las(path: Path) -> FileCloud:
     kind = "LAZ" if header.compressed else "LAS"
     shift = _colour_shift(path, header)
     read = partial(_read, path, header, shift)
-    return FileCloud(path, kind, header.count, read, np.dtype(np.float64))
+    notes = _more_than_promised(path, header)
+    return FileCloud(path, kind, header.count, read, np.dtype(np.float64), notes)
 
 
 def read_header(path: Path) -> LasHeader:
@@ -127,12 +130,35 @@ def read_header(path: Path) -> LasHeader:
         record_bytes,
         count,
         start,
+        _end_of_points(raw, version, start, size),
         numbers[:3],
         numbers[3:],
         laszip,
     )
     _check_body(path, header, size)
     return header
+
+
+def _end_of_points(raw: bytes, version: tuple[int, int], start: int, size: int) -> int:
+    """Return where waveforms or extended records begin, else the end of the file."""
+    places = {(1, 3): 227, (1, 4): 235}
+    marks = [
+        struct.unpack_from("<Q", raw, place)[0]
+        for since, place in places.items()
+        if version >= since and len(raw) >= place + 8
+    ]
+    return min((mark for mark in marks if start < mark < size), default=size)
+
+
+def _more_than_promised(path: Path, header: LasHeader) -> tuple[str, ...]:
+    if not header.compressed:
+        left = header.end - header.start - header.count * header.record_bytes
+        return uncounted(left if left >= header.record_bytes else 0, "bytes", header.count)
+    with path.open("rb") as stream:
+        stream.seek(header.start)
+        laszip = header.laszip or b""
+        left, what = beyond_count(path, stream, laszip, header.record_bytes, header.count)
+    return uncounted(left, what, header.count)
 
 
 def _check_header(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from airzoo_bench.errors import PredictionError
 from airzoo_bench.readers.clouds.source import MEND_COPY, fault
 
-__all__ = ["LazBody", "open_decompressor"]
+__all__ = ["LazBody", "beyond_count", "open_decompressor"]
 
 _CHUNKED = (2, 3)
 _LAYERED = 3
@@ -23,6 +24,10 @@ _ITEM_BYTES = 6
 _MOST_CHUNK_BYTES = 1 << 29
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _EXTRA_BYTES_ITEM = 14
+_DRIP = 64
+_END_OF_CODE = 16  # bytes that an encoder may write behind the last point
+_BLOCK_POINTS = 50_000
+_DAMAGE = (lazrs.LazrsError, OSError, ValueError, OverflowError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,18 +76,108 @@ def open_decompressor(
         Its tables do not fit the file, or the compression is not a known one.
     """
     start = stream.tell()
-    _check_items(path, laszip, record_bytes)
     try:
-        vlr = lazrs.LazVlr(laszip)
-        _check_chunk_count(path, stream, vlr, start, count)
-        stream.seek(start)
-        chunks = lazrs.read_chunk_table(stream, vlr)
-        _check_chunks(path, stream, laszip, chunks, start, record_bytes, count)
+        _checked_chunks(path, stream, laszip, start, record_bytes, count)
         stream.seek(start)
         decompressor = lazrs.ParLasZipDecompressor(stream, laszip)
-    except (lazrs.LazrsError, OSError, ValueError, OverflowError) as error:
+    except _DAMAGE as error:
         raise _damaged(path, str(error)) from error
     return LazBody(path, decompressor, record_bytes)
+
+
+def beyond_count(
+    path: Path, stream: IO[bytes], laszip: bytes, record_bytes: int, count: int
+) -> tuple[int, str]:
+    """Return how much the compressed points hold beyond those that the header counts, and of what.
+
+    Layered chunks say how many points they hold. Of others the last is decoded: what it did not
+    take of its bytes are further points.
+
+    Parameters
+    ----------
+    path, stream, laszip, record_bytes, count
+        As of `open_decompressor`.
+
+    Returns
+    -------
+    left : int
+        At most 0 where there is nothing.
+    what : str
+        ``"points"`` or ``"compressed bytes"``.
+
+    Raises
+    ------
+    PredictionError
+        As of `open_decompressor`.
+    """
+    start = stream.tell()
+    try:
+        chunks = _checked_chunks(path, stream, laszip, start, record_bytes, count)
+        if not chunks:
+            return 0, "points"
+        if struct.unpack_from("<H", laszip)[0] == _LAYERED:
+            return _layered_points(stream, chunks, start + 8, record_bytes) - count, "points"
+        left = _left_in_last_chunk(path, laszip, chunks, start, record_bytes, count)
+    except _DAMAGE as error:
+        raise _damaged(path, str(error)) from error
+    return left if left > _END_OF_CODE else 0, "compressed bytes"
+
+
+class _Dripping(io.FileIO):
+    """A file that gives few bytes at a time, so that its place shows what a decoder took."""
+
+    def readinto(self, buffer: Any, /) -> int:
+        return super().readinto(memoryview(buffer)[:_DRIP]) or 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        return super().read(_DRIP if size is None or size < 0 else min(size, _DRIP)) or b""
+
+
+def _left_in_last_chunk(
+    path: Path,
+    laszip: bytes,
+    chunks: list[tuple[int, int]],
+    start: int,
+    record_bytes: int,
+    count: int,
+) -> int:
+    end = start + 8 + sum(held for _, held in chunks)
+    first = sum(points for points, _ in chunks[:-1])
+    if not 0 <= first < count:
+        return 0
+    with _Dripping(path) as stream:
+        stream.seek(start)
+        decompressor = lazrs.LasZipDecompressor(stream, laszip)
+        decompressor.seek(first)
+        for done in range(first, count, _BLOCK_POINTS):
+            points = min(_BLOCK_POINTS, count - done)
+            decompressor.decompress_many(np.empty(points * record_bytes, np.uint8))
+        return end - stream.tell()
+
+
+def _layered_points(
+    stream: IO[bytes], chunks: list[tuple[int, int]], start: int, record_bytes: int
+) -> int:
+    total = 0
+    for _, held in chunks:
+        stream.seek(start + record_bytes)
+        total += int.from_bytes(stream.read(4), "little")
+        start += held
+    return total
+
+
+def _checked_chunks(
+    path: Path, stream: IO[bytes], laszip: bytes, start: int, record_bytes: int, count: int
+) -> list[tuple[int, int]]:
+    """Points and bytes of each chunk, once they have been held to the file."""
+    _check_items(path, laszip, record_bytes)
+    vlr = lazrs.LazVlr(laszip)
+    stream.seek(start)
+    _check_chunk_count(path, stream, vlr, start, count)
+    stream.seek(start)
+    chunks: list[tuple[int, int]] = lazrs.read_chunk_table(stream, vlr)
+    _check_chunks(path, stream, laszip, chunks, start, record_bytes, count)
+    return chunks
 
 
 def _items(laszip: bytes) -> list[tuple[int, int]]:

@@ -20,8 +20,9 @@ from airzoo_bench.readers.clouds.source import (
     columns_to_points,
     fault,
     read_block,
+    uncounted,
 )
-from airzoo_bench.readers.clouds.text_rows import opened_text, parse_rows, shown
+from airzoo_bench.readers.clouds.text_rows import lines_beyond, opened_text, parse_rows, shown
 from airzoo_bench.reconstruction.clouds import Cloud
 
 __all__ = ["open_pcd"]
@@ -92,7 +93,16 @@ def open_pcd(path: Path, limit_bytes: int) -> FileCloud:
     else:
         _refuse_short(path, header)
         read = partial(readers[header.data], path, header)
-    return FileCloud(path, f"PCD ({header.data})", header.points, read, precision)
+    notes = uncounted(*_beyond(path, header), header.points)
+    return FileCloud(path, f"PCD ({header.data})", header.points, read, precision, notes)
+
+
+def _beyond(path: Path, header: _Header) -> tuple[int, str]:
+    """Return what follows the points that the header counts; a compressed body has a size."""
+    if header.data == "ascii":
+        return lines_beyond(path, header.size, header.points), "lines"
+    end = header.size + header.points * header.record.itemsize
+    return (path.stat().st_size - end if header.data == "binary" else 0), "bytes"
 
 
 def _read_header(path: Path) -> _Header:

@@ -23,8 +23,9 @@ from airzoo_bench.readers.clouds.source import (
     columns_to_points,
     fault,
     read_block,
+    uncounted,
 )
-from airzoo_bench.readers.clouds.text_rows import opened_text, parse_rows
+from airzoo_bench.readers.clouds.text_rows import lines_beyond, opened_text, parse_rows
 from airzoo_bench.reconstruction.clouds import Cloud
 
 __all__ = ["open_ply"]
@@ -74,6 +75,10 @@ def _open_vertices(path: Path, header: PlyHeader, vertex: Element) -> FileCloud:
     if not header.order:
         _refuse_short_text(path, header)
         read = partial(_read_text, path, header, vertex)
+        if vertex is header.elements[-1]:
+            rows = sum(one.count for one in header.elements)
+            left = lines_beyond(path, header.size, rows)
+            notes += uncounted(left, "lines", vertex.count)
         return FileCloud(path, "PLY (text)", vertex.count, read, precision, notes)
     start = _start_of(path, header, vertex)
     record = vertex.record(header.order)
@@ -86,12 +91,8 @@ def _open_vertices(path: Path, header: PlyHeader, vertex: Element) -> FileCloud:
 def _more_than_promised(
     path: Path, header: PlyHeader, vertex: Element, end: int
 ) -> tuple[str, ...]:
-    left = path.stat().st_size - end
-    if vertex is not header.elements[-1] or left <= 0:
-        return ()
-    return (
-        f"{left:,} bytes follow the {vertex.count:,} points that its header promises: not read",
-    )
+    left = path.stat().st_size - end if vertex is header.elements[-1] else 0
+    return uncounted(left, "bytes", vertex.count)
 
 
 def _start_of(path: Path, header: PlyHeader, element: Element) -> int:

@@ -22,6 +22,7 @@ __all__ = [
     "columns_to_points",
     "fault",
     "read_block",
+    "uncounted",
 ]
 
 MEND_COPY = "write or copy the file again"
@@ -106,6 +107,13 @@ def as_confidence(column: NDArray[Any]) -> NDArray[np.float32]:
     """Turn a column (N,) into float32; what is too large for it becomes infinite."""
     with np.errstate(over="ignore", invalid="ignore"):
         return column.astype(np.float32)
+
+
+def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
+    """Say that more follows the points than the header of a file counts, if it does."""
+    if left <= 0:
+        return ()
+    return (f"{left:,} {what} follow the {count:,} points that its header promises: not read",)
 
 
 def read_block(stream: IO[bytes], dtype: np.dtype[Any], count: int, path: Path) -> NDArray[Any]:

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction.alignment.similarity import Similarity
 
-__all__ = ["precision_suspicion", "suspicions"]
+__all__ = ["lost_digits", "mirror_suspicion", "suspicions"]
 
 _FACTOR = 80.0
 """A little below a hundred, so that outliers do not hide centimetres."""
 _UNITS = ((1000.0, "millimetres"), (100.0, "centimetres"), (0.001, "kilometres"))
 _UNIT_TOLERANCE = 2.0
 _LONGEST_DEGREES = 5.0
-_COARSEST = 0.01
+_LARGEST = 1e30
+_SMALLEST = 1e-30
+_READ = 2000
+# What C's and C++'s streams write unless told otherwise.
+_FEWEST_DIGITS = 6
+_TRIED = 2000
+_POOR, _GOOD = 0.5, 0.6
 
 
 def suspicions(cloud: Floats, truth: Floats) -> tuple[str, ...]:
@@ -47,24 +55,114 @@ def suspicions(cloud: Floats, truth: Floats) -> tuple[str, ...]:
     return _place_suspicion(cloud, truth, max(size, true_size))
 
 
-def precision_suspicion(bounds: Floats, precision: np.dtype[Any]) -> str | None:
-    """Say where coordinates are stored too coarsely: float32 keeps 5,000,000 m to half a metre.
+def lost_digits(
+    points: Floats, stored: np.dtype[Any], scale: float, tolerance: float
+) -> str | None:
+    """Say where coordinates lost digits before they came here.
+
+    Text of six digits keeps 5,000,000 m to 10 m, float32 to half a metre, even where the file now
+    holds float64: what has no more than seven digits, or fits float32, in all of the coordinates is
+    taken to have gone through either.
 
     Parameters
     ----------
-    bounds : (2, 3) float64 array
-    precision : dtype
-        Type that the coordinates were stored in.
+    points : (N, 3) array
+        As the file holds them; the first some will do.
+    stored : dtype
+        Type that the coordinates are stored in.
+    scale : float
+        Metres that a unit of the points is.
+    tolerance : float
+        The expected error, root mean square, that is worth a word, in metres.
+
+    Returns
+    -------
+    str or None
     """
-    largest = float(np.abs(bounds).max()) if np.isfinite(bounds).all() else 0.0
-    if precision.kind != "f" or precision.itemsize >= 8:
+    finite = points[np.abs(points).max(axis=1, initial=0.0) < _LARGEST]
+    if not len(finite):
         return None
-    step = largest * float(np.finfo(precision).eps)
-    if step <= _COARSEST:
+    largest = np.abs(finite).max(axis=0)
+    step, kept = _stated_step(finite[:_READ], largest, stored)
+    error = float(np.sqrt((step * step).sum() / 12.0)) * scale
+    if not error > tolerance:
         return None
     return (
-        f"coordinates such as {largest:.0f} are stored as {precision.name}, which keeps them to "
-        f"{step:.2g} only: store float64, or subtract an origin in float64 first"
+        f"coordinates such as {float(largest.max()):.0f} are kept to {kept} only, steps of "
+        f"{float(step.max()) * scale:.2g} m: an error of {error:.2g} m is to be expected; store "
+        "float64, or all digits, or subtract an origin first"
+    )
+
+
+def _stated_step(points: Floats, largest: Floats, stored: np.dtype[Any]) -> tuple[Floats, str]:
+    """Step (3,) between values that can be told apart at the largest, and what it comes from."""
+    narrow = stored if stored.kind == "f" and stored.itemsize < 8 else np.dtype("f4")
+    short = points.astype(narrow)
+    fits = narrow == stored or bool((short == points).all())
+    values = (short if fits else points).ravel()
+    digits = max(max(map(_digits, values[values != 0]), default=0), _FEWEST_DIGITS)
+    if digits <= _FEWEST_DIGITS + 1:
+        place = np.floor(np.log10(np.maximum(largest, _SMALLEST))) + 1
+        return 10.0 ** (place - digits), f"{digits} digits"
+    if not fits:
+        return np.zeros(3), ""
+    return np.spacing(largest.astype(narrow)).astype(np.float64), narrow.name
+
+
+def _digits(value: np.floating[Any]) -> int:
+    """Count the digits of the shortest text that stands for a number."""
+    text = np.format_float_scientific(value, trim="-")
+    return len(text.partition("e")[0].replace(".", "").lstrip("-"))
+
+
+def mirror_suspicion(
+    cloud: Floats, truth: Floats, transform: Similarity, near: float
+) -> str | None:
+    """Say where a cloud would fit the truth if some of its axes were negated.
+
+    Tried are the axes of the prediction's own frame, about its origin, where conventions differ
+    (OpenGL's y and z), and those of the truth's about the middle of the cloud.
+
+    Parameters
+    ----------
+    cloud : (N, 3) array
+        Points of the prediction in the frame of the truth.
+    truth : (M, 3) array
+    transform : Similarity
+        Which brought them there.
+    near : float
+        A point fits where the truth is nearer.
+    """
+    from scipy.spatial import cKDTree
+
+    if not (len(cloud) and len(truth)):
+        return None
+    some = cloud[:: max(1, len(cloud) // _TRIED)]
+    tree = cKDTree(truth - truth[0])
+
+    def fits(points: Floats) -> float:
+        away, _ = tree.query(points - truth[0], distance_upper_bound=near)
+        return float(np.isfinite(away).mean())
+
+    as_given = fits(some)
+    if as_given > _POOR:
+        return None
+    own, middle = transform.inverse().apply(some), np.median(some, axis=0)
+    best, words = 0.0, ""
+    for signs in itertools.product((1.0, -1.0), repeat=3):
+        axes = " and ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
+        for points, about in (
+            (transform.apply(own * signs), "the origin of its own frame"),
+            ((some - middle) * signs + middle, "its middle"),
+        ):
+            share = fits(points)
+            if share > best:
+                best, words = share, f"{axes} negated about {about}"
+    if best < max(_GOOD, 2 * as_given):
+        return None
+    return (
+        f"the cloud looks mirrored or turned over: {as_given:.0%} of its points lie within "
+        f"{near:g} m of the truth, {best:.0%} with {words}, though its cameras are aligned"
     )
 
 

@@ -13,7 +13,7 @@ from airzoo_bench.errors import PredictionError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.clouds.source import MEND_COPY, fault
 
-__all__ = ["TextLines", "opened_text", "parse_rows", "shown"]
+__all__ = ["TextLines", "lines_beyond", "opened_text", "parse_rows", "shown"]
 
 _LONGEST_LINE = 1 << 20
 _SHOWN = 60
@@ -67,6 +67,18 @@ def opened_text(path: Path, offset: int = 0, line: int = 0) -> Iterator[TextLine
     with path.open("rb") as stream:
         stream.seek(offset)
         yield TextLines(io.TextIOWrapper(stream, encoding="latin-1"), path, line)
+
+
+def lines_beyond(path: Path, offset: int, count: int) -> int:
+    """Return how many lines that are not blank follow the first `count` behind a byte."""
+    lines, rest = 0, b""
+    with path.open("rb") as stream:
+        stream.seek(offset)
+        while block := stream.read(_LONGEST_LINE):
+            *whole, rest = (rest + block).split(b"\n")
+            lines += sum(not line.isspace() and bool(line) for line in whole)
+            rest = rest[-_SHOWN:]
+    return lines + bool(rest.strip()) - count
 
 
 def parse_rows(text: TextLines, count: int, columns: int, of: int, what: str) -> Floats:

@@ -18,7 +18,7 @@ from airzoo_bench.reconstruction.alignment.consensus import (
     distances,
     fit_cameras,
 )
-from airzoo_bench.reconstruction.alignment.icp import IcpReport, IcpSettings, refine
+from airzoo_bench.reconstruction.alignment.icp import IcpReport
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "Residuals",
     "align",
     "partners",
+    "refined",
 ]
 
 Method = Literal["none", "sim3", "sim3+icp"]
@@ -65,6 +66,10 @@ class Alignment:
     rotations_deg : Residuals or None
         Angles between all partners' orientations, where both have them.
     icp : IcpReport or None
+    icp_failure : str or None
+        Why ICP changed nothing.
+    inlier_names : tuple of str
+        Of the cameras that the transform is fitted to.
     """
 
     method: Method
@@ -79,6 +84,8 @@ class Alignment:
     inlier_centres: Residuals | None = None
     rotations_deg: Residuals | None = None
     icp: IcpReport | None = None
+    icp_failure: str | None = None
+    inlier_names: tuple[str, ...] = ()
 
 
 def align(
@@ -87,22 +94,17 @@ def align(
     truth: PosedCameras | None,
     *,
     ransac: RansacSettings | None,
-    icp: IcpSettings | None,
-    clouds: tuple[Floats, Floats] | None = None,
 ) -> Alignment:
-    """Find the transform of a prediction into the frame of the truth.
+    """Find the transform of a prediction into the frame of the truth, by cameras.
 
     Parameters
     ----------
     method : {"none", "sim3", "sim3+icp"}
     predicted, truth : PosedCameras or None
         With ``none`` they may be left out; given, their residuals are stated.
+        ``sim3+icp`` is aligned as ``sim3`` here; see `refined`.
     ransac : RansacSettings or None
         Not None unless the method is ``none``.
-    icp : IcpSettings or None
-        Not None where the method has ICP.
-    clouds : tuple of (N, 3) and (M, 3) array, optional
-        Predicted, in its own frame, and true points; for ICP.
 
     Returns
     -------
@@ -112,9 +114,9 @@ def align(
     ------
     AlignmentError
         A camera that the truth lacks, fewer than 3 partners, centres all at a point, or on a line
-        without orientations; see also `icp.refine`.
+        without orientations.
     ValueError
-        Settings or clouds that the method needs are None.
+        Settings or cameras that the method needs are None.
     """
     if method == "none":
         return _with_residuals(Alignment("none", Similarity.identity()), predicted, truth)
@@ -131,13 +133,21 @@ def align(
         inlier_limit=fit.limit,
         used_orientations=fit.used_orientations,
         robust=fit.robust,
+        inlier_names=target.take(np.flatnonzero(fit.inliers)).names,
     )
-    if method == "sim3+icp":
-        if icp is None or clouds is None:
-            raise ValueError("ICP needs its settings and both clouds")
-        transform, report = refine(*clouds, found.transform, icp)
-        found = replace(found, transform=transform, icp=report)
-    return _with_residuals(found, predicted, truth, fit.inliers)
+    return _with_residuals(found, predicted, truth)
+
+
+def refined(
+    found: Alignment,
+    step: Similarity,
+    report: IcpReport,
+    predicted: PosedCameras,
+    truth: PosedCameras,
+) -> Alignment:
+    """Return an alignment after which `step` is done, ICP's, in the frame of the truth."""
+    moved = replace(found, transform=step.after(found.transform), icp=report)
+    return _with_residuals(moved, predicted, truth)
 
 
 def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
@@ -179,10 +189,7 @@ def _placed(cameras: PosedCameras) -> Bools:
 
 
 def _with_residuals(
-    found: Alignment,
-    predicted: PosedCameras | None,
-    truth: PosedCameras | None,
-    inliers: Bools | None = None,
+    found: Alignment, predicted: PosedCameras | None, truth: PosedCameras | None
 ) -> Alignment:
     if predicted is None or truth is None:
         return found
@@ -193,12 +200,13 @@ def _with_residuals(
     if source.rotation is not None and target.rotation is not None:
         aligned = source.rotation @ found.transform.rotation.T
         angles = _residuals(rotation_angle_deg(aligned, target.rotation))
+    inliers = np.isin(target.names, found.inlier_names)
     return replace(
         found,
         cameras=len(rows),
         missing=len(truth.names) - len(rows),
         centres=_residuals(away),
-        inlier_centres=None if inliers is None else _residuals(away[inliers]),
+        inlier_centres=_residuals(away[inliers]),
         rotations_deg=angles,
     )
 

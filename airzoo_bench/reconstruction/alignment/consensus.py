@@ -1,25 +1,37 @@
 """A similarity from partner cameras, outliers found by a seeded RANSAC.
 
-After the manner of Depth Anything 3's benchmark: samples of a share of the cameras, and where no
-limit is given, its rule for one. Unlike there, centres on a line (a straight flight strip), which
-leave the turn about it free, are aligned by the cameras' orientations.
+Samples are of three cameras, or, on a straight flight strip, whose centres leave the turn about it
+free, of two and their orientations. Each sample that is the best so far is refitted to its inliers
+until they stay, and trials go on until a better sample is improbable. Depth Anything 3's rule,
+samples of half of the cameras and one refit, is a variant.
+
+References
+----------
+Fischler and Bolles, Random sample consensus, CACM 24(6), 1981; Chum, Matas, Kittler, Locally
+optimized RANSAC, DAGM 2003.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.reconstruction.alignment.camera_sets import (
+    LEAST_CAMERAS,
+    Centres,
+    PosedCameras,
+    RansacSettings,
+    Strip,
+    distances,
+)
+from airzoo_bench.reconstruction.alignment.samples import sample_blocks
 from airzoo_bench.reconstruction.alignment.similarity import (
     RANK_TOLERANCE,
     AlignmentError,
     Similarity,
-    fit_many,
-    fit_rotated,
     point_rank,
 )
 
@@ -30,66 +42,11 @@ __all__ = [
     "RansacSettings",
     "distances",
     "fit_cameras",
-    "mean_rotation",
 ]
 
-LEAST_CAMERAS = 3
 # Of the extent of the true centres: below it a residual is rounding, and no outlier's.
 _LEAST_LIMIT = 1e-9
-# The usual rejection of robust regression: 2.5 deviations, had from the median (Rousseeuw and
-# Leroy, Robust Regression and Outlier Detection, 1987).
-_ROBUST_FACTOR = 2.5 * 1.4826
-_LEAST_ANGLE_DEG = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class PosedCameras:
-    """N cameras by the names of their images.
-
-    Attributes
-    ----------
-    names : tuple of N str
-    centres : (N, 3) array
-        In world coordinates; NaN for a camera that could not be placed.
-    rotation : (N, 3, 3) array or None
-        World-to-camera, OpenCV axes; None where there are positions only (GPS).
-    """
-
-    names: tuple[str, ...]
-    centres: Floats
-    rotation: Floats | None = None
-
-    def take(self, rows: Ints) -> PosedCameras:
-        """Return the cameras at these rows."""
-        rotation = None if self.rotation is None else self.rotation[rows]
-        return PosedCameras(tuple(self.names[row] for row in rows), self.centres[rows], rotation)
-
-
-@dataclass(frozen=True)
-class RansacSettings:
-    """How outliers among the camera centres are found.
-
-    Attributes
-    ----------
-    iterations : int
-        Samples drawn.
-    sample_share : float
-        Share of the cameras in a sample, which has 3 at least; Depth Anything 3 takes a half.
-    inlier_limit : float or None
-        Residuals of inliers are below it, in units of the truth. None is Depth Anything 3's rule:
-        the median distance from a predicted centre to the nearest true one, whichever that is,
-        once all cameras are aligned.
-    line_ratio : float
-        Centres whose second singular value about their mean is at most this share of the first
-        lie on a line.
-    seed : int
-    """
-
-    iterations: int
-    sample_share: float
-    inlier_limit: float | None
-    line_ratio: float
-    seed: int
+_MOST_REFITS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +61,7 @@ class CameraFit:
     limit : float
         Residuals of inliers are below it, in units of the truth.
     used_orientations : bool
-        The centres lie on a line: the rotation is the mean of the orientations' differences.
+        The centres lie on a line: orientations give the turn about it.
     robust : bool
         False where fewer than 3 cameras agreed, so that all of them were fitted.
     """
@@ -122,7 +79,7 @@ def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSett
     Parameters
     ----------
     source, target : PosedCameras
-        At least 3, row by row partners, with finite centres.
+        At least 3, row by row partners, with finite centres; their order decides the samples.
     settings : RansacSettings
 
     Returns
@@ -134,152 +91,136 @@ def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSett
     AlignmentError
         Centres all at a point; or on a line, where not both have orientations.
     """
-    everyone = np.ones(len(source.names), np.bool_)
-    if _rank(source, target, everyone, settings.line_ratio) < 2:
-        return _fit_strip(source, target, everyone, settings)
-    fit = _fit_centres(source, target, settings)
-    # What seemed a plane may have been a strip with an outlier.
-    if _rank(source, target, fit.inliers, settings.line_ratio) < 2:
-        return _fit_strip(source, target, fit.inliers, settings)
-    return fit
+    _refuse_points(source, target)
+    if not _on_a_line(target.centres, settings):
+        fit = _consensus(Centres(source, target, settings))
+        # What seemed a plane may have been a strip with an outlier.
+        if fit is not None and not _on_a_line(target.centres[fit.inliers], settings):
+            return fit
+    strip = _consensus(Strip(source, target, settings))
+    if strip is None:
+        raise _contradiction()
+    return strip
 
 
-def mean_rotation(rotations: Floats) -> Floats:
-    """Return the rotation nearest to all, in the sum of squares of the chords.
-
-    Parameters
-    ----------
-    rotations : (N, 3, 3) array
-
-    Returns
-    -------
-    (3, 3) array
-
-    References
-    ----------
-    Hartley, Trumpf, Dai, Li, Rotation averaging, IJCV 103, 2013, section 5.2.
-    """
-    u, _, vt = np.linalg.svd(rotations.mean(axis=0))
-    u[:, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))
-    return np.asarray(u @ vt)
-
-
-def distances(a: Floats, b: Floats) -> Floats:
-    """Distances (N,) between partners (N, 3)."""
-    offset = a - b
-    squared: Floats = (offset * offset).sum(axis=1)
-    return np.sqrt(squared)
-
-
-def _fit_centres(source: PosedCameras, target: PosedCameras, settings: RansacSettings) -> CameraFit:
-    a, b = source.centres, target.centres
-    size = max(LEAST_CAMERAS, int(np.ceil(settings.sample_share * len(a))))
-    samples = _samples(len(a), size, settings)
-    firsts, _ = fit_many(a[None], b[None], with_scale=True)
-    fits, determined = fit_many(a[samples], b[samples], with_scale=True)
-    limit = _limit(firsts[0], a, b, settings.inlier_limit)
-    tried = [firsts[0], *(fit for fit, d in zip(fits, determined, strict=True) if d)]
-    inliers = _consensus(tried, a, b, limit)
+def _consensus(cameras: Centres) -> CameraFit | None:
+    """Find the largest set of cameras that agree; None where no fit is determined."""
+    settings, count = cameras.settings, len(cameras.a)
+    everyone = np.arange(count)[None]
+    first = cameras.fits(everyone)
+    cameras.limit = _limit(first, cameras.a, cameras.b, settings.inlier_limit)
+    best = _search(cameras, first)
+    inliers = np.isfinite(best.residuals)
     robust = int(inliers.sum()) >= LEAST_CAMERAS
+    is_strip = isinstance(cameras, Strip)
     if not robust:
-        inliers = np.ones(len(a), np.bool_)
-    (fit,), (good,) = fit_many(a[None, inliers], b[None, inliers], with_scale=True)
-    return CameraFit(
-        fit if good else firsts[0], inliers, limit, used_orientations=False, robust=robust
-    )
+        if isinstance(cameras, Strip) and first and cameras.contradicts(first[0]):
+            raise _contradiction()
+        inliers = np.ones(count, np.bool_)
+    final = cameras.fits(np.flatnonzero(inliers)[None]) or first or best.fits
+    if not final:
+        return None
+    return CameraFit(final[0], inliers, cameras.limit, used_orientations=is_strip, robust=robust)
 
 
-def _fit_strip(
-    source: PosedCameras, target: PosedCameras, among: Bools, settings: RansacSettings
-) -> CameraFit:
-    if source.rotation is None or target.rotation is None:
-        raise AlignmentError(
-            "the camera centres lie on a line, which leaves the turn about it free, "
-            f"and the {'truth' if target.rotation is None else 'prediction'} has no orientations",
-            expected="centres that span a plane, or orientations of the cameras",
-            mend="add photos beside the line, give camera poses, or predict in the truth's frame "
-            "and align by 'none'",
-        )
-    a, b = source.centres, target.centres
-    turns = np.swapaxes(target.rotation, -1, -2) @ source.rotation
-    rows = np.flatnonzero(among)
-    size = max(2, int(np.ceil(settings.sample_share * len(rows))))
-    samples = [rows, *rows[_samples(len(rows), size, settings)]]
-    fits = list(_with_rotation(a, b, samples, _robust_mean(turns[among], settings)))
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """The best fit yet, as a list of one or none; its residuals (N,), infinite for outliers."""
+
+    fits: list[Similarity]
+    residuals: Floats
+
+    @property
+    def score(self) -> tuple[int, float]:
+        # The most inliers; of equals the least mean residual. Smaller is better.
+        inliers = np.isfinite(self.residuals)
+        count = int(inliers.sum())
+        return -count, float(self.residuals[inliers].mean()) if count else np.inf
+
+
+def _search(cameras: Centres, first: list[Similarity]) -> _Best:
+    settings, count = cameras.settings, len(cameras.a)
+    size, minimal = cameras.least, settings.sample_share is None
+    if settings.sample_share is not None:
+        size = min(count, max(size, math.ceil(settings.sample_share * count)))
+    best = _better(cameras, _Best([], np.full(count, np.inf)), first, refit=minimal)
+    done = 0
+    for samples in sample_blocks(count, size, settings, minimal=minimal):
+        best = _better(cameras, best, cameras.fits(samples), refit=minimal)
+        done += len(samples)
+        if done >= settings.min_trials and done >= _trials_needed(-best.score[0], cameras, size):
+            break
+    return best
+
+
+def _better(cameras: Centres, best: _Best, fits: list[Similarity], *, refit: bool) -> _Best:
     if not fits:
-        raise AlignmentError(
-            "the cameras' orientations contradict their centres",
-            expected="a path that runs as the true one does once the orientations agree",
-            mend="check whether rotations are world-to-camera, with x right, y down, z forward",
-        )
-    limit = _limit(fits[0], a[among], b[among], settings.inlier_limit)
-    inliers = _consensus(fits, a, b, limit)
-    robust = int(inliers.sum()) >= LEAST_CAMERAS
-    if not robust:
-        inliers = among
-    kept = [np.flatnonzero(inliers)]
-    fit = next(_with_rotation(a, b, kept, _robust_mean(turns[inliers], settings)), fits[0])
-    return CameraFit(fit, inliers, limit, used_orientations=True, robust=robust)
+        return best
+    residuals = cameras.residuals(fits)
+    inliers = np.isfinite(residuals)
+    counts = inliers.sum(axis=1)
+    means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
+    first = np.lexsort((means, -counts))[0]
+    found = _Best([fits[first]], residuals[first])
+    found = _settled(cameras, found) if refit else found
+    return found if found.score < best.score else best
 
 
-def _with_rotation(
-    a: Floats, b: Floats, samples: Sequence[Ints], rotation: Floats
-) -> Iterator[Similarity]:
-    for rows in samples:
-        fit, determined = fit_rotated(a[rows], b[rows], rotation)
-        if determined:
-            yield fit
+def _settled(cameras: Centres, best: _Best) -> _Best:
+    """Refit to the inliers until they stay, as long as they do not become fewer."""
+    for _ in range(_MOST_REFITS):
+        inliers = np.isfinite(best.residuals)
+        fits = cameras.fits(np.flatnonzero(inliers)[None]) if inliers.sum() > 1 else []
+        if not fits:
+            break
+        found = _Best(fits, cameras.residuals(fits)[0])
+        if found.score[0] > best.score[0]:
+            break
+        same = bool((np.isfinite(found.residuals) == inliers).all())
+        best = found
+        if same:
+            break
+    return best
 
 
-def _robust_mean(turns: Floats, settings: RansacSettings) -> Floats:
-    # The mean of those near the one that is nearest to all.
-    rng = np.random.default_rng(settings.seed)
-    count = min(len(turns), settings.iterations)
-    chosen = np.sort(rng.choice(len(turns), count, replace=False))
-    away = np.array([rotation_angle_deg(turns, turns[row]) for row in chosen])
-    nearest = away[away.sum(axis=1).argmin()]
-    limit = max(_ROBUST_FACTOR * float(np.median(nearest)), _LEAST_ANGLE_DEG)
-    return mean_rotation(turns[nearest <= limit])
+def _trials_needed(inliers: int, cameras: Centres, size: int) -> float:
+    good = (inliers / len(cameras.a)) ** size
+    missed = 1.0 - cameras.settings.confidence
+    if good >= 1.0:
+        return 0.0
+    if good <= 0.0 or missed <= 0.0:
+        return math.inf
+    return math.log(missed) / math.log1p(-good)
 
 
-def _samples(count: int, size: int, settings: RansacSettings) -> Ints:
-    rng = np.random.default_rng(settings.seed)
-    size = min(size, count)
-    rows = [rng.choice(count, size, replace=False) for _ in range(settings.iterations)]
-    return np.sort(np.array(rows, dtype=np.int64).reshape(-1, size), axis=1)
-
-
-def _limit(first: Similarity, a: Floats, b: Floats, given: float | None) -> float:
+def _limit(first: list[Similarity], a: Floats, b: Floats, given: float | None) -> float:
     if given is not None:
         return given
     from scipy.spatial import cKDTree
 
-    away, _ = cKDTree(b - b[0]).query(first.apply(a) - b[0])
     extent = float(distances(b, b[:1]).max())
+    if not first:
+        return _LEAST_LIMIT * extent
+    away, _ = cKDTree(b - b[0]).query(first[0].apply(a) - b[0])
     return max(float(np.median(away)), _LEAST_LIMIT * extent)
 
 
-def _consensus(fits: Sequence[Similarity], a: Floats, b: Floats, limit: float) -> Bools:
-    # The most inliers; of equals the least mean residual; of those the earliest.
-    best, best_score = np.zeros(len(a), np.bool_), (1, np.inf)
-    for fit in fits:
-        residuals = distances(fit.apply(a), b)
-        inliers: Bools = residuals < limit
-        count = int(inliers.sum())
-        score = (-count, float(residuals[inliers].mean()) if count else np.inf)
-        if score < best_score:
-            best, best_score = inliers, score
-    return best
+def _on_a_line(true_centres: Floats, settings: RansacSettings) -> bool:
+    return point_rank(true_centres, max(settings.line_ratio, RANK_TOLERANCE)) < 2
 
 
-def _rank(source: PosedCameras, target: PosedCameras, among: Bools, line_ratio: float) -> int:
-    ranks = []
+def _refuse_points(source: PosedCameras, target: PosedCameras) -> None:
     for cameras, whose in ((source, "predicted"), (target, "true")):
-        rank = point_rank(cameras.centres[among], max(line_ratio, RANK_TOLERANCE))
-        if rank == 0:
+        if point_rank(cameras.centres, RANK_TOLERANCE) == 0:
             raise AlignmentError(
                 f"the {whose} camera centres all lie at one point, which has no scale",
                 expected="cameras that move",
             )
-        ranks.append(rank)
-    return min(ranks)
+
+
+def _contradiction() -> AlignmentError:
+    return AlignmentError(
+        "the cameras' orientations contradict their centres",
+        expected="a path that runs as the true one does once the orientations agree",
+        mend="check whether rotations are world-to-camera, with x right, y down, z forward",
+    )

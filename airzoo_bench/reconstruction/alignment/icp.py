@@ -2,19 +2,26 @@
 
 The library's own solver (Open3D's ``registration_icp``) sums in the order in which its threads
 finish, so that the same clouds give other last bits on every run; the loop is therefore here, over
-pykdtree, whose neighbours do not depend on threads.
+pykdtree, whose neighbours do not depend on threads. The truth is searched in parts of a fixed size,
+whether or not they are kept in memory, so that memory changes no neighbour.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, fit_many
+from airzoo_bench.reconstruction.clouds import CloudSource
+from airzoo_bench.reconstruction.regions import finite_rows
 
-__all__ = ["CloudFit", "IcpReport", "IcpSettings", "refine", "subsample"]
+__all__ = ["CloudFit", "IcpReport", "IcpSettings", "drawn", "refine"]
+
+_PART = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -82,26 +89,26 @@ class IcpReport:
 
 
 def refine(
-    predicted: Floats, truth: Floats, start: Similarity, settings: IcpSettings
+    predicted: CloudSource, truth: CloudSource, settings: IcpSettings, *, held_points: int
 ) -> tuple[Similarity, IcpReport]:
-    """Refine a similarity by point-to-point ICP.
+    """Find the similarity that brings a cloud in the frame of the truth nearer to it, by ICP.
 
-    Each round fits the similarity to the pairs within the limit, which can only lower the cost;
-    where rounding raises it nonetheless, the transform before is kept. With scale a cloud that
-    overlaps little may shrink: the report shows the fit before and after.
+    Point to point. Each round fits the similarity to the pairs within the limit, which can only
+    lower the cost; where rounding raises it nonetheless, the transform before is kept. With scale a
+    cloud that overlaps little may shrink: the report shows the fit before and after.
 
     Parameters
     ----------
-    predicted : (N, 3) array
-        In the prediction's frame.
-    truth : (M, 3) array
-    start : Similarity
-        From the prediction's frame to the truth's.
+    predicted, truth : CloudSource
+        In the frame of the truth; points that are not finite are left out.
     settings : IcpSettings
+    held_points : int
+        A truth of more points is read again in every round, instead of held.
 
     Returns
     -------
-    transform : Similarity
+    step : Similarity
+        The identity where nothing is gained.
     report : IcpReport
 
     Raises
@@ -113,14 +120,15 @@ def refine(
     ----------
     Besl and McKay, A method for registration of 3-D shapes, PAMI 14(2), 1992.
     """
-    if not (len(predicted) and len(truth)):
+    points = drawn(predicted, settings.max_points, settings.seed)
+    origin = _some_point(truth)
+    if not len(points) or origin is None:
         raise AlignmentError("ICP needs points in the prediction and in the truth")
-    points = subsample(predicted, settings.max_points, settings.seed)
-    origin = truth[0]
-    nearest = _Nearest(truth - origin, settings.max_distance)
-    # From here on near zero: the tree works on offsets from a point of the truth.
-    transform = Similarity(start.scale, start.rotation, start.translation - origin, start.origin)
-    distances, partners = nearest(transform.apply(points))
+    # Near zero: the tree works on offsets from a point of the truth.
+    points = points - origin
+    nearest = _Nearest(truth, origin, settings.max_distance, held=truth.count <= held_points)
+    transform = Similarity.identity()
+    distances, partners = nearest(points)
     before = fit = _cloud_fit(distances, settings.max_distance)
     _require_overlap(distances, settings.max_distance)
     rounds = 0
@@ -134,41 +142,79 @@ def refine(
         gain, transform, fit, partners = fit.cost - new.cost, step, new, found
         if gain < settings.tolerance * fit.cost:
             break
-    back = transform.translation + origin
-    refined = Similarity(transform.scale, transform.rotation, back, transform.origin)
-    if rounds == 0 or fit == before:
-        refined = start
-    return refined, IcpReport(before, fit, rounds, len(points))
+    report = IcpReport(before, fit, rounds, len(points))
+    if fit == before:
+        return Similarity.identity(), report
+    back, start = transform.translation + origin, transform.origin + origin
+    return Similarity(transform.scale, transform.rotation, back, start), report
 
 
-def subsample(points: Floats, count: int, seed: int) -> Floats:
-    """Draw at most `count` of the points (N, 3), kept in their order."""
-    if len(points) <= count:
-        return points
-    rows = np.random.default_rng(seed).choice(len(points), count, replace=False)
-    return points[np.sort(rows)]
+def drawn(source: CloudSource, count: int, seed: int) -> Floats:
+    """Draw at most `count` of the finite points of a cloud, kept in their order.
+
+    Each point has a random number; those with the least are taken, so that the choice does not
+    depend on the pieces, and memory holds a few pieces and the choice.
+    """
+    random = np.random.default_rng(seed)
+    points, keys = np.zeros((0, 3)), np.zeros(0)
+    for piece in source.pieces(_PART):
+        finite = finite_rows(piece.points)
+        points = np.concatenate((points, piece.points[finite]))
+        keys = np.concatenate((keys, random.random(len(piece))[finite]))
+        if len(keys) > count:
+            kept = np.sort(np.argpartition(keys, count)[:count])
+            points, keys = points[kept], keys[kept]
+    return points
+
+
+def _some_point(source: CloudSource) -> Floats | None:
+    for part in _parts(source):
+        if len(part):
+            return np.asarray(part[0])
+    return None
+
+
+def _parts(source: CloudSource) -> Iterator[Floats]:
+    for piece in source.pieces(_PART):
+        yield piece.points[finite_rows(piece.points)]
 
 
 class _Nearest:
     """Distances to the nearest point within a limit, infinite beyond, and that point."""
 
-    def __init__(self, points: Floats, limit: float) -> None:
-        from pykdtree.kdtree import KDTree
-
-        self._points = points
-        self._tree = KDTree(points)
-        self._limit = limit
+    def __init__(self, truth: CloudSource, origin: Floats, limit: float, *, held: bool) -> None:
+        self._truth, self._origin, self._limit = truth, origin, limit
+        self._held = list(self._read()) if held else None
 
     def __call__(self, queries: Floats) -> tuple[Floats, Floats]:
-        _, rows = self._tree.query(queries, distance_upper_bound=self._limit)
-        inside = rows < len(self._points)
-        partners = np.full_like(queries, np.nan)
-        partners[inside] = self._points[rows[inside]]
-        offset = queries - partners
-        distances = np.sqrt((offset * offset).sum(axis=1))
-        # The tree compares rounded squares: what it let through at the limit is cut here.
-        distances[~inside | (distances > self._limit)] = np.inf
+        distances, partners = np.full(len(queries), np.inf), np.full_like(queries, np.nan)
+        for points, tree in self._read() if self._held is None else self._held:
+            self._improve(queries, points, tree, distances, partners)
         return distances, partners
+
+    def _read(self) -> Iterator[tuple[Floats, Any]]:
+        from pykdtree.kdtree import KDTree
+
+        for part in _parts(self._truth):
+            if len(part):
+                near_zero = part - self._origin
+                yield near_zero, KDTree(near_zero)
+
+    def _improve(
+        self, queries: Floats, points: Floats, tree: Any, distances: Floats, partners: Floats
+    ) -> None:
+        low, high = points.min(axis=0) - self._limit, points.max(axis=0) + self._limit
+        rows = np.flatnonzero(((queries >= low) & (queries <= high)).all(axis=1))
+        if not len(rows):
+            return
+        _, index = tree.query(queries[rows], distance_upper_bound=self._limit)
+        inside = index < len(points)
+        rows, there = rows[inside], points[index[inside]]
+        offset = queries[rows] - there
+        found = np.sqrt((offset * offset).sum(axis=1))
+        # The tree compares rounded squares: what it let through at the limit is cut here.
+        nearer = (found <= self._limit) & (found < distances[rows])
+        distances[rows[nearer]], partners[rows[nearer]] = found[nearer], there[nearer]
 
 
 def _step(

@@ -15,7 +15,7 @@ __all__ = [
     "AlignmentError",
     "Similarity",
     "fit_many",
-    "fit_rotated",
+    "fit_strips",
     "local",
     "point_rank",
     "umeyama",
@@ -175,8 +175,9 @@ def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[
     scale = np.ones(len(a))
     if with_scale:
         numerator = (values * signs).sum(axis=1)
-        determined &= (numerator > 0.0) & (variance > 0.0)
-        scale[determined] = numerator[determined] / variance[determined]
+        scalable = (numerator > 0.0) & (variance > 0.0)
+        scale[scalable] = numerator[scalable] / variance[scalable]
+        determined &= scalable
     fits = [
         Similarity(float(s), r, g, o)
         for s, r, g, o in zip(scale, rotation, goal, origin, strict=True)
@@ -184,29 +185,52 @@ def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[
     return fits, determined
 
 
-def fit_rotated(source: Floats, target: Floats, rotation: Floats) -> tuple[Similarity, bool]:
-    """Fit scale and translation, the rotation being given, in least squares.
+def fit_strips(
+    source: Floats, target: Floats, turns: Floats, *, axis_share: float
+) -> tuple[list[Similarity], Bools]:
+    """Fit many sets of cameras on a line, whose orientations give the turn about it.
+
+    Each camera counts by its centre and by the ends of its three axes, which are as long as
+    `axis_share` of the root mean square distance of the centres from their mean: the direction of
+    the line follows from the centres, what they leave free from the orientations. Scale and
+    translation follow from the centres alone.
 
     Parameters
     ----------
-    source, target : (N, 3) array
-    rotation : (3, 3) array
+    source, target : (S, N, 3) array
+        Camera centres.
+    turns : (S, N, 3, 3) array
+        For each camera, the rotation from the source to the target by its two orientations.
+    axis_share : float
 
     Returns
     -------
-    fit : Similarity
-    determined : bool
-        False where the points of the source are one, or the best scale is not above 0: the
-        rotation turns the source against the target. The scale is then 1.
+    fits : list of S Similarity
+    determined : (S,) bool array
+        False where the centres of either are one point, or the best scale is not above 0: the
+        orientations turn the source against the target. The scale is then 1.
+
+    References
+    ----------
+    Umeyama, see `umeyama`: equation 39 with the axes' ends among the points, 42 with R given.
     """
     origin, a = local(source)
     goal, b = local(target)
-    # Umeyama's equation 42 with R given.
-    numerator = float((b * apply_matrix(rotation, a)).sum())
-    variance = float((a * a).sum())
-    determined = numerator > 0.0 and variance > 0.0
-    scale = numerator / variance if determined else 1.0
-    return Similarity(scale, rotation, goal, origin), determined
+    spread = (a * a).sum(axis=(1, 2)), (b * b).sum(axis=(1, 2))
+    weight = axis_share**2 * np.sqrt(spread[0] * spread[1]) / source.shape[1]
+    axes = weight[:, None, None] * turns.sum(axis=1)
+    u, _, vt = np.linalg.svd(np.einsum("sni,snj->sij", b, a) + axes)
+    u[:, :, 2] *= (np.sign(np.linalg.det(u)) * np.sign(np.linalg.det(vt)))[:, None]
+    rotation = u @ vt
+    numerator = (b * apply_matrix(rotation[:, None], a)).sum(axis=(1, 2))
+    determined = (numerator > 0.0) & (spread[0] > 0.0)
+    scale = np.ones(len(a))
+    scale[determined] = numerator[determined] / spread[0][determined]
+    fits = [
+        Similarity(float(s), r, g, o)
+        for s, r, g, o in zip(scale, rotation, goal, origin, strict=True)
+    ]
+    return fits, np.asarray(determined)
 
 
 def local(points: Floats) -> tuple[Floats, Floats]:

@@ -3,6 +3,7 @@ const UNITS = { share: "%", m: "m", deg: "°" };
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "currentColor"];
 const ARRAYS = { "<u1": Uint8Array, "<u2": Uint16Array, "<i2": Int16Array, "<i4": Int32Array };
 const COLLATOR = new Intl.Collator("en", { numeric: true });
+const SPOKEN = { best: " (best)", tied: " (cannot be told from the best)" };
 const unpacked = new Map();
 const drawn = []; // promises of what is drawn late
 
@@ -31,11 +32,21 @@ function number(value) {
   return value === "inf" ? Infinity : value === "-inf" ? -Infinity : value;
 }
 
+// As the tables print: ties go to the even digit, and from 1e9 on the width is bounded.
 function digits(value, count) {
   if (Number.isNaN(value)) return "–";
   if (!Number.isFinite(value)) return value > 0 ? "inf" : "-inf";
-  const text = value.toFixed(count);
+  if (Math.abs(value) >= 1e9) return value.toExponential(count).replace(/e\+(\d)$/, "e+0$1");
+  const text = toEven(value, count).toFixed(count);
   return Number(text) === 0 ? text.replace("-", "") : text;
+}
+
+// A value halfway between two decimals is an odd number of halves of a power of two, exactly.
+function toEven(value, count) {
+  const size = Math.abs(value);
+  if ((size * 2 ** (count + 1)) % 2 !== 1) return value;
+  const below = Math.floor(size * 10 ** count);
+  return (Math.sign(value) * (below + (below % 2))) / 10 ** count;
 }
 
 function shown(score, value) {
@@ -141,9 +152,9 @@ function sortableTable(caption, columns, rows, none = "nothing matches") {
     const sorted = [...state.rows];
     if (state.column !== null) {
       const value = columns[state.column].value;
-      sorted.sort((one, other) => compare(value(one), value(other), state.descending));
+      sorted.sort((one, other) => Boolean(one.floor) - Boolean(other.floor) || compare(value(one), value(other), state.descending));
     }
-    body.replaceChildren(...sorted.map((row) => el("tr", {}, columns.map((column, index) => cell(column, row, index)))));
+    body.replaceChildren(...sorted.map((row) => el("tr", { class: row.floor ? "floor" : null }, columns.map((column, index) => cell(column, row, index)))));
     if (!sorted.length) body.append(el("tr", { class: "none" }, el("td", { class: "text", colspan: columns.length }, none)));
   }
 
@@ -152,21 +163,13 @@ function sortableTable(caption, columns, rows, none = "nothing matches") {
     const mark = column.mark ? column.mark(row) : "";
     const made = el(index === 0 ? "th" : "td",
       { scope: index === 0 ? "row" : null, class: [column.text ? "text" : "", column.wide ? "wide" : "", mark].join(" ").trim() || null },
-      content, mark === "best" ? spoken(" (best)") : null);
+      content, mark ? spoken(SPOKEN[mark]) : null);
     if (column.tint) made.style.backgroundColor = column.tint(row);
     return made;
   }
 
   draw();
-  return { node, update(newRows) { state.rows = newRows; draw(); } };
-}
-
-// The places of the best values that are finite, by the digits that are shown.
-function bestOf(score, values) {
-  const finite = values.filter((value) => Number.isFinite(value));
-  if (finite.length < 2) return new Set();
-  const best = shown(score, score.higher ? Math.max(...finite) : Math.min(...finite));
-  return new Set(values.flatMap((value, place) => (Number.isFinite(value) && shown(score, value) === best ? [place] : [])));
+  return { node, rows, update(newRows) { state.rows = newRows; draw(); } };
 }
 
 // A light tint, stronger where a value is better; print and black text stay readable.

@@ -4,10 +4,11 @@ async function queryDetail(section, row) {
   const columns = await Promise.all(section.queryScores.map((score) => loadScore(section, score)));
   const facts = Object.fromEntries([["Scene", section.scenes[loaded.scene[row]].title],
     ...loaded.conditions.map((column) => [column.title, saidCondition(column, row)])]);
-  const table = sortableTable("Scores of this query", [methodColumn(), ...scoreColumns(section,
-    section.queryScores.map((score) => section.scores.findIndex((other) => other.key === score.key)),
-    (found, index) => valueOf(section, columns[section.queryScores.findIndex((score) => score.key === section.scores[index].key)], found.index, row),
-    () => null, headingOfOne, false)], methodRows(section));
+  const scores = section.queryScores.map((score, place) => {
+    const value = (found) => valueOf(section, columns[place], found.index, row);
+    return { title: headingOfOne(score), value, show: (found) => shown(score, value(found)), bestFirst: score.higher ? "descending" : "ascending", hint: score.meaning };
+  });
+  const table = sortableTable("Scores of this query", [methodColumn(), ...scores], methodRows(section));
   return [keyList(facts), table.node];
 }
 

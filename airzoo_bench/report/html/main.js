@@ -3,6 +3,7 @@ function trackView(section) {
   section.open = {}; // by view: shows what has an id
   section.close = {};
   const views = [["summary", "Summary", summaryView(section)]];
+  if (section.pairs) views.push(["pairs", "Two methods", pairsView(section)]);
   if (section.scenes.length > 1 || section.breakdowns.length) views.push(["scenes", "Scenes", scenesView(section)]);
   if (section.breakdowns.length) views.push(["conditions", "Conditions", conditionsView(section)]);
   if (section.figures.length) views.push(["pictures", "Pictures", figuresView(section)]);

@@ -13,15 +13,15 @@ function queryCount(section) {
   return section.scenes.reduce((sum, scene) => sum + scene.queries, 0);
 }
 
-// The first of the paper's scores: the best value, its interval, and who has it.
+// The first of the paper's scores: the best value, its interval, who has it, and who ties with it.
 function bestOverall(section) {
   const index = section.scores.findIndex((score) => score.headline);
   const score = section.scores[index];
-  const values = section.averages.overall.map((row) => number(row[index]));
-  const shownBest = section.methods.length > 1 ? [...bestOf(score, values)] : [0];
-  const [first] = shownBest.length ? shownBest : [0];
-  const more = shownBest.length > 1 ? ` and ${shownBest.length - 1} more` : "";
-  return { score, value: shown(score, values[first]), name: `${section.methods[first].name}${more}`,
+  const { texts, marks } = section.standings.overall;
+  const marked = (mark) => section.methods.map((_, place) => place).filter((place) => marks[place][index] === mark);
+  const [first, ...more] = marked("best").length ? marked("best") : [0];
+  const others = [more.length ? ` and ${more.length} more` : "", marked("tied").length ? `; ${marked("tied").length} cannot be told from it` : ""];
+  return { score, value: texts[first][index], name: `${section.methods[first].name}${others.join("")}`,
     limits: interval(score, (section.intervals.overall[score.key] || [])[first]) };
 }
 

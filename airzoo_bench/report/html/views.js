@@ -3,19 +3,27 @@ function methodRows(section) {
 }
 
 function methodColumn() {
-  return { title: "Method", text: true, value: (row) => row.name, show: (row) => row.name };
+  return { title: "Method", text: true, value: (row) => row.name, show: (row) => (row.hint ? el("span", { title: row.hint }, row.name) : row.name) };
 }
 
-// Columns of scores for rows of methods; at(row, score index) gives the value, limits an interval.
-function scoreColumns(section, wanted, at, limits, name = heading, marked = true) {
+// Methods, and below them what scores without one, which is of no view but tables of scores.
+function rowsWithFloors(section, wanted) {
+  const there = (floor) => wanted.some((index) => floor.overall.values[index] !== null);
+  const floors = section.references.filter(there).map((floor) => ({ name: floor.name, hint: floor.meaning, floor }));
+  return [...methodRows(section), ...floors];
+}
+
+// Columns of scores: values, texts and marks of a scope come as they were decided when the page was made.
+function scoreColumns(section, wanted, scope, limits) {
+  const { values, texts, marks } = scopeOf(section.standings, scope);
+  const floorAt = (row, part, index) => scopeOf(row.floor, scope)[part][index];
   return wanted.map((index) => {
     const score = section.scores[index];
-    const best = bestOf(score, section.methods.map((_, method) => at({ index: method }, index)));
     return {
-      title: name(score),
-      value: (row) => at(row, index),
-      show: (row) => [shown(score, at(row, index)), interval(score, limits(score, row))],
-      mark: (row) => (marked && best.has(row.index) ? "best" : ""),
+      title: heading(score),
+      value: (row) => number(row.floor ? floorAt(row, "values", index) : values[row.index][index]),
+      show: (row) => (row.floor ? floorAt(row, "texts", index) : [texts[row.index][index], interval(score, (limits[score.key] || [])[row.index])]),
+      mark: (row) => (row.floor ? "" : marks[row.index][index]),
       bestFirst: score.higher ? "descending" : "ascending",
       hint: score.meaning,
     };
@@ -28,9 +36,8 @@ function interval(score, found) {
   return el("span", { class: "interval", title: "95 % interval" }, `${low} to ${high}`);
 }
 
-function scoresAt(section, scope) {
-  if (scope === "overall" || scope === "pooled") return section.averages[scope];
-  return section.averages.perScene[scope];
+function scopeOf(holder, scope) {
+  return scope === "overall" || scope === "pooled" ? holder[scope] : holder.perScene[scope];
 }
 
 function limitsAt(section, scope) {
@@ -40,12 +47,9 @@ function limitsAt(section, scope) {
 }
 
 function methodsTable(section, scope, every, caption) {
-  const values = scoresAt(section, scope);
-  const limits = limitsAt(section, scope);
   const wanted = section.scores.flatMap((score, index) => (every || score.headline ? [index] : []));
-  const columns = scoreColumns(section, wanted, (row, index) => number(values[row.index][index]),
-    (score, row) => (limits[score.key] || [])[row.index]);
-  return sortableTable(caption, [methodColumn(), ...columns], methodRows(section), "no method matches");
+  const columns = scoreColumns(section, wanted, scope, limitsAt(section, scope));
+  return sortableTable(caption, [methodColumn(), ...columns], rowsWithFloors(section, wanted), "no method matches");
 }
 
 // What the titles of scores mean, for who does not know them.
@@ -66,7 +70,7 @@ function summaryView(section) {
 
   function draw() {
     const title = scopes.find(([value]) => String(value) === String(state.scope))[1];
-    table = methodsTable(section, state.scope, state.every, section.methods.length > 1 ? `${title}; ★ marks the best` : title);
+    table = methodsTable(section, state.scope, state.every, `${title}${markLegend(section, state.scope)}`);
     holder.replaceChildren(table.node);
     meanings.replaceChildren(glossary(section, state.every, meanings.querySelector("[open]") !== null));
     filter();
@@ -74,7 +78,7 @@ function summaryView(section) {
 
   function filter() {
     const text = state.filter.toLowerCase();
-    table.update(methodRows(section).filter((row) => row.name.toLowerCase().includes(text)));
+    table.update(table.rows.filter((row) => row.name.toLowerCase().includes(text)));
   }
 
   const meanings = el("div", {});
@@ -86,7 +90,17 @@ function summaryView(section) {
   return panel(section, "summary", "Summary",
     el("div", { class: "controls" }, scope.node, name.node, every.node), holder,
     meanings, el("p", { class: "note" }, section.intervals.note),
+    section.standings.note ? el("p", { class: "note" }, section.standings.note) : null,
+    section.references.map((floor) => el("p", { class: "note" }, `${floor.name}: ${floor.meaning}`)),
     notesView(section));
+}
+
+function markLegend(section, ...scopes) {
+  if (section.methods.length === 1) return "";
+  const found = scopes.map((scope) => scopeOf(section.standings, scope));
+  if (!found.some((scope) => scope.tested)) return "; ★ marks the best, which is not tested";
+  const tied = found.some((scope) => scope.marks.flat().includes("tied"));
+  return `; ★ marks the best${tied ? ", ≈ what cannot be told from it" : ""}`;
 }
 
 function notesView(section) {
@@ -110,7 +124,8 @@ function scenesView(section) {
   function draw(key) {
     const index = section.scores.findIndex((score) => score.key === key);
     const score = section.scores[index];
-    const value = (scene, method) => number(section.averages.perScene[scene][method][index]);
+    const at = (part, scene, method) => section.standings.perScene[scene][part][method][index];
+    const value = (scene, method) => number(at("values", scene, method));
     const all = section.scenes.flatMap((_, scene) => section.methods.map((_, method) => value(scene, method)));
     const tint = tintOf(score, all);
     const rows = section.scenes.map((scene, place) => ({ scene, place }));
@@ -119,12 +134,12 @@ function scenesView(section) {
         show: (row) => el("button", { type: "button", class: "link", "data-scene": row.scene.id, onclick: () => open(row.scene.id) }, row.scene.title) },
       ...(section.byQuery ? [{ title: "Queries", value: (row) => row.scene.queries, show: (row) => String(row.scene.queries), bestFirst: "descending" }] : []),
       ...section.methods.map((method, number) => ({
-        title: method.name, value: (row) => value(row.place, number), show: (row) => shown(score, value(row.place, number)),
+        title: method.name, value: (row) => value(row.place, number), show: (row) => at("texts", row.place, number),
         tint: (row) => tint(value(row.place, number)), bestFirst: score.higher ? "descending" : "ascending",
-        mark: (row) => (bestOf(score, section.methods.map((_, m) => value(row.place, m))).has(number) ? "best" : ""),
+        mark: (row) => at("marks", row.place, number),
       })),
     ];
-    holder.replaceChildren(sortableTable(`${heading(score)} by scene and method; darker is better; a scene's name opens it`, columns, rows).node);
+    holder.replaceChildren(sortableTable(`${heading(score)} by scene and method; darker is better${markLegend(section, ...section.scenes.keys())}; a scene's name opens it`, columns, rows).node);
   }
 
   function open(id) {
@@ -187,6 +202,7 @@ function conditionPicker(section, fixed) {
     const found = section.breakdowns[state.condition];
     const score = section.queryScores[state.score];
     const values = (await unpack(found.values))[state.scope][state.score];
+    const marks = (await unpack(found.marks))[state.scope][state.score];
     const counts = found.counts[state.scope];
     const groups = found.labels.map((label, index) => ({ label, index })).filter((row) => counts[row.index] > 0);
     const at = (row, method) => number(values[method][row.index]);
@@ -197,11 +213,11 @@ function conditionPicker(section, fixed) {
       ...section.methods.map((method, number) => ({
         title: method.name, value: (row) => at(row, number), show: (row) => shown(score, at(row, number)),
         tint: (row) => tint(at(row, number)), bestFirst: score.higher ? "descending" : "ascending",
-        mark: (row) => (bestOf(score, section.methods.map((_, m) => at(row, m))).has(number) ? "best" : ""),
+        mark: (row) => marks[row.index][number],
       })),
     ];
     const where = state.scope ? section.scenes[state.scope - 1].title : "all scenes";
-    const caption = `${heading(score)} by ${found.title}, ${where}: over all queries of each group`;
+    const caption = `${heading(score)} by ${found.title}, ${where}: over all queries of each group${markLegend(section)}`;
     holder.replaceChildren(conditionChart(section, score, found, groups, counts, at), sortableTable(caption, columns, groups).node);
   }
 

@@ -1,0 +1,137 @@
+"""Whether numbers have lost digits on their way into a file, and how far that moves a camera.
+
+The centre of a camera is C = -R^T t. In projected coordinates t is millions of metres long, so that
+a rotation without its ninth digit moves the camera by a centimetre.
+
+Rounding to a step s is an error of s / sqrt(12), the standard deviation of a uniform distribution.
+Entries of R that are off by e, independently, move the camera by e |t| once R is orthonormal again
+(three of nine directions remain, one of which turns about t); entries of a quaternion move it by
+sqrt(8) e |t|. All errors here are such root mean squares.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = [
+    "COARSEST_M",
+    "pose_errors_m",
+    "rounding_errors",
+    "was_rounded_to",
+]
+
+COARSEST_M = 0.01
+"""What is written of an answer may move its camera by this much."""
+
+_UNIFORM = 12.0**-0.5
+_OF_QUATERNION = 8.0**0.5
+# What is written with more decimals of its leading digit fixes any camera on Earth to 0.1 mm.
+_DECIMALS = 11
+# Products of rotations that were computed in float64 are off by a few of its steps.
+_EXACT = 1e-14
+# So many times further from orthonormal than its digits explain, a rotation lost more before.
+_BEYOND_CHANCE = 4.0
+
+
+def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
+    """Tell numbers that went through a narrower type from those that merely fit it.
+
+    Numbers of a lattice, such as whole pixels, use the last bit of the narrower type in one power
+    of two only; those that were rounded to it use it in all.
+
+    Parameters
+    ----------
+    values : array of float64
+        Finite.
+    kind : type
+        ``np.float16`` or ``np.float32``.
+    """
+    with np.errstate(over="ignore"):
+        fits = (values.astype(kind) == values).all()
+    if not fits:
+        return False
+    mantissa, exponent = np.frexp(values[values != 0])
+    last = np.abs(mantissa) * 2.0 ** (np.finfo(kind).nmant + 1) % 2.0 == 1.0
+    return len(np.unique(exponent[last])) > 1
+
+
+def rounding_errors(values: Floats) -> Floats:
+    """Estimate by how much rounding to float16, float32 or few decimal digits has moved numbers.
+
+    Parameters
+    ----------
+    values : (...) array
+        Finite, all written in the same way.
+
+    Returns
+    -------
+    (...) array
+        0 where the numbers have more digits than matter.
+    """
+    kinds: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
+    for kind in kinds:
+        if was_rounded_to(values, kind):
+            return np.abs(np.spacing(values.astype(kind))).astype(np.float64) * _UNIFORM
+    leading = np.ceil(np.log10(np.where(values == 0, 1.0, np.abs(values)))) - 1.0
+    digits = _fewest(values, 10.0**-leading)
+    if digits is None or not values.any():
+        return np.zeros_like(values)
+    # Written with so many digits, or with so many decimals: the coarser of the two is the step.
+    decimals = _fewest(values, np.ones_like(values))
+    step = np.where(values == 0, 0.0, 10.0 ** (leading - digits))
+    return np.maximum(step, 0.0 if decimals is None else 10.0**-decimals) * _UNIFORM
+
+
+def _fewest(values: Floats, unit: Floats) -> int | None:
+    """Count the decimals that all of values * unit are written with; None for many."""
+    few = None
+    for decimals in range(_DECIMALS, -1, -1):
+        scaled = values * unit * 10.0**decimals
+        if (np.abs(scaled - np.round(scaled)) > 1e-15 * np.maximum(np.abs(scaled), 1.0)).any():
+            break
+        few = decimals
+    return few
+
+
+def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats | None) -> Floats:
+    """Estimate how far rounding has moved cameras whose centres are -R^T t.
+
+    What counts is the larger of two signs: the digits that the file keeps, and how far rotations
+    are from orthonormal (or quaternions from unit length), which shows digits that were lost
+    before.
+
+    Parameters
+    ----------
+    rotations : (N, 3, 3) array
+        As the file has them, or made of its quaternions.
+    translations : (N, 3) array
+    quaternions : (N, 4) array or None
+
+    Returns
+    -------
+    (N,) array
+        In the unit of the translations.
+    """
+    if quaternions is None:
+        product = np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)
+        # The squares of the entries sum to 24 e^2: 4 e^2 on the diagonal, 2 e^2 beside it.
+        off = np.sqrt((product**2).sum(axis=(1, 2)) / 24.0)
+        entries, weight = rotations.reshape(-1, 9), 1.0
+    else:
+        off = np.abs(np.sqrt((quaternions**2).sum(axis=1)) - 1.0)
+        entries, weight = quaternions, _OF_QUATERNION
+    turned, moved = off, np.zeros_like(translations)
+    # Rotations that few digits state exactly have lost nothing; and turns by 90 degrees, those of
+    # made-up scenes, carry whole coordinates over into t.
+    if (off > _EXACT).any():
+        kept = np.sqrt((rounding_errors(entries) ** 2).mean(axis=1))
+        turned = np.where(off > _BEYOND_CHANCE * kept, off, kept)
+    if not np.isin(np.abs(np.round(rotations, 12)), (0.0, 1.0)).all():
+        moved = rounding_errors(translations)
+    by_turn = weight * turned * np.sqrt((translations**2).sum(axis=1))
+    errors: Floats = np.hypot(by_turn, np.sqrt((moved**2).sum(axis=1)))
+    return errors

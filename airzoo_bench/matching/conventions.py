@@ -1,0 +1,86 @@
+"""Poses that are written in another convention, by what the photos' own metadata say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.geometry.poses import (
+    Poses,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rotation_angle_deg,
+)
+
+__all__ = ["refuse_other_conventions"]
+
+# Poses are taken for inverted where that brings most of them this many times nearer to the priors.
+_TIMES_NEARER = 10.0
+# Rotations are taken for another convention where they are this far from the IMU's, and that
+# convention is this near. Yaw may be wrong by 180 degrees in a few photos: medians do not mind.
+_FAR_DEG, _NEAR_DEG = 60.0, 20.0
+# From camera axes x right, y down, z forward to x right, y up, z backward, or back.
+_OPENGL = np.diag((1.0, -1.0, -1.0))
+
+
+def refuse_other_conventions(given: Poses, priors: Poses) -> None:
+    """Refuse poses that agree with the photos' own GPS and gimbal only when read in another way.
+
+    Parameters
+    ----------
+    given, priors : Poses
+        Of the same N queries; N may be 0.
+
+    Raises
+    ------
+    PredictionError
+        The message says in which way, and how near each reading comes to the priors.
+    """
+    if not len(given):
+        return
+    as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
+    inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
+    if np.mean(inverted * _TIMES_NEARER < as_given) > 0.5:
+        raise PredictionError(
+            f"the poses look camera-to-world: taken so, cameras lie {np.median(inverted):.1f} m "
+            f"from their GPS positions; as world-to-camera, {np.median(as_given):.1f} m",
+            where="field 'poses'",
+            expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
+            mend=_way_back(given, priors),
+        )
+    _refuse_turned(given, priors)
+
+
+def _way_back(given: Poses, priors: Poses) -> str:
+    off = np.median(rotation_angle_deg(given.rotation, priors.rotation))
+    back = np.median(rotation_angle_deg(np.swapaxes(given.rotation, 1, 2), priors.rotation))
+    if off < back:
+        return "the rotations are right and the last column is the centre: t = -R @ centre"
+    return "invert them: R.T and -R.T @ t"
+
+
+def _refuse_turned(given: Poses, priors: Poses) -> None:
+    """Refuse rotations that agree with the IMU only when they are read in another way."""
+    quaternions = matrix_to_quaternion(given.rotation)
+    back = np.swapaxes(given.rotation, 1, 2)
+    ways = {
+        "camera-to-world": back,
+        "quaternions in the order x y z w": quaternion_to_matrix(np.roll(quaternions, 1, axis=1)),
+        "those of OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ given.rotation,
+        "camera-to-world with OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ back,
+    }
+    off = float(np.median(rotation_angle_deg(given.rotation, priors.rotation)))
+    for way, rotation in ways.items():
+        other = float(np.median(rotation_angle_deg(rotation, priors.rotation)))
+        if off > _FAR_DEG and other < _NEAR_DEG:
+            raise PredictionError(
+                f"the rotations look like {way}: they differ from the IMU's by {off:.0f} degrees, "
+                f"read so by {other:.0f}",
+                where="the poses",
+                expected="world-to-camera rotations, x_cam = R X + t, camera axes x right, y down, "
+                "z forward, quaternions as w x y z",
+                mend="convert them before you write the file; OpenGL's w2c becomes "
+                "diag(1, -1, -1) @ R"
+                if "OpenGL" in way
+                else "convert them before you write the file",
+            )

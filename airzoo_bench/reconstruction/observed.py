@@ -1,0 +1,123 @@
+"""Which parts of the true cloud the photos saw: inside enough of them, and not hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.cells import CellSet, occupied_cells
+from airzoo_bench.reconstruction.regions import Box
+
+__all__ = ["observed_cells", "seen_by"]
+
+_NEAREST = 1e-3
+# A cell of the depth buffer is so many projected cells wide, so that no surface has holes in it.
+_SPLAT = 1.5
+_STEP = np.sqrt(2.0)
+
+
+def observed_cells(
+    pieces: Iterable[Floats],
+    box: Box,
+    cameras: Cameras,
+    poses: Poses,
+    *,
+    cell: float,
+    hidden_beyond: float,
+    photos: int,
+) -> CellSet:
+    """Cells of the true cloud that enough photos saw.
+
+    Parameters
+    ----------
+    pieces : iterable of (N, 3) arrays
+        Finite points of the true cloud.
+    box : Box
+        That holds them.
+    cameras : Cameras
+    poses : Poses
+        Of the photos, one for each camera.
+    cell : float
+        Side of the cells.
+    hidden_beyond : float
+        See `seen_by`.
+    photos : int
+        So many photos have to see a cell.
+
+    Raises
+    ------
+    BenchmarkError
+        They see none.
+    """
+    occupied = occupied_cells(pieces, (cell, cell, cell), box)
+    points, times = occupied.centres(), np.zeros(len(occupied.keys), np.int64)
+    for row in range(len(poses)):
+        times += seen_by(points, cameras.take(row), poses.take(row), cell, hidden_beyond)
+    keys = occupied.keys[times >= photos]
+    if not len(keys):
+        raise BenchmarkError(
+            f"no point of the true cloud is seen by {photos} photos",
+            expected="a cloud of what the photos show, in the same coordinates",
+            mend='check poses and cloud, or choose region = "all" in the protocol',
+        )
+    return CellSet(occupied.size, occupied.low, occupied.extent, keys)
+
+
+def seen_by(
+    points: Floats, camera: Cameras, pose: Poses, cell: float, hidden_beyond: float
+) -> Bools:
+    """Whether a photo sees each of points that stand for a surface.
+
+    A point is hidden where another one in the same direction is nearer along the optical axis by
+    more than `hidden_beyond`. Directions are cells of a depth buffer, 1.5 to 2.1 times as wide as
+    a cell of the surface appears there.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        Middles of the cells that the surface occupies.
+    camera : Cameras
+        One.
+    pose : Poses
+        One.
+    cell : float
+        Side of a cell.
+    hidden_beyond : float
+
+    Returns
+    -------
+    (N,) bool array
+    """
+    seen = np.zeros(len(points), np.bool_)
+    local = apply_matrix(pose.rotation[0], points - pose.centres[0])
+    rows = np.flatnonzero(local[:, 2] > _NEAREST)
+    pixels = project(camera, local[None, rows])[0]
+    size = np.array((camera.width[0], camera.height[0]))
+    inside = ((pixels >= 0.0) & (pixels < size)).all(axis=1)
+    rows, pixels = rows[inside], pixels[inside]
+    depth = local[rows, 2]
+    wide = _SPLAT * cell * float(camera.focal[0].max()) / depth
+    levels = np.ceil(np.log(np.maximum(wide, 1.0)) / np.log(_STEP)).astype(np.int64)
+    seen[rows] = ~_hidden(pixels, depth, levels, size, hidden_beyond)
+    return seen
+
+
+def _hidden(pixels: Floats, depth: Floats, levels: Ints, size: Ints, beyond: float) -> Bools:
+    """Test points against all nearer ones; those need buffers of wider cells."""
+    hidden = np.zeros(len(depth), np.bool_)
+    for level in np.unique(levels).tolist():
+        side = _STEP**level
+        columns = int(size[0] // side) + 1
+        x, y = np.floor(pixels / side).astype(np.int64).T
+        place = y * columns + x
+        nearest = np.full(columns * (int(size[1] // side) + 1), np.inf)
+        own = levels == level
+        np.minimum.at(nearest, place[own], depth[own])
+        tested = levels <= level
+        hidden[tested] |= nearest[place[tested]] < depth[tested] - beyond
+    return hidden

@@ -1,0 +1,157 @@
+"""Who is best, and who cannot be told from the best: decided here once for all views of a part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from airzoo_bench.report.sections import Section
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.statistics.best import AgainstBest, against_best
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.verdicts import LEVEL
+from airzoo_bench.tables.entries import as_shown, score_column
+from airzoo_bench.tables.floors import shared_references
+from airzoo_bench.tables.model import Cell, best_texts, share_to_percent
+
+__all__ = ["BEST", "TIED", "marks_of", "references", "standings", "test_plan"]
+
+BEST, TIED = "best", "tied"
+
+_RESAMPLES = 10_000
+_WORK = 2.5e9  # resampled values: some seconds
+_FINEST = 40  # resamples a comparison, so that a corrected p can still be a finding
+
+_Row = Sequence[float | None]
+
+
+@dataclass(frozen=True)
+class _Tests:
+    """Tests against the best: by scope and score; without any, the reason."""
+
+    overall: Mapping[str, AgainstBest]
+    scenes: Mapping[str, Mapping[str, AgainstBest]]
+    note: str
+
+
+def standings(section: Section) -> dict[str, Any]:
+    """Return every score by method, over scenes, pooled and by scene: value, text and mark.
+
+    Each scope is a mapping of ``values``, ``texts`` as tables show them, ``marks``: `BEST`, `TIED`
+    where a paired test does not tell a method from the best, or nothing; and whether it was tested.
+    """
+    found, tests = _averages(section), _tests(section)
+    return {
+        "overall": _scope(section, found["overall"], tests.overall),
+        "pooled": _scope(section, found["pooled"], {}),
+        "perScene": [
+            _scope(section, values, tests.scenes.get(scene, {}))
+            for scene, values in zip(section.first.scenes, found["perScene"], strict=True)
+        ],
+        "note": tests.note,
+    }
+
+
+def test_plan(section: Section, comparisons: int) -> Plan | None:
+    """Return a plan whose resamples suffice for so many comparisons of a score.
+
+    None where the tests would take too long.
+    """
+    count = len(section.methods)
+    resamples = max(_RESAMPLES, _FINEST * count * (count - 1) // 2)
+    values = comparisons * len(section.headline) * len(section.methods[0].records)
+    return Plan(resamples) if values * resamples <= _WORK else None
+
+
+def _tests(section: Section) -> _Tests:
+    if len(section.methods) < 2:
+        return _Tests({}, {}, "")
+    plan = test_plan(section, 2 * len(section.methods))
+    if plan is None:
+        return _Tests({}, {}, "no tests against the best: there are too many queries and methods")
+    methods, scores = section.methods, section.headline
+    scenes = section.first.scenes if section.by_query else ()
+    return _Tests(
+        against_best(methods, scores, plan),
+        {scene: against_best(methods, scores, plan, scene) for scene in scenes},
+        f"≈ marks what a paired test does not tell from the best (p above "
+        f"{share_to_percent(LEVEL):g} % after Holm's correction for all pairs of methods, "
+        f"{plan.resamples} resamples, seed {plan.seed}), of the paper's scores; pooled values are "
+        "not tested" + ("" if section.by_query else ", nor are single scenes"),
+    )
+
+
+def _averages(section: Section) -> dict[str, Any]:
+    """Return every score by method: over scenes, over all queries, and of each scene."""
+    keys = [score.key for score in section.scores]
+    results = [method.result for method in section.methods]
+    return {
+        "overall": [[result.overall[key] for key in keys] for result in results],
+        "pooled": [[result.pooled[key] for key in keys] for result in results],
+        "perScene": [
+            [[result.scenes[scene][key] for key in keys] for result in results]
+            for scene in section.first.scenes
+        ],
+    }
+
+
+def _scope(
+    section: Section, values: Sequence[Sequence[float]], tests: Mapping[str, AgainstBest]
+) -> dict[str, Any]:
+    columns = [
+        marks_of(score, [row[place] for row in values], tests.get(score.key))
+        for place, score in enumerate(section.scores)
+    ]
+    return {
+        "values": values,
+        "texts": [_texts(section, row) for row in values],
+        "marks": [list(row) for row in zip(*columns, strict=True)],
+        "tested": bool(tests),
+    }
+
+
+def _texts(section: Section, row: _Row) -> list[str]:
+    return [_cell(score, value).text(2) for score, value in zip(section.scores, row, strict=True)]
+
+
+def _cell(score: ScoreColumn, value: float | None) -> Cell:
+    return Cell(None if value is None else as_shown(score, float(value)))
+
+
+def marks_of(score: ScoreColumn, values: _Row, tests: AgainstBest | None = None) -> list[str]:
+    """Mark a score's values by method: the best ones by the digits shown, and who ties with them.
+
+    One method by itself has no mark.
+    """
+    column = score_column(score)
+    cells = [_cell(score, value) for value in values]
+    best = best_texts(column, cells)[:1]
+    if not best or len(values) < 2:
+        return [""] * len(values)
+    tied = tests.tied if tests else [False] * len(values)
+    texts = [cell.text(column.decimals) for cell in cells]
+    return [
+        BEST if text == best[0] else TIED if is_tied else ""
+        for text, is_tied in zip(texts, tied, strict=True)
+    ]
+
+
+def references(section: Section) -> list[dict[str, Any]]:
+    """Return what scores without a method, in the scopes of `standings`, without marks."""
+    found, _ = shared_references([method.result for method in section.methods])
+
+    def scope(part: Mapping[str, float]) -> dict[str, Any]:
+        values = [part.get(score.key) for score in section.scores]
+        return {"values": values, "texts": _texts(section, values)}
+
+    return [
+        {
+            "name": name,
+            "meaning": reference.meaning,
+            "overall": scope(reference.overall),
+            "pooled": scope(reference.pooled),
+            "perScene": [scope(reference.scenes[scene]) for scene in section.first.scenes],
+        }
+        for name, reference in found.items()
+    ]

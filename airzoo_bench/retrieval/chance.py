@@ -1,0 +1,93 @@
+"""What tiles in random order score: the floor that a number must be held against.
+
+With R of G tiles positive and every order as likely as any other, the ranks hold positives as draws
+without replacement do. All expectations here are exact.
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.retrieval.scores import ap_name
+from airzoo_bench.retrieval.settings import RetrievalScores
+
+__all__ = ["chance_scores"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
+    """Give the expected score of each query under a random order of its gallery.
+
+    Parameters
+    ----------
+    positives : (Q,) int
+        R, the number of positives of each query.
+    n_tiles : int
+        G, the size of the gallery.
+    settings : RetrievalScores
+        The protocol's.
+
+    Returns
+    -------
+    dict of str to (Q,) float64
+        By the score's column; distances, which depend on where tiles lie, are not among them.
+
+    References
+    ----------
+    Recall@K is one minus the hypergeometric probability of no positive among K draws. That two
+    given ranks are both positive has the probability R (R - 1) / (G (G - 1)), whence the sums of
+    precisions; see Bestgen, Exact expected average precision of the random baseline for system
+    evaluation, Prague Bulletin of Mathematical Linguistics 103, 2015.
+    """
+    kinds, back = np.unique(positives, return_inverse=True)
+    k, kept = settings.ap_at, min(settings.ranks_kept, n_tiles)
+    right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
+    none = _none_among(kinds, n_tiles, max(kept, *settings.recall_at))
+    sums = _precision_sums(right, n_tiles, min(k, n_tiles))
+    scores = {f"recall@{n}": 1 - none[:, n] for n in settings.recall_at}
+    scores[ap_name(k, "precision")] = right / n_tiles * min(k, n_tiles) / k
+    scores[ap_name(k, "min")] = sums / np.minimum(divisor, k)
+    scores[ap_name(k, "trec")] = sums / divisor
+    scores[ap_name(k, "hits")] = np.array([_over_hits(int(r), n_tiles, k) for r in kinds])
+    scores["map"] = _precision_sums(right, n_tiles, kept) / divisor
+    scores["mrr"] = -np.diff(none[:, : kept + 1], axis=1) @ (1 / np.arange(1.0, kept + 1))
+    for depth in settings.ndcg_at:
+        gain = np.concatenate(([0.0], np.cumsum(1 / np.log2(np.arange(2, depth + 2)))))
+        best = gain[np.clip(kinds, 1, depth)]
+        scores[f"ndcg@{depth}"] = right / n_tiles * gain[min(depth, n_tiles)] / best
+    return {name: values[back] for name, values in scores.items()}
+
+
+def _none_among(positives: Ints, n_tiles: int, most: int) -> Floats:
+    """Give the probability (n, most + 1) that the first 0, 1, ... tiles hold no positive."""
+    drawn = np.arange(most)
+    left = np.maximum(n_tiles - positives[:, None] - drawn, 0)
+    each = np.where(drawn < n_tiles, left / np.maximum(n_tiles - drawn, 1), 1.0)
+    return np.concatenate([np.ones((len(positives), 1)), np.cumprod(each, axis=1)], axis=1)
+
+
+def _precision_sums(positives: Floats, n_tiles: int, depth: int) -> Floats:
+    """Give the expected sum of the precisions at hits among the first ranks."""
+    rank = np.arange(1.0, depth + 1)
+    also = (positives - 1) / max(n_tiles - 1, 1)
+    sums: Floats = (1 / rank).sum() + also * ((rank - 1) / rank).sum()
+    return positives / n_tiles * sums
+
+
+def _over_hits(positives: int, n_tiles: int, k: int) -> float:
+    """Give the expected mean precision at hits among the first k; 0 without a hit."""
+    depth = min(k, n_tiles)
+    rank = np.arange(1.0, depth + 1)
+    total = 0.0
+    for hits in range(1, min(positives, depth) + 1):
+        ways = comb(positives, hits) * comb(n_tiles - positives, depth - hits)
+        # Given their number, hits are anywhere among the first k alike.
+        also = (hits - 1) / max(depth - 1, 1)
+        mean = ((1 + (rank - 1) * also) / rank).mean()
+        total += ways / comb(n_tiles, depth) * float(mean)
+    return total

@@ -1,0 +1,171 @@
+"""What a reader of matching's numbers must know, and who checks a file wants to know before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.matching.claims import SceneClaim
+from airzoo_bench.matching.lifting import LiftStatus
+from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
+from airzoo_bench.matching.settings import Lift, Solver
+from airzoo_bench.matching.track import NOT_GIVEN, ScoredScene, lifted_points
+from airzoo_bench.matching.truth import MatchingTruth
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["claim_notes", "equal_to_prior", "lifting_notes", "scored_notes"]
+
+# Pixels that all lie within this share of the photo are suspected, if there are enough of them.
+_ENOUGH_MATCHES = 100
+_CORNER = 0.6
+# Beyond any error of GPS, and of poses that mean the right place.
+_FAR_M = 1000.0
+# A prior that was copied went through a file at most.
+_SAME_M, _SAME_DEG = 1e-3, 1e-3
+_DOUBTS = {
+    "poses": "are they world-to-camera, and all coordinates in the scene's CRS?",
+    "pairs": "poor pairs make such poses, and points that are not in the scene's CRS",
+    "matches": "poor matches make such poses",
+}
+
+
+def claim_notes(
+    predictions: MatchingPredictions, truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]
+) -> list[str]:
+    """Say what can be seen of claims without solving them: what `check` and `eval` both note."""
+    return [
+        *_scale_notes(predictions, truths),
+        *_crop_notes(truths, claims),
+        *_prior_notes(truths, claims),
+    ]
+
+
+def lifting_notes(
+    truths: Sequence[MatchingTruth],
+    claims: Sequence[SceneClaim],
+    lifting: Lift,
+    solver: Solver,
+    jobs: int,
+) -> list[str]:
+    """Say what `eval` will say of given poses, of lifting and of its limits, without solving."""
+    given = [claim.poses.centres for claim in claims if claim.poses is not None]
+    if given:
+        lost = sum(
+            int((c.answered & np.isnan(c.poses.centres).any(axis=1)).sum())
+            for c in claims
+            if c.poses is not None
+        )
+        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, given, "poses")]
+    totals = np.zeros(4, np.int64)
+    for truth, claim in zip(truths, claims, strict=True):
+        _, status = lifted_points(truth, claim, lifting, jobs)
+        for part in claim.parts():
+            lifted = int((status[part] == LiftStatus.LIFTED).sum())
+            blind = lifted == 0 and bool((status[part] == LiftStatus.NO_HEIGHT).any())
+            over = max(0, lifted - solver.max_matches)
+            totals += (part.stop - part.start, lifted, blind, over)
+    return _count_notes(*totals.tolist())
+
+
+def scored_notes(
+    records: pd.DataFrame,
+    predictions: MatchingPredictions,
+    truths: Sequence[MatchingTruth],
+    scored: Sequence[ScoredScene],
+) -> list[str]:
+    """Say what is known once the poses are."""
+    failed = records[records["failed"] & records["answered"]]
+    reasons = {str(why): int(n) for why, n in failed["status"].value_counts().sort_index().items()}
+    notes = [f"scored from {predictions.kind}", *_failed_notes(reasons)]
+    if "lifted" in records.columns:
+        blind = (records["no_height"] > 0) & (records["lifted"] == 0)
+        sums = records[["matches", "lifted"]].sum()
+        beyond = int(records["beyond_limit"].sum())
+        notes += _count_notes(int(sums["matches"]), int(sums["lifted"]), int(blind.sum()), beyond)
+    return [*notes, *_far_notes(truths, [scene.centres for scene in scored], predictions.kind)]
+
+
+def equal_to_prior(truth: MatchingTruth, claim: SceneClaim) -> int:
+    """Count the poses that are the photo's own GPS position and gimbal angles."""
+    if claim.poses is None:
+        return 0
+    priors = truth.priors
+    apart = np.linalg.norm(claim.poses.centres - priors.centres, axis=1)
+    turned = rotation_angle_deg(claim.poses.rotation, priors.rotation)
+    return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
+
+
+def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
+    """Suspect another frame or convention where poses lie beyond any GPS error."""
+    offsets = [c - t.priors.centres for t, c in zip(truths, centres, strict=True)]
+    away = np.linalg.norm(np.concatenate(offsets), axis=1)
+    far = int((away > _FAR_M).sum())
+    if not far:
+        return []
+    return [
+        f"{far} of {np.isfinite(away).sum()} poses lie more than {_FAR_M:g} m from the photo's GPS "
+        f"position: {_DOUBTS[kind]}"
+    ]
+
+
+def _failed_notes(reasons: dict[str, int]) -> list[str]:
+    count = sum(reasons.values())
+    if not count:
+        return []
+    listed = ", ".join(f"{number} {reason}" for reason, number in reasons.items())
+    who = "1 answered query has" if count == 1 else f"{count} answered queries have"
+    return [f"{who} no pose ({listed}): infinite errors"]
+
+
+def _count_notes(given: int, lifted: int, blind: int, beyond: int) -> list[str]:
+    notes = []
+    if lifted < given:
+        notes.append(f"{given - lifted} of {given} matches could not be lifted and were dropped")
+    if blind:
+        notes.append(f"the surface model has no height under any match of {blind} queries")
+    if beyond:
+        notes.append(
+            f"{beyond} of {given} matches are more than the protocol solves of a query: a seeded "
+            "choice leaves them out"
+        )
+    return notes
+
+
+def _prior_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
+    same = sum(equal_to_prior(truth, claim) for truth, claim in zip(truths, claims, strict=True))
+    total = sum(len(truth.queries) for truth in truths)
+    if not same:
+        return []
+    return [f"{same} of {total} answers equal the prior, the photo's own GPS and gimbal angles"]
+
+
+def _crop_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
+    """Count matches that the query's crop could not have given."""
+    outside = 0
+    for truth, claim in zip(truths, claims, strict=True):
+        if claim.map_xy is not None:
+            crop = np.repeat(truth.crops, np.diff(claim.offsets), axis=0)
+            local = claim.map_xy - crop[:, :2]
+            outside += int(((local < -1) | (local > crop[:, 2:] + 1)).any(axis=1).sum())
+    return [f"{outside} map pixels lie outside their query's crop"] if outside else []
+
+
+def _scale_notes(predictions: MatchingPredictions, truths: Sequence[MatchingTruth]) -> list[str]:
+    """Suspect pixels of a smaller image: they would all lie in a corner of the photo."""
+    claim = predictions.claim
+    if isinstance(claim, PoseClaim) or len(claim.query_xy) < _ENOUGH_MATCHES:
+        return []
+    size = np.array([[t.cameras.width.max(), t.cameras.height.max()] for t in truths]).max(axis=0)
+    reach = claim.query_xy.max(axis=0)
+    if (reach < _CORNER * size).all():
+        return [
+            f"no query pixel lies beyond ({reach[0]:.0f}, {reach[1]:.0f}) in photos of "
+            f"{size[0]}x{size[1]} px: are the matches in the size of a smaller image?"
+        ]
+    return []

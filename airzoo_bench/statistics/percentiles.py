@@ -1,0 +1,73 @@
+"""Percentiles of resamples, and the test that agrees with the intervals that they make."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.statistics.samples import gap
+
+__all__ = ["percentile_p_values", "quantiles"]
+
+
+def quantiles(ranked: Floats, levels: Floats) -> Floats:
+    """Take quantiles, linear between ranks; NumPy's own make NaN of infinite ones.
+
+    Parameters
+    ----------
+    ranked : (R, B) array
+        Sorted along the rows; infinite values are values like any other.
+    levels : (R, L) array
+        From 0 to 1.
+
+    Returns
+    -------
+    (R, L) array
+    """
+    place = levels * (ranked.shape[1] - 1)
+    below = np.floor(place).astype(np.intp)
+    above = np.minimum(below + 1, ranked.shape[1] - 1)
+    low = np.take_along_axis(ranked, below, axis=1)
+    high = np.take_along_axis(ranked, above, axis=1)
+    share = place - below
+    between = (share > 0) & np.isfinite(low)
+    found: Floats = low + np.multiply(gap(high, low), share, out=np.zeros_like(low), where=between)
+    return found
+
+
+def percentile_p_values(resamples: Floats) -> Floats:
+    """Test whether statistics are 0 by the percentile intervals of their resamples, two-sided.
+
+    Parameters
+    ----------
+    resamples : (R, B) array
+
+    Returns
+    -------
+    (R,) array
+        The p up to which the interval of confidence 1 - p holds 0: whichever the confidence, test
+        and interval agree. At least 2 / (B + 1).
+
+    References
+    ----------
+    B. Efron and R. Tibshirani, An introduction to the bootstrap (1993), section 15.4.
+    """
+    ranked = np.sort(resamples, axis=1)
+    levels = np.minimum(_level_of_0(ranked), _level_of_0(-ranked[:, ::-1]))
+    return np.asarray(np.clip(2 * levels, 2 / (resamples.shape[1] + 1), 1.0))
+
+
+def _level_of_0(ranked: Floats) -> Floats:
+    """Return the highest level at which `quantiles` is at most 0, (R,)."""
+    last = ranked.shape[1] - 1
+    ranks = (ranked <= 0).sum(axis=1)
+    upper = np.clip(ranks, 1, last)[:, None]
+    below = np.take_along_axis(ranked, upper - 1, axis=1)[:, 0]
+    above = np.take_along_axis(ranked, upper, axis=1)[:, 0]
+    between = (below <= 0) & (above > 0) & np.isfinite(below) & np.isfinite(above)
+    span = np.subtract(above, below, out=np.ones_like(below), where=between)
+    # Between minus infinity and a number all is minus infinity, up to a number's infinity none is.
+    share = np.where(between, -below / span, np.isneginf(below))
+    inner = (ranks > 0) & (ranks <= last)
+    found: Floats = np.where(inner, (ranks - 1 + share) / last, (ranks > 0).astype(np.float64))
+    return found

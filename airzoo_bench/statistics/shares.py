@@ -1,0 +1,166 @@
+"""Intervals of mean shares, such as hit rates, that hold where all queries of a scene are alike.
+
+Resamples of a scene in which every query is a hit cannot differ, and so say that its rate is
+known. Here such a scene keeps the uncertainty of its size. One scene has Wilson's interval; the
+average over scenes is put together from the scenes' limits by MOVER, the method of variance
+estimates recovery (Zou and Donner 2008), with Jeffreys' limits, which cover better than Wilson's
+where many scenes are added (docs/statistics.md has the figures). A paired difference is the share
+won minus the share lost, whose limits MOVER puts together likewise.
+
+References
+----------
+E. Wilson, Probable inference, the law of succession, and statistical inference, Journal of the
+American Statistical Association 22 (1927).
+G. Zou and A. Donner, Construction of confidence limits about effect measures: a general approach,
+Statistics in Medicine 27 (2008); for sums of rates G. Zou, W. Huang and X. Zhang, A note on
+confidence interval estimation for a linear function of binomial proportions, Computational
+Statistics and Data Analysis 53 (2009).
+L. Brown, T. Cai and A. DasGupta, Interval estimation for a binomial proportion, Statistical
+Science 16 (2001): Wilson's and Jeffreys' intervals.
+C. Franco, R. Little, T. Louis and E. Slud, Comparative study of confidence intervals for
+proportions in complex sample surveys, Journal of Survey Statistics and Methodology 7 (2019):
+effective sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = ["Rates", "average_limits", "difference_limits", "jeffreys_limits", "wilson_limits"]
+
+_PRIOR = 0.5
+"""So many queries more at 0, and at 1, as Jeffreys' prior has it, steady the variance of AP."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rates:
+    """Mean shares of a scene, as if they were hit rates.
+
+    Attributes
+    ----------
+    means : (R,) array
+    sizes : (R,) array
+        Effective sizes: of how many hits and misses a rate would vary as much. For hits that is how
+        many queries there are; for shares that vary less, more.
+    """
+
+    means: Floats
+    sizes: Floats
+
+    @classmethod
+    def of(cls, values: Floats) -> Rates:
+        """Measure shares, (R, N) from 0 to 1; those that vary as much as hits count as hits."""
+        count = values.shape[1]
+        means = values.mean(axis=1)
+        ends = _PRIOR * (means**2 + (1 - means) ** 2)
+        squares = ((values - means[:, None]) ** 2).sum(axis=1)
+        sizes = count * means * (1 - means) * (count + 2 * _PRIOR) / (squares + ends)
+        return cls(means, np.maximum(sizes, count))
+
+    @property
+    def spread(self) -> Floats:
+        """Standard errors (R,)."""
+        return np.asarray(np.sqrt(self.means * (1 - self.means) / self.sizes))
+
+
+Limits = Callable[[Rates, float], Floats]
+
+
+def wilson_limits(rates: Rates, confidence: float) -> Floats:
+    """Return Wilson's limits of rates, (R, 2)."""
+    from scipy.special import ndtri
+
+    squared = float(ndtri((1 + confidence) / 2)) ** 2
+    means, sizes = rates.means, rates.sizes
+    centre = means + squared / (2 * sizes)
+    reach = np.sqrt(squared * (means * (1 - means) / sizes + squared / (4 * sizes**2)))
+    limits = np.stack([centre - reach, centre + reach], axis=1) / (1 + squared / sizes)[:, None]
+    # Exactly, not but for rounding, at the ends.
+    return _around(np.clip(limits, 0.0, 1.0), means)
+
+
+def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
+    """Return Jeffreys' limits of rates, (R, 2): 0 where nothing was hit, 1 where everything was."""
+    from scipy.special import betaincinv
+
+    hits, misses = rates.means * rates.sizes, (1 - rates.means) * rates.sizes
+    tails = (1 - confidence) / 2, (1 + confidence) / 2
+    limits = [betaincinv(hits + 0.5, misses + 0.5, tail) for tail in tails]
+    return _around(np.stack(limits, axis=1), rates.means)
+
+
+def _around(limits: Floats, means: Floats) -> Floats:
+    """Let no limit lie beyond the mean, and those of 0 and 1 lie on it."""
+    low = np.where(means <= 0, 0.0, np.minimum(limits[:, 0], means))
+    high = np.where(means >= 1, 1.0, np.maximum(limits[:, 1], means))
+    return np.stack([low, high], axis=1)
+
+
+def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
+    """Take the intervals of mean shares, averaged over scenes without weights.
+
+    Parameters
+    ----------
+    scenes : sequence of (R, N) arrays
+        R shares, from 0 to 1, of the N queries of each scene.
+    confidence : float
+
+    Returns
+    -------
+    (R, 2) array
+        Wilson's limits of one scene, MOVER's of Jeffreys' limits of several.
+    """
+    rates = [Rates.of(values) for values in scenes]
+    if len(rates) == 1:
+        return wilson_limits(rates[0], confidence)
+    reaches = [_reaches(rate, confidence) for rate in rates]
+    means = np.mean([rate.means for rate in rates], axis=0)
+    down, up = (np.sqrt(sum(reach[side] ** 2 for reach in reaches)) for side in (0, 1))
+    return np.stack([means - down / len(rates), means + up / len(rates)], axis=1)
+
+
+def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
+    """Take the intervals of paired differences of mean shares, averaged over scenes.
+
+    Parameters
+    ----------
+    scenes : sequence of (R, N) arrays
+        R differences, from -1 to 1, on the N queries of each scene.
+    confidence : float
+
+    Returns
+    -------
+    (R, 2) array
+        What is won and what is lost are two shares, whose covariance is known: a query can not
+        be both. MOVER puts together the limits of both, of all scenes.
+    """
+    count = len(scenes)
+    means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
+    squares = sum(_squares(values, confidence) for values in scenes)
+    down, up = np.sqrt(np.maximum(squares, 0.0)) / count
+    return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
+
+
+def _squares(values: Floats, confidence: float) -> Floats:
+    """Return the squared reaches of a scene's differences, down and up, (2, R)."""
+    won, lost = (Rates.of(np.maximum(part, 0.0)) for part in (values, -values))
+    spread = won.spread * lost.spread * values.shape[1]
+    correlation = np.divide(
+        -won.means * lost.means, spread, out=np.zeros(len(values)), where=spread > 0
+    )
+    correlation = np.maximum(correlation, -1.0)
+    down, up = _reaches(won, confidence)
+    lost_down, lost_up = _reaches(lost, confidence)
+    pairs = ((down, lost_up), (up, lost_down))
+    return np.stack([one**2 + other**2 - 2 * correlation * one * other for one, other in pairs])
+
+
+def _reaches(rates: Rates, confidence: float) -> tuple[Floats, Floats]:
+    """Return how far limits lie below and above the mean."""
+    low, high = jeffreys_limits(rates, confidence).T
+    return rates.means - low, high - rates.means

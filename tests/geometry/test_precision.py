@@ -1,0 +1,145 @@
+"""Lost digits: the estimate beside how far cameras truly move, and numbers that lost none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.precision import (
+    COARSEST_M,
+    pose_errors_m,
+    rounding_errors,
+    was_rounded_to,
+)
+
+COUNT = 200
+ROTATIONS = Rotation.random(COUNT, random_state=7).as_matrix()
+CENTRES = np.array((400_000.0, 3_130_000.0, 150.0)) + np.random.default_rng(7).normal(
+    0, 300, (COUNT, 3)
+)
+TRUE = Poses(rotation=ROTATIONS, centres=CENTRES)
+QUATERNIONS = matrix_to_quaternion(ROTATIONS)
+
+
+def narrow(values: Any, kind: Any = np.float32) -> Any:
+    return values.astype(kind).astype(np.float64)
+
+
+def moved_m(rotations: Any, translations: Any) -> float:
+    """Return how far cameras truly move, by SciPy's polar rotation and plain products."""
+    exact = Rotation.from_matrix(rotations).as_matrix()
+    centres = -np.einsum("nji,nj->ni", exact, translations)
+    return float(np.sqrt(((centres - CENTRES) ** 2).sum(axis=1).mean()))
+
+
+def expected_m(errors: Any) -> float:
+    return float(np.sqrt((errors**2).mean()))
+
+
+@pytest.mark.parametrize(("digits", "about"), [(4, 260.0), (5, 26.0), (6, 2.6), (8, 0.026)])
+def test_quaternions_of_few_digits(digits: int, about: float) -> None:
+    rounded = np.round(QUATERNIONS, digits)
+    rotations = quaternion_to_matrix(rounded)
+    true = moved_m(rotations, TRUE.translation)
+    assert true == pytest.approx(about, rel=0.2)
+    errors = pose_errors_m(rotations, TRUE.translation, rounded)
+    assert expected_m(errors) == pytest.approx(true, rel=0.25)
+    assert (errors > COARSEST_M).all()
+
+
+@pytest.mark.parametrize(("digits", "about"), [(5, 9.1), (6, 0.91), (7, 0.091)])
+def test_rotations_of_few_digits(digits: int, about: float) -> None:
+    rounded = np.round(ROTATIONS, digits)
+    true = moved_m(rounded, TRUE.translation)
+    assert true == pytest.approx(about, rel=0.2)
+    errors = pose_errors_m(rounded, TRUE.translation, None)
+    assert expected_m(errors) == pytest.approx(true, rel=0.25)
+    assert (errors > COARSEST_M).all()
+
+
+def test_numbers_that_went_through_float32() -> None:
+    R, t = narrow(ROTATIONS), narrow(TRUE.translation)
+    for rotations, translations in ((R, t), (R, TRUE.translation), (ROTATIONS, t)):
+        true = moved_m(rotations, translations)
+        assert true > 0.02
+        errors = pose_errors_m(rotations, translations, None)
+        assert expected_m(errors) == pytest.approx(true, rel=0.35)
+        assert (errors > COARSEST_M).all()
+
+
+def test_rotations_made_orthonormal_after_they_lost_digits() -> None:
+    # In float32, as a network's last layer does it: |R^T R - I| is as small as float32 allows.
+    U, _, Vt = np.linalg.svd(ROTATIONS.astype(np.float16).astype(np.float32))
+    R = (U @ Vt).astype(np.float64)
+    assert np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() < 1e-5
+    assert (pose_errors_m(R, TRUE.translation, None) > COARSEST_M).all()
+
+
+@pytest.mark.parametrize("decimals", [0, 1])
+def test_translations_of_few_digits(decimals: int) -> None:
+    t = np.round(TRUE.translation, decimals)
+    errors = pose_errors_m(ROTATIONS, t, None)
+    assert expected_m(errors) == pytest.approx(moved_m(ROTATIONS, t), rel=0.1)
+    assert (errors > COARSEST_M).all()
+
+
+def test_scientific_notation_counts_significant_digits() -> None:
+    written = np.vectorize(lambda value: float(f"{value:.6e}"))(QUATERNIONS)
+    rotations = quaternion_to_matrix(written)
+    errors = pose_errors_m(rotations, TRUE.translation, written)
+    true = moved_m(rotations, TRUE.translation)
+    assert expected_m(errors) == pytest.approx(true, rel=0.4)
+    assert true > 0.1
+
+
+@pytest.mark.parametrize("decimals", [10, 12, 15])
+def test_poses_with_their_digits_pass(decimals: int) -> None:
+    q, R, t = (np.round(v, decimals) for v in (QUATERNIONS, ROTATIONS, TRUE.translation))
+    assert (pose_errors_m(R, t, None) < COARSEST_M).all()
+    assert (pose_errors_m(R, t, q) < COARSEST_M).all()
+
+
+def test_turns_by_right_angles_have_lost_nothing() -> None:
+    R = Rotation.create_group("O").as_matrix().round()
+    whole = np.round(CENTRES[: len(R)])
+    t = -np.einsum("nij,nj->ni", R, whole)
+    assert (pose_errors_m(R, t, None) < 1e-6).all()
+    assert (pose_errors_m(R, t, matrix_to_quaternion(R)) < 1e-6).all()
+
+
+def test_near_the_origin_few_digits_are_enough() -> None:
+    t = -np.einsum("nij,nj->ni", ROTATIONS, CENTRES - (400_000, 3_130_000, 0))
+    assert (pose_errors_m(narrow(ROTATIONS), narrow(t), None) < COARSEST_M).all()
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+@pytest.mark.parametrize("step", [0.25, 0.5, 1.0, 8.0])
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_a_lattice_is_not_a_rounding(kind: Any, step: float, offset: float) -> None:
+    lattice = (np.arange(200.0) + offset) * step
+    assert (narrow(lattice, kind) == lattice).all()
+    assert not was_rounded_to(lattice, kind)
+
+
+@given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1.0, 1e4))
+def test_any_rounding_is_found(seed: int, scale: float) -> None:
+    values = np.random.default_rng(seed).random(60) * scale
+    for kind in (np.float16, np.float32):
+        rounded = narrow(values, kind)
+        assert was_rounded_to(rounded, kind)
+        true = np.sqrt(((rounded - values) ** 2).mean())
+        assert np.sqrt((rounding_errors(rounded) ** 2).mean()) == pytest.approx(true, rel=0.6)
+    assert not was_rounded_to(values, np.float32)
+    assert not rounding_errors(values).any()
+
+
+def test_nothing_has_lost_nothing() -> None:
+    empty = np.zeros((0, 3))
+    assert len(pose_errors_m(np.zeros((0, 3, 3)), empty, None)) == 0
+    assert not rounding_errors(np.zeros(4)).any()

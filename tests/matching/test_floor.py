@@ -1,0 +1,71 @@
+"""What no method is needed for: the prior as an answer; what the seed alone changes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.matching.track import score_scene
+from airzoo_bench.runner.matching_seeds import spread_over_seeds
+from tests.matching.test_track import evaluated, noisy
+from tests.matching.world import N_QUERIES, World, made_matching_protocol, make_world
+from tests.support import run_main
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+def test_the_prior_itself_is_a_reference(world: World, tmp_path: Path) -> None:
+    run = evaluated(world, tmp_path, world.matches())
+    priors = world.truth.priors
+    copied = world.named(rotations=priors.rotation, centres=priors.centres)
+    copy = evaluated(world, tmp_path, copied)
+    floor = run.evaluation.result.references["Prior itself"]
+    assert floor == copy.evaluation.result.references["Prior itself"]
+    assert floor.scenes == copy.evaluation.result.scenes
+    assert (floor.overall, floor.pooled) == (
+        copy.evaluation.result.overall,
+        copy.evaluation.result.pooled,
+    )
+    off = np.linalg.norm(priors.centres - world.truth.poses.centres, axis=1)
+    assert floor.overall["error_m"] == pytest.approx(np.median(off))
+    assert run.evaluation.result.counts["hills"]["equal_to_prior"] == 0
+    assert copy.evaluation.result.counts["hills"]["equal_to_prior"] == N_QUERIES
+    assert any("5 of 5 answers equal the prior" in n for n in copy.evaluation.result.notes)
+    assert not any("equal the prior" in note for note in run.evaluation.result.notes)
+
+
+def test_priors_that_are_the_truth_are_no_reference(tmp_path: Path) -> None:
+    world = make_world(tmp_path, made_matching_protocol(prior={"source": "truth"}))
+    assert evaluated(world, tmp_path, world.matches()).evaluation.result.references == {}
+
+
+def test_the_spread_over_seeds(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fields = noisy(world, list(range(N_QUERIES)))
+    run = evaluated(world, tmp_path, fields)
+    found = {s.score.column: s for s in spread_over_seeds(run, 4, jobs=2)}
+    alone = []
+    for seed in range(4):
+        solver = world.protocol.solver.model_copy(update={"seed": seed})
+        claim = run.claims[0]
+        rules = world.protocol
+        scene = score_scene(world.truth, claim, rules.lift, solver, rules.scores)
+        alone.append(scene.records["error_m"].median())
+    spread = found["error_m"]
+    assert (spread.least, spread.most) == (min(alone), max(alone))
+    assert spread.least < spread.most
+    assert spread.median in alone
+    path = tmp_path / "method.npz"
+    assert run_main("eval", "matching", path, "--data", world.root, "--seeds", 2) == 0
+    said = capsys.readouterr().err
+    assert "under 2 seeds" in said
+    assert "Median: " in said
+    assert "@20m: 100.00 to 100.00 %, median 100.00" in said
+    assert "seeds" not in json.dumps(run.evaluation.result.model_dump(mode="json")["notes"])

@@ -1,0 +1,92 @@
+"""Bounds of what a protocol may ask for, and an end of it by Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from tests.matching.world import N_QUERIES, World, make_world
+from tests.support import run_main
+
+# The command, saying when the solver is first called.
+INTERRUPTED = """
+from airzoo_bench.matching import pose
+find = pose.find_pose
+def told(*arguments):
+    print("solving", flush=True)
+    return find(*arguments)
+pose.find_pose = told
+from airzoo_bench.__main__ import main
+main()
+"""
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"max_trials": 999}, "max_trials is 999, below min_trials, 1000"),
+        ({"max_trials": 2**63}, "max_trials"),
+        ({"min_trials": 2**63}, "min_trials"),
+        ({"max_matches": 3}, "max_matches"),
+        ({"max_matches": 10**9}, "max_matches"),
+        ({"max_trials_times_matches": 10_000_000}, "are 20000000 already"),
+        ({"max_trials_times_matches": 2**63}, "max_trials_times_matches"),
+        ({"least_matches": 3}, "least_matches"),
+        ({"confidence": 1.0}, "confidence"),
+    ],
+)
+def test_bounds_of_protocols(
+    world: World,
+    tmp_path: Path,
+    changes: dict[str, Any],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    values = world.protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
+    values["solver"] |= changes
+    own = tmp_path / "own.toml"
+    own.write_text(tomli_w.dumps(values))
+    path = world.write(tmp_path / "m.npz", world.matches())
+    assert run_main("eval", "matching", path, "--data", world.root, "--protocol", own) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    count = 20_000
+    query_xy = [random.random((count, 2)) * (640, 480) for _ in range(N_QUERIES)]
+    crops = world.truth.crops
+    map_xy = [c[:2] + random.random((count, 2)) * c[2:] for c in crops]
+    path = world.write(tmp_path / "m.npz", world.correspondences(query_xy, map_xy=map_xy))
+    for jobs in (1, 2):
+        out = tmp_path / f"out{jobs}"
+        ask = ["eval", "matching", path, "--data", world.root, "--out", out, "--jobs", jobs]
+        process = subprocess.Popen(
+            [sys.executable, "-c", INTERRUPTED, *map(str, ask)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("solving")
+        time.sleep(0.5)
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 130
+        assert "nothing was left half-written" in said
+        assert time.monotonic() - begin < 4.0  # 2 s on a machine that does nothing else
+        assert not out.exists()

@@ -1,0 +1,225 @@
+"""What is said beside the scores, by `eval` and by `check` alike, and the chance level."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from airzoo_bench.errors import PredictionError
+from airzoo_bench.retrieval.chance import chance_scores
+from airzoo_bench.runner.checks import check_predictions
+from airzoo_bench.runner.retrieval import evaluate_retrieval
+from tests.support import (
+    MadeScene,
+    made_protocol,
+    run_main,
+    write_benchmark,
+    write_predictions,
+)
+
+MEMORY = 1 << 30
+
+
+def evaluated(path: Path, data: Path) -> Any:
+    return evaluate_retrieval(path, data=data, memory_bytes=MEMORY).result
+
+
+def both(path: Path, data: Path) -> list[str]:
+    """Return the notes of `eval`, having held those of `check` to them."""
+    notes = list(evaluated(path, data).notes)
+    checked = check_predictions(path, data=data, protocol=None, memory_bytes=MEMORY)
+    assert checked.faults == []
+    own = [note for note in notes if "are missing" not in note and "no queries" not in note]
+    assert [note for note in checked.notes if note in own] == own
+    return notes
+
+
+def has(notes: list[str], *words: str) -> bool:
+    return any(all(word in note for word in words) for note in notes)
+
+
+def random_descriptors(scenes: list[MadeScene]) -> dict[str, Any]:
+    rng = np.random.default_rng(0)
+    tiles = [t for s in scenes for t in s.tile_ids]
+    queries = [q for s in scenes for q in s.query_ids]
+    return {
+        "query_ids": queries,
+        "query_descriptors": rng.standard_normal((len(queries), 4)),
+        "gallery_ids": tiles,
+        "gallery_descriptors": rng.standard_normal((len(tiles), 4)),
+    }
+
+
+def test_empty_lists_are_counted_as_missing(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    ranked = np.array(perfect["ranked_ids"])
+    ranked[1:3] = ""
+    path = write_predictions(
+        tmp_path / "p.npz",
+        "made-retrieval",
+        query_ids=perfect["query_ids"],
+        ranked_ids=ranked,
+    )
+    assert has(both(path, data), "2 queries have an empty list")
+    evaluation = evaluate_retrieval(path, data=data, memory_bytes=MEMORY)
+    assert evaluation.result.counts["east"]["empty_lists"] == 2
+    assert evaluation.result.counts["east"]["missing"] == 2
+    assert (~evaluation.records["answered"]).sum() == 2
+
+
+def test_described_tiles_of_no_gallery_are_counted(
+    data: Path, tmp_path: Path, scenes: list[MadeScene]
+) -> None:
+    arrays = random_descriptors(scenes)
+    arrays["gallery_ids"] = [*arrays["gallery_ids"], "east/t99999", "north/t00000"]
+    arrays["gallery_descriptors"] = np.concatenate([arrays["gallery_descriptors"], np.ones((2, 4))])
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    assert has(both(path, data), "2 described tiles are in no gallery")
+
+
+def test_lists_that_end_before_their_positives_are_said(
+    data: Path, tmp_path: Path, scenes: list[MadeScene], perfect: dict[str, Any]
+) -> None:
+    lists = []
+    for scene in scenes:
+        for found in scene.positives:
+            wrong = [t for t in range(scene.n_tiles) if t not in found]
+            lists.append([scene.tile(t) for t in wrong[:5]])
+    path = write_predictions(
+        tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=lists
+    )
+    assert has(both(path, data), "10 lists end before rank 100", "mAP, MRR, nDCG@10")
+    whole = write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect)
+    assert both(whole, data) == []
+
+
+def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
+    data: Path, tmp_path: Path, scenes: list[MadeScene]
+) -> None:
+    arrays = random_descriptors(scenes)
+    arrays["gallery_descriptors"] = np.ones((20, 4))
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    notes = both(path, data)
+    assert has(notes, "10 queries depend on ties")
+    assert has(notes, "10 queries score all of their tiles alike")
+
+
+@pytest.mark.parametrize("value", [np.nan, 1e200, 0.0])
+def test_bad_gallery_rows_have_one_name_in_eval_and_check(
+    data: Path, tmp_path: Path, scenes: list[MadeScene], value: float
+) -> None:
+    # The file is in another order than the scene's tiles.
+    arrays = random_descriptors(scenes)
+    order = np.random.default_rng(1).permutation(20)
+    arrays["gallery_ids"] = [arrays["gallery_ids"][i] for i in order]
+    arrays["gallery_descriptors"] = arrays["gallery_descriptors"][order]
+    row = arrays["gallery_ids"].index("east/t00007")
+    arrays["gallery_descriptors"][row] = value
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    if value == 0:  # ranked by L2, where zero is a descriptor like others
+        assert both(path, data) == []
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(PredictionError, match=r"field 'gallery_descriptors'.*east/t00007"):
+            evaluated(path, data)
+        (fault,) = check_predictions(path, data=data, protocol=None, memory_bytes=MEMORY).faults
+    assert "east/t00007" in str(fault)
+    assert "field 'gallery_descriptors'" in str(fault)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-40, 1e17, 9e17, 1e38, 1e200])
+@pytest.mark.parametrize("metric", ["l2", "cosine", "inner_product"])
+def test_no_warning_of_numpy_reaches_the_user(
+    data: Path, tmp_path: Path, scenes: list[MadeScene], scale: float, metric: str
+) -> None:
+    import tomli_w
+
+    from airzoo_bench.protocol import find_protocol
+
+    chosen = find_protocol("made-retrieval", data)
+    values = chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
+    values["scores"]["descriptor_metric"] = metric
+    values["name"] = "other-retrieval"
+    own = tmp_path / "own.toml"
+    own.write_text(tomli_w.dumps(values))
+    arrays = random_descriptors(scenes)
+    for field in ("query_descriptors", "gallery_descriptors"):
+        arrays[field] = arrays[field] * scale
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert run_main("eval", "retrieval", path, "--protocol", own, "--data", data) in (0, 2)
+
+
+def test_scores_that_turn_between_scenes_are_refused_by_both(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    falling = np.tile(-np.arange(float(len(perfect["ranked_ids"][0]))), (10, 1))
+    falling[6:] *= -1  # all of the second scene
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", scores=falling, **perfect)
+    for command in (["eval", "retrieval"], ["check"]):
+        assert run_main(*command, path, "--data", data) in (1, 2)
+        assert "scores are not in order for 4 of 10" in capsys.readouterr().err
+
+
+def test_tiles_with_an_ending_are_told_to_leave_it_out(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for ending in (".png", ".JPG"):
+        ranked = [[f"{tile}{ending}" for tile in row] for row in perfect["ranked_ids"]]
+        path = write_predictions(
+            tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=ranked
+        )
+        assert run_main("eval", "retrieval", path, "--data", data) == 2
+        assert "leave out the file's ending" in capsys.readouterr().err
+
+
+def test_the_chance_level_stands_beside_the_scores(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], scenes: list[MadeScene]
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    result = evaluated(path, data)
+    found = result.references["Chance level"]
+    for scene in scenes:
+        counts = np.array([len(some) for some in scene.positives])
+        expected = 1 - np.prod(
+            [(scene.n_tiles - counts - i) / (scene.n_tiles - i) for i in range(3)], axis=0
+        )
+        assert found.scenes[scene.id]["recall@3"] == pytest.approx(expected.mean())
+    assert set(found.overall) == set(chance_scores(np.array([1]), 9, _scores_of(data)))
+    for key, value in found.overall.items():
+        assert 0 < value < result.overall[key]
+        assert value == pytest.approx(np.mean([found.scenes[s.id][key] for s in scenes]))
+
+
+def _scores_of(data: Path) -> Any:
+    from airzoo_bench.protocol import find_protocol
+
+    return find_protocol("made-retrieval", data).scores
+
+
+def test_a_scene_without_a_query_is_named_and_no_traceback(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenes = [MadeScene("east", [[q, q + 1] for q in range(6)], 12), MadeScene("west", [], 8)]
+    write_benchmark(data / "made", made_protocol(scenes), scenes)
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    assert run_main("eval", "retrieval", path, "--data", data) == 2
+    assert "scene west has no query: 0 photos" in capsys.readouterr().err
+    assert run_main("check", path, "--data", data) == 0
+    assert "scene west has no query" in capsys.readouterr().err
+
+
+def test_the_template_says_what_chance_scores(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("template", "made-retrieval", "--data", data, "--out", tmp_path / "t.npz") == 0
+    said = capsys.readouterr().err
+    assert "near nothing" not in said
+    assert "by chance: R@1 " in said

@@ -1,0 +1,285 @@
+"""The truth of a scene: which tile answers which photo, wherever it lies, however it is turned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from rasterio import Affine
+
+from airzoo_bench.errors import BenchmarkError, RasterError
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.queries import write_queries
+from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
+from airzoo_bench.retrieval.settings import Gallery, GroundTruth
+from airzoo_bench.retrieval.ties import Ranking
+from airzoo_bench.retrieval.track import score_scene
+from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth, write_truth
+from airzoo_bench.scene_inputs import SceneInputs, photo_table
+from tests.support import protocol, write_raster
+
+HEIGHT_M = 100.0
+SIDE_PX = 400
+HALF_M = (40.0, 30.0)  # from a photo's centre to its sides on the ground
+NORTH_UP = Affine(1, 0, -200, 0, -1, 200)
+SETTINGS = {"tile_sizes_px": (128, 64), "overlap": 0.5, "gsd_m": "any", "gsd_tolerance": 0.1}
+RULES = {"anchor_inset": 0.0, "max_range_m": 1000.0, "box_growth": 0.1}
+PLANE = RULES | {"rule": "plane", "without_positive": "exclude"}
+
+
+def inputs(
+    folder: Path,
+    centres: np.ndarray[Any, Any],
+    crs: str = "EPSG:32633",
+    transform: Affine = NORTH_UP,
+    valid: np.ndarray[Any, Any] | None = None,
+) -> SceneInputs:
+    """Photos that look straight down from 100 m at a plain, x, y in metres of its CRS."""
+    folder.mkdir(exist_ok=True)
+    ground = np.full((1, SIDE_PX, SIDE_PX), 9, np.uint8)
+    if valid is not None:
+        ground[0, ~valid] = 0
+    dom = write_raster(folder / "dom.tif", ground, crs=crs, transform=transform, nodata=0)
+    n = len(centres)
+    size = np.full(n, 80), np.full(n, 60)
+    focal, middle = np.full((n, 2), 100.0), np.tile([40.0, 30.0], (n, 1))
+    cameras = Cameras(*size, focal, middle, np.zeros((n, 5)))
+    down = np.tile(np.diag([1.0, -1.0, -1.0]), (n, 1, 1))
+    poses = Poses(rotation=down, centres=np.column_stack([centres, np.full(n, HEIGHT_M)]))
+    names = tuple(f"p{i:03d}.jpg" for i in range(n))
+    photos = photo_table("s", names, cameras, poses, None, 0.0)
+    return SceneInputs("s", photos, crs, open_info(dom), folder / "dsm.tif", 0.0)
+
+
+def built(given: SceneInputs, least: float | str = 0.0, **rules: Any) -> PreparedScene:
+    gallery = Gallery.model_validate(SETTINGS | {"least_valid_share": least})
+    return build_truth(given, gallery, GroundTruth.model_validate(PLANE | rules))
+
+
+def scattered(n: int = 60, seed: int = 0) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(seed).uniform(-150, 150, (n, 2))
+
+
+IOU = {"rule": "iou", "iou_above": 0.15}
+
+
+@dataclass(frozen=True)
+class Meridian:
+    """Everything that is the same whichever meridian a place lies on, and its longitudes."""
+
+    positives: list[list[int]]
+    ratios: np.ndarray[Any, Any]
+    records: Any
+    lons: np.ndarray[Any, Any]
+
+
+def on_meridian(folder: Path, lon: int, rules: dict[str, Any]) -> Meridian:
+    crs = f"+proj=tmerc +lat_0=40 +lon_0={lon} +ellps=WGS84 +units=m"
+    found = built(inputs(folder, scattered(), crs), **rules)
+    truth = found.truth
+    write_queries(folder / "s", truth.queries)
+    write_truth(folder / "s", truth, found.overlaps)
+    truth = read_truth(folder / "s", "s")  # as stored
+    order = np.random.default_rng(1).permuted(
+        np.tile(np.arange(len(truth.tiles), dtype=np.int32), (len(truth.queries), 1)), axis=1
+    )
+    ranking = Ranking(order[:, :10], np.zeros(len(order), bool))
+    records = score_scene(truth, ranking, np.ones(len(order), bool), protocol().scores)
+    positives = [truth.positives.of(q).tolist() for q in range(len(truth.queries))]
+    anchors = truth.footprints.filter(like="lon").to_numpy(float)
+    lons = np.concatenate([truth.boxes[:, [0, 2]].ravel(), anchors.ravel()])
+    assert found.overlaps.overlap is not None
+    return Meridian(positives, found.overlaps.overlap, records, lons)
+
+
+@pytest.mark.parametrize("rules", [{}, IOU], ids=["plane", "iou"])
+def test_the_180th_meridian_is_like_any_other(tmp_path: Path, rules: dict[str, Any]) -> None:
+    # The same place on two meridians: tiles, positives, overlaps, distances and scores agree.
+    here = on_meridian(tmp_path / "a", 15, rules)
+    there = on_meridian(tmp_path / "b", 180, rules)
+    assert len(here.positives) == 60
+    assert there.positives == here.positives
+    np.testing.assert_allclose(there.ratios, here.ratios, atol=1e-5)
+    numbers = here.records.select_dtypes("number").columns
+    np.testing.assert_allclose(there.records[numbers], here.records[numbers], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(there.lons - 180, here.lons - 15, atol=3e-9)
+    assert there.lons.min() < 180 < there.lons.max()
+
+
+@pytest.mark.parametrize("rules", [{}, IOU], ids=["plane", "iou"])
+@pytest.mark.parametrize("angle", [0, 30, 45, 135])
+def test_positives_of_a_turned_map_are_those_of_the_tiles_themselves(
+    tmp_path: Path, angle: int, rules: dict[str, Any]
+) -> None:
+    crs = "EPSG:32633"
+    origin = np.array([500_000, 5_000_000])
+    turned = (
+        Affine.translation(*origin)
+        @ Affine.rotation(angle)
+        @ Affine.translation(-200, 200)
+        @ Affine.scale(1, -1)
+    )
+    centres = scattered() + origin
+    found = built(inputs(tmp_path, centres, crs, turned), without_positive="miss", **rules)
+    assert found.in_map_frame == (angle != 0)
+    truth = found.truth
+    x, y, w, h = truth.tiles[["x", "y", "width", "height"]].to_numpy(float).T
+    corners = np.stack([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]).transpose(2, 0, 1)
+    matrix = np.array([[turned.a, turned.b], [turned.d, turned.e]])
+    tiles = shapely.polygons(corners @ matrix.T + [turned.c, turned.f])
+    feet = centres[:, None] + np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * HALF_M
+    if rules:
+        shapes = shapely.polygons(feet)[:, None]
+        common = shapely.area(shapely.intersection(shapes, tiles))
+        ratio = common / (shapely.area(shapes) + shapely.area(tiles) - common)
+        expected = ratio > IOU["iou_above"]
+    else:
+        expected = shapely.covers(tiles, shapely.points(feet)[:, :, None]).any(axis=1)
+    got = np.zeros_like(expected)
+    got[truth.positives.queries, truth.positives.tiles] = True
+    assert 0.01 < expected.mean() < 0.3
+    np.testing.assert_array_equal(got, expected)
+
+
+def test_one_tile_that_is_the_whole_turned_map_answers_no_more_than_small_ones(
+    tmp_path: Path,
+) -> None:
+    turned = Affine.rotation(45) @ Affine.translation(-200, 200) @ Affine.scale(1, -1)
+    origin = np.array([500_000, 5_000_000])
+    moved = Affine.translation(*origin) @ turned
+    centres = np.random.default_rng(2).uniform(-330, 330, (200, 2)) + origin
+    given = inputs(tmp_path, centres, "EPSG:32633", moved)
+    answered = []
+    for sizes in ((400,), (64,)):
+        gallery = Gallery.model_validate(
+            SETTINGS | {"tile_sizes_px": sizes, "least_valid_share": 0.0}
+        )
+        truth = build_truth(given, gallery, GroundTruth.model_validate(PLANE)).truth
+        answered.append(truth.queries["id"].tolist())
+    assert answered[0] == answered[1]
+    assert 50 < len(answered[0]) < 150
+
+
+def test_where_boxes_hardly_outgrow_tiles_they_decide(tmp_path: Path) -> None:
+    turned = NORTH_UP @ Affine.rotation(2)  # boxes 7 % larger
+    given = inputs(
+        tmp_path,
+        scattered() + np.array([500_000, 5_000_000]),
+        "EPSG:32633",
+        Affine.translation(500_000, 5_000_000) @ turned,
+    )
+    boxes = built(given)
+    pixels = built(given, box_growth=0.05)
+    assert (boxes.in_map_frame, pixels.in_map_frame) == (False, True)
+    assert boxes.truth.positives.counts.sum() > pixels.truth.positives.counts.sum()
+
+
+def half_empty() -> np.ndarray[Any, Any]:
+    valid = np.ones((SIDE_PX, SIDE_PX), bool)
+    valid[:, :200] = False
+    return valid
+
+
+def test_empty_tiles_are_dropped_counted_and_answer_nothing(tmp_path: Path) -> None:
+    centres = np.array([[-150.0, 0], [100, 0]])
+    everything = built(inputs(tmp_path / "a", centres, valid=half_empty()), least="none").truth
+    some = built(inputs(tmp_path / "b", centres, valid=half_empty())).truth
+    many = built(inputs(tmp_path / "c", centres, valid=half_empty()), least=0.6).truth
+    empty = everything.tiles["valid_share"] == 0
+    assert empty.sum() > 20
+    assert some.tiles["id"].tolist() == everything.tiles["id"][~empty].tolist()
+    assert some.dropped_tiles["id"].tolist() == everything.tiles["id"][empty].tolist()
+    assert (many.tiles["valid_share"] >= 0.6).all()
+    assert len(many.tiles) + len(many.dropped_tiles) == len(everything.tiles)
+    assert everything.queries["id"].tolist() == ["s/p000", "s/p001"]
+    assert some.queries["id"].tolist() == ["s/p001"]
+    assert some.excluded["reason"].tolist() == [
+        "the footprint meets only tiles without valid pixels"
+    ]
+
+
+def test_a_map_without_a_valid_pixel_is_refused(tmp_path: Path) -> None:
+    given = inputs(tmp_path, scattered(), valid=np.zeros((SIDE_PX, SIDE_PX), bool))
+    with pytest.raises(RasterError, match=r"none of its \d+ tiles holds"):
+        built(given)
+
+
+def reasons(truth: RetrievalTruth) -> dict[str, str]:
+    return dict(zip(truth.excluded["id"], truth.excluded["reason"], strict=True))
+
+
+def test_the_reason_that_is_given_is_the_true_one(tmp_path: Path) -> None:
+    # From 100 m a photo sees 80 x 60 m; the first one here sees all of a map of 40 m.
+    small = Affine(0.1, 0, -20, 0, -0.1, 20)
+    given = inputs(tmp_path / "a", np.array([[0.0, 0], [38, 28], [500, 0]]), transform=small)
+    assert reasons(built(given).truth) == {
+        "s/p000": "the footprint overlaps tiles, but none of its 4 points lies in one",
+        "s/p002": "the footprint meets no tile",
+    }
+
+
+def test_an_overlap_below_the_threshold_is_said(tmp_path: Path) -> None:
+    given = inputs(tmp_path, np.array([[0.0, 0], [230, 0]]))
+    best = built(given, rule="iou", iou_above=0.0, without_positive="miss").truth.positives
+    assert best.overlap is not None
+    ratio = best.overlap[best.queries == 1].max()
+    assert reasons(built(given, rule="iou", iou_above=0.3).truth) == {
+        "s/p001": f"no tile overlaps by more than 0.3: the best by {ratio:.3g}"
+    }
+
+
+def test_rays_without_ground_are_said(tmp_path: Path) -> None:
+    given = inputs(tmp_path, np.array([[0.0, 0], [1, 1]]))
+    # 100 m below and 50 m aside: corners are 111.8 m away, and nothing nearer is a corner.
+    truth = built(given, max_range_m=111.0, without_positive="exclude").truth
+    assert set(reasons(truth).values()) == {"no ray meets the ground"}
+
+
+def test_a_scene_without_any_query_is_named(tmp_path: Path) -> None:
+    found = built(inputs(tmp_path, np.array([[5000.0, 0]])))
+    write_queries(tmp_path / "s", inputs(tmp_path, np.array([[5000.0, 0]])).photos)
+    write_truth(tmp_path / "s", found.truth, found.overlaps)
+    with pytest.raises(BenchmarkError, match="scene s has no query: 1 photos"):
+        read_truth(tmp_path / "s", "s")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"lon_min": -179.9, "lon_max": 179.9},
+        {"lon_min": 10.0, "lon_max": 9.0},
+        {"lat_min": 1.0, "lat_max": 0.0},
+        {"lat_min": -93.0, "lat_max": 0.0},
+        {"lon_max": np.nan},
+    ],
+)
+def test_stored_boxes_that_are_none_are_refused(tmp_path: Path, change: dict[str, float]) -> None:
+    found = built(inputs(tmp_path, scattered(), "+proj=tmerc +lon_0=12 +ellps=WGS84"))
+    for column, value in change.items():
+        found.truth.tiles.loc[3, column] = value
+    write_queries(tmp_path / "s", found.truth.queries)
+    write_truth(tmp_path / "s", found.truth, found.overlaps)
+    with pytest.raises(BenchmarkError, match="row 4 is no box in degrees"):
+        read_truth(tmp_path / "s", "s")
+
+
+def test_the_sizes_of_tiles_belong_to_the_fingerprint(tmp_path: Path) -> None:
+    # PDM divides by them.
+    truth = built(inputs(tmp_path, scattered(), "+proj=tmerc +lon_0=12 +ellps=WGS84")).truth
+    before = truth.fingerprint
+    truth.tiles.loc[0, "size_m"] += 1
+    assert truth.fingerprint != before
+
+
+def test_ground_points_round_trip_to_pixels(tmp_path: Path) -> None:
+    given = inputs(tmp_path, scattered(), "+proj=tmerc +lon_0=180 +ellps=WGS84")
+    truth = built(given).truth
+    centres = from_lonlat(given.crs, truth.footprint_centres)
+    np.testing.assert_allclose(centres, scattered()[: len(centres)], atol=1e-3)

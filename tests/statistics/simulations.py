@@ -1,0 +1,214 @@
+"""Simulated coverage of intervals and false findings of tests, as docs/statistics.md prints them.
+
+``python -m tests.statistics.simulations`` prints all figures of the page, in some two minutes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, product
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import binom
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.statistics.paired_tests import paired_tests
+from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.shares import average_limits, difference_limits
+from airzoo_bench.statistics.significance import PairedTest, paired_permutation
+
+Scenes = Sequence[tuple[int, float]]
+
+SATURATED: tuple[Scenes, ...] = (
+    ((10, 0.9), (200, 0.3)),
+    ((18, 0.95), (200, 0.3)),
+    ((26, 0.04), (400, 0.02)),
+)
+UAV_VISLOC = (817, 1071, 768, 738, 473, 338, 26, 1033, 444, 144, 590)
+UAV_RATES = {
+    "0.9": (0.9,) * 11,
+    "0.3": (0.3,) * 11,
+    "0.02": (0.02,) * 11,
+    "mixed": (0.5, 0.3, 0.02, 0.1, 0.6, 0.01, 0.04, 0.4, 0.2, 0.05, 0.3),
+}
+RANKS = np.array([1, 1, 1, 1 / 2, 1 / 2, 1 / 3, 1 / 4, 1 / 5])
+"""Of the one positive, where it is found among five: AP@5 is one of these, or 0."""
+
+
+def uav_visloc(rates: str) -> Scenes:
+    """Return its scenes at one of `UAV_RATES`."""
+    return tuple(zip(UAV_VISLOC, UAV_RATES[rates], strict=True))
+
+
+def coverage_of_rates(scenes: Scenes) -> float:
+    """Sum exactly, over all that can happen, how probably the interval of the average holds it."""
+    counts = [np.arange(queries + 1) for queries, _ in scenes]
+    likely = [
+        count[binom.pmf(count, *scene) > 1e-7] for count, scene in zip(counts, scenes, strict=True)
+    ]
+    cases = np.array(list(product(*likely)))
+    chances = np.prod([binom.pmf(cases[:, s], *scene) for s, scene in enumerate(scenes)], axis=0)
+    values = [
+        (np.arange(queries) < cases[:, [s]]).astype(float) for s, (queries, _) in enumerate(scenes)
+    ]
+    low, high = average_limits(values, 0.95).T
+    true = np.mean([rate for _, rate in scenes])
+    return float(chances[(low <= true + 1e-12) & (true - 1e-12 <= high)].sum())
+
+
+def coverage_of_shares(
+    scenes: Scenes, count: int, agree: float, *, soft: bool = False, seed: int = 0
+) -> tuple[float, float, float]:
+    """Draw two methods of the same rates, and count how many intervals hold what is true.
+
+    Parameters
+    ----------
+    scenes : sequence of (int, float)
+        Queries, and the rate of both methods.
+    count : int
+        Of data sets.
+    agree : float
+        The second method answers so much of what the first does, or as much as it must.
+    soft : bool
+        Shares between 0 and 1, as AP@5, instead of hits.
+
+    Returns
+    -------
+    (float, float, float)
+        Coverage of the first's average, of the difference; the difference's mean width.
+    """
+    random = np.random.default_rng(seed)
+    drawn = [_two_methods(random, count, scene, agree, soft=soft) for scene in scenes]
+    size = RANKS.mean() if soft else 1.0
+    true = size * float(np.mean([rate for _, rate in scenes]))
+    mean = average_limits([one for one, _ in drawn], 0.95)
+    gap = difference_limits([one - other for one, other in drawn], 0.95)
+    return _held(mean, true), _held(gap, 0.0), float((gap[:, 1] - gap[:, 0]).mean())
+
+
+def _two_methods(
+    random: np.random.Generator, count: int, scene: tuple[int, float], agree: float, *, soft: bool
+) -> tuple[Floats, Floats]:
+    queries, rate = scene
+    kept = max(agree, 1 - (1 - rate) / rate)
+    one = random.random((count, queries)) < rate
+    chance = np.where(one, kept, rate * (1 - kept) / (1 - rate))
+    other = random.random((count, queries)) < chance
+    if not soft:
+        return one.astype(float), other.astype(float)
+    return one * random.choice(RANKS, one.shape), other * random.choice(RANKS, one.shape)
+
+
+def _held(limits: Floats, true: float) -> float:
+    low, high = limits.T
+    return float(((low <= true + 1e-12) & (true - 1e-12 <= high)).mean())
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Log-normal errors of two methods with equal medians.
+
+    Attributes
+    ----------
+    queries : tuple of int
+        Of each scene.
+    spreads : (float, float)
+        Standard deviations of the two methods' logarithms.
+    correlation : float
+        Of the logarithms.
+    failures : (float, float)
+        Shares of queries that are infinite; the medians are equal all the same.
+    """
+
+    queries: tuple[int, ...]
+    spreads: tuple[float, float]
+    correlation: float = 0.0
+    failures: tuple[float, float] = (0.0, 0.0)
+
+    def drawn(self, count: int, shift: float, seed: int) -> Sample:
+        """Draw data sets, the first methods and then the second ones, those shifted."""
+        random = np.random.default_rng(seed)
+        values = [self._scene(random, count, queries, shift) for queries in self.queries]
+        names = tuple(f"s{number}" for number in range(len(values)))
+        return Sample("query", names, tuple(values), np.ones(2 * count, bool))
+
+    def _scene(self, random: np.random.Generator, count: int, queries: int, shift: float) -> Floats:
+        shared, own = random.standard_normal((2, count, queries))
+        mixed = self.correlation * shared + np.sqrt(1 - self.correlation**2) * own
+        sides = []
+        for logs, spread, share in zip((shared, mixed), self.spreads, self.failures, strict=True):
+            errors = np.exp(spread * (logs - ndtri(0.5 / (1 - share))))
+            sides.append(np.where(random.random(errors.shape) < share, np.inf, errors))
+        return np.concatenate([sides[0], sides[1] * np.exp(shift)])
+
+
+STATED = {
+    "161 queries, spreads 0.5 and 1.5": (Errors((161,), (0.5, 1.5)), 0.25),
+    "the same, correlated by 0.6": (Errors((161,), (0.5, 1.5), 0.6), 0.25),
+    "100 queries, spreads 0.3 and 2": (Errors((100,), (0.3, 2.0)), 0.4),
+}
+WITH_FAILURES = {
+    "161 queries, 20 and 10 % fail": (Errors((161,), (0.5, 1.5), 0.3, (0.2, 0.1)), 0.3),
+    "100 queries, 40 and 10 % fail": (Errors((100,), (0.5, 1.5), 0.3, (0.4, 0.1)), 0.35),
+    "161 queries, 30 and 30 % fail": (Errors((161,), (1.0, 1.0), 0.3, (0.3, 0.3)), 0.3),
+}
+OTHERS = {
+    "scenes of 161 and 190": (Errors((161, 190), (0.5, 1.5), 0.6), 0.25),
+    "scenes of 18 and 190": (Errors((18, 190), (0.5, 1.5), 0.6), 0.5),
+    "18 queries": (Errors((18,), (0.5, 1.5), 0.3), 0.8),
+    "6 queries, alike but for 0.9": (Errors((6,), (1.0, 1.0), 0.9), 0.6),
+    "161 queries, alike but for 0.95": (Errors((161,), (1.0, 1.0), 0.95), 0.1),
+}
+
+
+def findings(errors: Errors, count: int, plan: Plan, shift: float = 0.0) -> float:
+    """Return the share of data sets in which `compare` finds a difference of medians."""
+    return _found(paired_tests(errors.drawn(count, shift, 1), plan, _pairs(count))[1])
+
+
+def findings_of_permutation(errors: Errors, count: int, plan: Plan, shift: float = 0.0) -> float:
+    """Return the same of the permutation of values, which tests more than the medians."""
+    return _found(paired_permutation(errors.drawn(count, shift, 1), plan, _pairs(count)))
+
+
+def _pairs(count: int) -> list[tuple[int, int]]:
+    return [(row, count + row) for row in range(count)]
+
+
+def _found(tests: Sequence[PairedTest]) -> float:
+    return float(np.mean([test.p_value <= 0.05 for test in tests]))
+
+
+def _figures_of_shares(count: int) -> Iterator[str]:
+    yield "coverage in %: average; difference of independent methods, of such as agree by 0.8"
+    cases = [(str(scenes), scenes) for scenes in SATURATED]
+    cases += [(f"UAV-VisLoc, {name}", uav_visloc(name)) for name in UAV_RATES]
+    for (name, scenes), soft in product(cases, (False, True)):
+        apart, alike = (coverage_of_shares(scenes, count, a, soft=soft) for a in (0.0, 0.8))
+        shown = " ".join(f"{100 * share:6.1f}" for share in (*apart[:2], alike[1]))
+        yield f"{name:33} {'AP@5' if soft else 'hits'} {shown}"
+    yield "exact coverage in %: of the average, of each scene by itself"
+    for scenes in SATURATED:
+        exact = [coverage_of_rates(part) for part in (scenes, scenes[:1], scenes[1:])]
+        yield f"{scenes!s:38} " + " ".join(f"{100 * share:6.1f}" for share in exact)
+
+
+def _figures_of_medians(count: int, plan: Plan) -> Iterator[str]:
+    yield "p <= 0.05 in %: equal medians, permutation and bootstrap; the same of shifted medians"
+    for name, (errors, shift) in (STATED | WITH_FAILURES | OTHERS).items():
+        shares = [
+            tested(errors, count, plan, by)
+            for by in (0.0, shift)
+            for tested in (findings_of_permutation, findings)
+        ]
+        shown = " ".join(f"{100 * share:6.1f}" for share in shares)
+        yield f"{name:33} {shown}   shifted by a factor of {np.exp(shift):.2f}"
+
+
+if __name__ == "__main__":
+    for line in chain(_figures_of_shares(4_000), _figures_of_medians(2_000, Plan(1_000))):
+        sys.stdout.write(f"{line}\n")
+        sys.stdout.flush()

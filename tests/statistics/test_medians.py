@@ -1,0 +1,178 @@
+"""Tests of paired medians: how often they find what is not there, and what is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from airzoo_bench.result import ScoreColumn
+from airzoo_bench.statistics.comparison import compare
+from airzoo_bench.statistics.comparison_layout import comparison_table
+from airzoo_bench.statistics.intervals import interval_limits
+from airzoo_bench.statistics.percentiles import percentile_p_values
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.verdicts import verdict
+from tests.statistics.simulations import (
+    OTHERS,
+    STATED,
+    WITH_FAILURES,
+    Errors,
+    findings,
+    findings_of_permutation,
+)
+from tests.statistics.support import ERROR, HIT, made_method
+
+FAST = Plan(resamples=600)
+RESAMPLES = hnp.arrays(
+    np.float64,
+    st.tuples(st.just(4), st.integers(2, 60)),
+    elements=st.one_of(
+        st.sampled_from([-np.inf, -1.0, 0.0, 1.0, np.inf]), st.floats(-2, 2, width=16)
+    ),
+)
+
+
+@given(RESAMPLES, st.floats(0.05, 0.95))
+def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
+    resamples: np.ndarray, confidence: float
+) -> None:
+    zeros = np.zeros(len(resamples))
+    plan = Plan(interval="percentile", confidence=confidence)
+    (low, high), _ = interval_limits(resamples, zeros, zeros, zeros, plan)[0].T, None
+    p_values = percentile_p_values(resamples)
+    least = 2 / (resamples.shape[1] + 1)
+    for p_value, left_out in zip(p_values, (low > 0) | (high < 0), strict=True):
+        if p_value > least and abs(p_value - (1 - confidence)) > 1e-9:
+            assert (p_value < 1 - confidence) == left_out
+
+
+@given(RESAMPLES)
+def test_p_is_the_same_from_either_side(resamples: np.ndarray) -> None:
+    assert percentile_p_values(-resamples).tolist() == percentile_p_values(resamples).tolist()
+
+
+def test_p_by_hand() -> None:
+    resamples = np.array([[-1.0, 1.0, 2.0, 3.0, 4.0], [1.0] * 5, [0.0] * 5])
+    # 0 lies half way between the first two of five ranks: at an eighth; never; everywhere.
+    assert percentile_p_values(resamples).tolist() == [2 / 6, 2 / 6, 1.0]
+    finer = np.arange(-5.0, 94.0, 2.0)[None]
+    assert percentile_p_values(finer) == pytest.approx([2 * 2.5 / 49])
+
+
+@pytest.mark.parametrize("name", STATED | WITH_FAILURES)
+def test_equal_medians_are_found_different_in_5_of_100(name: str) -> None:
+    errors, _ = (STATED | WITH_FAILURES)[name]
+    assert 0.03 <= findings(errors, 600, FAST) <= 0.07
+
+
+def test_the_permutation_of_values_finds_what_is_no_difference_of_medians() -> None:
+    errors, _ = STATED["100 queries, spreads 0.3 and 2"]
+    assert findings_of_permutation(errors, 200, FAST) > 0.4
+
+
+@pytest.mark.parametrize(("name", "least"), list(zip(STATED, (0.9, 0.9, 0.75), strict=True)))
+def test_a_real_shift_is_found(name: str, least: float) -> None:
+    errors, shift = STATED[name]
+    assert findings(errors, 300, FAST, 2 * shift) >= least
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STATED | WITH_FAILURES | OTHERS)
+def test_false_findings(name: str) -> None:
+    errors, _ = (STATED | WITH_FAILURES | OTHERS)[name]
+    least = 0.0 if name in OTHERS else 0.03
+    assert least <= findings(errors, 2_000, Plan(1_000)) <= 0.07
+
+
+def test_medians_of_ties_are_no_findings() -> None:
+    # Errors in steps of half a metre: medians are equal, or a whole step apart.
+    drawn = Errors((161,), (0.5, 1.5), 0.3).drawn(2, 0.0, 1).values[0]
+    one, other = np.round(2 * drawn[:2]) / 2
+    methods = [
+        made_method({"s": {"error_m": v.tolist()}}, (ERROR,), n)
+        for v, n in ((one, "a"), (other, "b"))
+    ]
+    pair = compare(methods, [ERROR], plan=FAST).pairs[0]
+    assert (pair.test.kind, pair.test.p_value) == ("bootstrap", 1.0)
+
+
+def test_verdict_and_interval_of_medians_agree() -> None:
+    random = np.random.default_rng(0)
+    for number in range(40):
+        scenes = [
+            {s: {"error_m": random.exponential(scale, 40).tolist()} for s in ("east", "west")}
+            for scale in (1.0, 1.0 + number / 40)
+        ]
+        methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
+        pair = compare(methods, [ERROR], plan=FAST).pairs[0]
+        holds_0 = (pair.interval.low or 0.0) <= 0 <= (pair.interval.high or 0.0)
+        assert (verdict(pair) == "unclear") == holds_0
+
+
+def test_medians_with_a_scene_too_small_to_resample_are_not_tested() -> None:
+    random = np.random.default_rng(0)
+    scenes = [
+        {"east": {"error_m": [1.0, 2.0]}, "west": {"error_m": (random.random(30) + shift).tolist()}}
+        for shift in (0.0, 5.0)
+    ]
+    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
+    comparison = compare(methods, [ERROR], plan=FAST)
+    pair = comparison.pairs[0]
+    assert (pair.test.p_value, pair.test.patterns, verdict(pair)) == (1.0, 0, "too few")
+    assert (
+        "Median: too few to tell; only 2 queries in scene east: an interval needs 5, and medians "
+        "are tested by theirs" in comparison_table(comparison).notes
+    )
+
+
+def test_the_table_says_which_test_was_made() -> None:
+    random = np.random.default_rng(0)
+    methods = [
+        made_method(
+            {
+                "s": {
+                    "recall@1": random.integers(0, 2, 30).tolist(),
+                    "error_m": random.random(30).tolist(),
+                }
+            },
+            (HIT, ERROR),
+            name,
+        )
+        for name in "ab"
+    ]
+    both, one = (
+        comparison_table(compare(methods, scores, plan=FAST)).notes[-1]
+        for scores in ([HIT, ERROR], [ERROR])
+    )
+    assert both.startswith(
+        "p: paired permutation, two-sided, 600 random patterns, seed 0; of medians paired "
+        "bootstrap, two-sided, 600 resamples, seed 0; Holm over methods"
+    )
+    assert one.startswith("p: paired bootstrap, two-sided, 600 resamples, seed 0; Holm")
+
+
+@pytest.mark.parametrize("column", [HIT, ERROR])
+def test_last_digits_are_ties(column: ScoreColumn) -> None:
+    # What processors may differ by changes neither wins nor p.
+    random = np.random.default_rng(0)
+    one = random.random(40)
+    other = np.where(np.arange(40) < 8, one + 0.3 * random.random(40), one)
+    noise = 1e-12 * random.standard_normal((2, 40))
+    exact, noisy = (
+        compare(
+            [
+                made_method({"s": {column.key: v.tolist()}}, (column,), n)
+                for v, n in zip(pair, "ab", strict=True)
+            ],
+            [column],
+            plan=FAST,
+        ).pairs[0]
+        for pair in ((one, other), (one + noise[0], other + noise[1]))
+    )
+    assert (noisy.wins, noisy.ties, noisy.losses) == (exact.wins, exact.ties, exact.losses)
+    assert noisy.wins + noisy.losses == 8
+    assert noisy.test.p_value == pytest.approx(exact.test.p_value, rel=1e-6)
+    assert verdict(noisy) == verdict(exact)

@@ -1,0 +1,174 @@
+"""Intervals of shares: beside SciPy's, by properties, and by how often they hold what is true."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import stats
+
+from airzoo_bench.statistics.comparison import compare, score_intervals
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.shares import (
+    Rates,
+    average_limits,
+    difference_limits,
+    jeffreys_limits,
+    wilson_limits,
+)
+from tests.statistics.simulations import (
+    SATURATED,
+    UAV_RATES,
+    Scenes,
+    coverage_of_rates,
+    coverage_of_shares,
+    uav_visloc,
+)
+from tests.statistics.support import ERROR, HIT, SOFT, made_method
+
+some = hnp.arrays(np.float64, st.tuples(st.just(2), st.integers(5, 12)), elements=st.floats(0, 1))
+
+
+def hits(*counts: int, queries: int) -> np.ndarray:
+    return np.array([np.arange(queries) < count for count in counts], float)
+
+
+@pytest.mark.parametrize("queries", [5, 26, 817])
+def test_wilson_and_jeffreys_are_scipy_s(queries: int) -> None:
+    counts = sorted({0, 1, queries // 3, queries - 1, queries})
+    rates = Rates.of(hits(*counts, queries=queries))
+    for count, limits in zip(counts, wilson_limits(rates, 0.95), strict=True):
+        peer = stats.binomtest(count, queries).proportion_ci(0.95, method="wilson")
+        assert limits == pytest.approx([peer.low, peer.high], abs=1e-12)
+    for count, limits in zip(counts, jeffreys_limits(rates, 0.9), strict=True):
+        low, high = stats.beta.ppf([0.05, 0.95], count + 0.5, queries - count + 0.5)
+        low, high = 0.0 if count == 0 else low, 1.0 if count == queries else high
+        assert limits == pytest.approx([low, high], abs=1e-9)
+
+
+def test_mover_by_hand() -> None:
+    scenes = [hits(9, queries=10), hits(60, queries=200)]
+    one, other = (jeffreys_limits(Rates.of(scene), 0.95)[0] for scene in scenes)
+    down = np.hypot(0.9 - one[0], 0.3 - other[0]) / 2
+    up = np.hypot(one[1] - 0.9, other[1] - 0.3) / 2
+    assert average_limits(scenes, 0.95)[0] == pytest.approx([0.6 - down, 0.6 + up])
+
+
+def test_a_difference_by_hand() -> None:
+    # 6 won, 2 lost, 12 tied.
+    gaps = np.array([[1.0] * 6 + [-1.0] * 2 + [0.0] * 12])
+    won, lost = jeffreys_limits(Rates(np.array([0.3, 0.1]), np.array([20.0, 20.0])), 0.95)
+    correlation = -0.3 * 0.1 / np.sqrt(0.3 * 0.7 * 0.1 * 0.9)
+    down, up = (
+        np.sqrt(a * a + b * b - 2 * correlation * a * b)
+        for a, b in ((0.3 - won[0], lost[1] - 0.1), (won[1] - 0.3, 0.1 - lost[0]))
+    )
+    assert difference_limits([gaps], 0.95)[0] == pytest.approx([0.2 - down, 0.2 + up])
+
+
+@settings(max_examples=50)
+@given(some, some)
+def test_limits_lie_around_the_mean_and_mirror(one: np.ndarray, other: np.ndarray) -> None:
+    for scenes in ([one], [one, other]):
+        low, high = average_limits(scenes, 0.95).T
+        mean = np.mean([scene.mean(axis=1) for scene in scenes], axis=0)
+        assert (low <= mean + 1e-12).all()
+        assert (mean <= high + 1e-12).all()
+        assert (low >= -1e-12).all()
+        assert (high <= 1 + 1e-12).all()
+        mirrored = average_limits([1 - scene for scene in scenes], 0.95)
+        assert np.stack([1 - high, 1 - low], axis=1) == pytest.approx(mirrored, abs=1e-6)
+    low, high = difference_limits([one[:, :5] - other[:, :5]], 0.95).T
+    backward = difference_limits([other[:, :5] - one[:, :5]], 0.95)
+    assert np.stack([-high, -low], axis=1) == pytest.approx(backward, abs=1e-12)
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value: float) -> None:
+    wide, narrow = (
+        average_limits([np.full((1, size), value), hits(60, queries=200)], 0.95)[0]
+        for size in (10, 1_000)
+    )
+    assert wide[1] - wide[0] > 1.2 * (narrow[1] - narrow[0])
+    method = made_method({"s": {"recall@1": [value] * 10}}, (HIT,))
+    (found,) = score_intervals(method, [HIT], Plan(100)).overall
+    peer = stats.binomtest(int(10 * value), 10).proportion_ci(0.95, method="wilson")
+    assert (found.low, found.high) == pytest.approx((peer.low, peer.high))
+    assert (found.method, found.reason) == ("wilson", "")
+
+
+def test_shares_count_as_they_vary_and_never_less_than_hits() -> None:
+    scores = np.array(
+        [[0.0] * 20, [1.0] * 20, [0.5] * 20, [0.0, 1.0] * 10, [0.4, 0.6] * 10, [1e-3] * 20]
+    )
+    sizes = Rates.of(scores).sizes
+    # Near 0 too: that all reciprocal ranks are a thousandth does not say that no query is a hit.
+    assert sizes[[0, 1, 3, 5]].tolist() == [20, 20, 20, 20]
+    assert sizes[2] > sizes[4] > 60
+    widths = np.diff(average_limits([scores], 0.95))[:, 0]
+    assert 0 < widths[2] < widths[4] < widths[3] / 2
+
+
+def test_shares_take_no_resamples_and_medians_do() -> None:
+    random = np.random.default_rng(0)
+    scenes = {
+        name: {
+            "recall@1": (random.random(30) < 0.5).astype(float).tolist(),
+            "mrr": random.random(30).tolist(),
+            "error_m": random.random(30).tolist(),
+        }
+        for name in ("east", "west")
+    }
+    method = made_method(scenes, (HIT, SOFT, ERROR))
+    found = score_intervals(method, [HIT, ERROR, SOFT], Plan(100))
+    assert [i.method for i in found.groups["east"]] == ["wilson", "bca", "wilson"]
+    assert [i.method for i in found.overall] == ["mover", "bca", "mover"]
+    other = score_intervals(method, [HIT, ERROR, SOFT], Plan(100, seed=1))
+    same = [one == two for one, two in zip(found.overall, other.overall, strict=True)]
+    assert same == [True, False, True]
+
+
+def test_a_scene_with_too_few_queries_has_no_interval_nor_has_the_average() -> None:
+    scenes = {"east": {"recall@1": [1.0] * 4}, "west": {"recall@1": [1.0, 0.0] * 10}}
+    methods = [made_method(scenes, (HIT,), name) for name in "ab"]
+    found = score_intervals(methods[0], [HIT], Plan(100))
+    reason = "only 4 queries in scene east: an interval needs 5"
+    assert [found.groups[s][0].reason for s in ("east", "west")] == [reason, ""]
+    assert found.overall[0].reason == reason
+    assert compare(methods, [HIT], plan=Plan(100)).pairs[0].interval.reason == reason
+
+
+@pytest.mark.parametrize("scenes", SATURATED)
+def test_exact_coverage_beside_a_saturated_scene(scenes: Scenes) -> None:
+    assert 0.93 <= coverage_of_rates(scenes) <= 0.97
+    assert 0.93 <= coverage_of_rates(scenes[1:]) <= 0.97
+
+
+@pytest.mark.parametrize(
+    ("scene", "covered"), list(zip(SATURATED, (0.930, 0.942, 0.916), strict=True))
+)
+def test_exact_coverage_of_a_small_scene(scene: Scenes, covered: float) -> None:
+    # 26 queries at 0.04: three hits are held or are not, which is 98.1 or 91.6 %, and none between.
+    assert coverage_of_rates(scene[:1]) == pytest.approx(covered, abs=5e-4)
+
+
+@pytest.mark.parametrize("rates", UAV_RATES)
+def test_coverage_at_the_sizes_of_uav_visloc(rates: str) -> None:
+    single, paired, _ = coverage_of_shares(uav_visloc(rates), 600, 0.0)
+    assert 0.93 <= single <= 0.97
+    # Two of a hundred hits: so few queries differ that 0 is seldom left out.
+    assert 0.93 <= paired <= (0.995 if rates == "0.02" else 0.975)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("scenes", [*SATURATED, *map(uav_visloc, UAV_RATES)])
+def test_coverage_of_averages_and_differences(scenes: Scenes, soft: bool) -> None:
+    single, paired, _ = coverage_of_shares(scenes, 2_000, 0.0, soft=soft)
+    # Two of a hundred hits: so few queries differ that 0 is seldom left out.
+    few = scenes[0][1] < 0.1
+    # Two standard errors of 2,000 are 1 %.
+    assert 0.925 <= single <= (0.985 if few else 0.975)
+    assert 0.925 <= paired <= (1.0 if few else 0.985)
