@@ -86,4 +86,5 @@ def _chance(facts: SceneFacts) -> str:
     shares = facts.positive_shares
     if shares is None or not len(shares):
         return ""
-    return f"a random tile answers in {shares.mean():.1%} of cases"
+    text = f"a random tile answers in {shares.mean():.1%} of cases"
+    return text + (f"; {facts.dropped_tiles} empty tiles left out" if facts.dropped_tiles else "")

@@ -139,6 +139,8 @@ class SceneFacts:
         Median height of the true cloud above the surface model; NaN where they do not meet.
     shift : MapShift or None
         Of the map against the surface model, where one can be shown.
+    dropped_tiles : int
+        Tiles that are not in the gallery since they hold too little of the map.
     """
 
     inputs: SceneInputs
@@ -154,6 +156,7 @@ class SceneFacts:
     positive_shares: Floats | None
     cloud_over_surface_m: float | None
     shift: MapShift | None
+    dropped_tiles: int
 
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""
@@ -189,6 +192,7 @@ class SceneFacts:
             "cloud_over_surface_m": _json(math.nan)
             if self.cloud_over_surface_m is None
             else _json(self.cloud_over_surface_m),
+            "dropped_tiles": self.dropped_tiles,
             "map_shift_px": None if self.shift is None else list(self.shift.pixels),
             "crop_share": _json(_mean(self.crop_shares)),
             "chance_of_positive": _json(_mean(self.positive_shares)),
@@ -255,6 +259,7 @@ def scene_facts(
         shares,
         cloud_over_surface_m,
         map_shift(inputs.dom, open_info(inputs.dsm)),
+        0 if retrieval is None else len(retrieval.dropped_tiles),
     )
 
 

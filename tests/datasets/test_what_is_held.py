@@ -93,6 +93,15 @@ def test_a_sound_scene_says_its_figures_and_no_warning(
         assert f"  {line}" in said.out
 
 
+def test_empty_tiles_are_counted(place: Place, capsys: pytest.CaptureFixture[str]) -> None:
+    colours = np.full((3, MAP_SIZE_M, MAP_SIZE_M), 9, np.uint8)
+    colours[:, :100, :100] = 0
+    write_raster(place.dom, colours, nodata=0)
+    assert run_main(*place.arguments()) == 0
+    # Of tiles of 64 px every 32 px, those that begin at 0 and 32 both ways end before 100.
+    assert "of cases; 4 empty tiles left out" in capsys.readouterr().out
+
+
 def moved(place: Place) -> None:
     for name, (x, y) in place.centres.items():
         place.change_image(name, center=[NORTH_WEST[0] + x + 40, NORTH_WEST[1] - y, 200.0])
