@@ -190,18 +190,13 @@ def _check_map(path: Path, dom: RasterInfo) -> None:
 
 
 def _windows(crops: pd.DataFrame, dom: RasterInfo, path: Path) -> NDArray[np.int64]:
-    """Return the crops (Q, 4), each of whole pixels of the map."""
-    import pandas as pd
-
-    table = crops[list(CROP_COLUMNS)].apply(pd.to_numeric, errors="coerce")
-    values = table.to_numpy(np.float64)
-    _refuse_cells(values != np.floor(values), crops, "no whole number of pixels", path)
+    """Return the crops (Q, 4), each inside the map; `read_table` has seen to whole numbers."""
+    values = crops[list(CROP_COLUMNS)].to_numpy(np.int64)
     far = max(dom.width, dom.height)
     _refuse_cells((values < (0, 0, 1, 1)) | (values > far), crops, "not inside the map", path)
     over = values[:, :2] + values[:, 2:] > (dom.width, dom.height)
     _refuse_cells(np.hstack((np.zeros_like(over), over)), crops, "beyond the map's edge", path)
-    windows: NDArray[np.int64] = values.astype(np.int64)
-    return windows
+    return values
 
 
 def _refuse_cells(bad: NDArray[np.bool_], crops: pd.DataFrame, what: str, path: Path) -> None:
@@ -210,7 +205,7 @@ def _refuse_cells(bad: NDArray[np.bool_], crops: pd.DataFrame, what: str, path: 
     row, column = (int(index[0]) for index in np.nonzero(bad))
     name = CROP_COLUMNS[column]
     raise BenchmarkError(
-        f"column {name}, row {row + 1} ({crops['id'].iloc[row]}): "
+        f"column {name!r}, row {row + 1} ({crops['id'].iloc[row]}): "
         f"{str(crops[name].iloc[row])[:40]!r} is {what}",
         where=path,
         expected="a window of whole pixels, inside the map",
