@@ -323,5 +323,5 @@ def test_intervals(
     assert run_main("table", tmp_path / "out", "--intervals", *LATEX) == 0
     lines = capsys.readouterr().out.splitlines()
     (legend,) = [line for line in lines if "footnotesize" in line]
-    assert "in square brackets: 95 \\% intervals, Wilson or MOVER" in legend.replace(r"\\ ", "")
+    assert "in square brackets: 95 \\% intervals, Wilson over" in legend.replace(r"\\ ", "")
     assert "no interval for Pooled" in legend.replace(r"\\ ", "")
