@@ -84,7 +84,7 @@ def test_a_real_shift_is_found(name: str, least: float) -> None:
 def test_false_findings(name: str) -> None:
     errors, _ = (STATED | WITH_FAILURES | OTHERS)[name]
     least = 0.0 if name in OTHERS else 0.03
-    assert least <= findings(errors, 4_000, Plan(2_000)) <= 0.07
+    assert least <= findings(errors, 2_000, Plan(1_000)) <= 0.07
 
 
 def test_medians_of_ties_are_no_findings() -> None:

@@ -166,8 +166,9 @@ def test_coverage_at_the_sizes_of_uav_visloc(rates: str) -> None:
 @pytest.mark.parametrize("soft", [False, True])
 @pytest.mark.parametrize("scenes", [*SATURATED, *map(uav_visloc, UAV_RATES)])
 def test_coverage_of_averages_and_differences(scenes: Scenes, soft: bool) -> None:
-    single, paired, _ = coverage_of_shares(scenes, 4_000, 0.0, soft=soft)
+    single, paired, _ = coverage_of_shares(scenes, 2_000, 0.0, soft=soft)
     # Two of a hundred hits: so few queries differ that 0 is seldom left out.
     few = scenes[0][1] < 0.1
-    assert 0.93 <= single <= (0.985 if few else 0.97)
-    assert 0.93 <= paired <= (1.0 if few else 0.985)
+    # Two standard errors of 2,000 are 1 %.
+    assert 0.925 <= single <= (0.985 if few else 0.975)
+    assert 0.925 <= paired <= (1.0 if few else 0.985)
