@@ -216,6 +216,18 @@ def test_a_scene_without_a_query_is_named_and_no_traceback(
     assert "scene west has no query" in capsys.readouterr().err
 
 
+def test_another_number_of_queries_than_the_paper_has_is_noted_by_both(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], scenes: list[MadeScene]
+) -> None:
+    chosen = made_protocol(scenes)
+    listed = [scene.model_copy(update={"queries": 5}) for scene in chosen.scenes]
+    write_benchmark(data / "made", chosen.model_copy(update={"scenes": tuple(listed)}), scenes)
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    notes = both(path, data)
+    assert has(notes, "scene Scene east has 6 queries here, 5 in the paper")
+    assert has(notes, "scene Scene west has 4 queries here, 5 in the paper")
+
+
 def test_the_template_says_what_chance_scores(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
