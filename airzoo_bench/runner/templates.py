@@ -73,7 +73,7 @@ def write_template(
         return chosen.track
     if out.suffix != ".npz":
         raise UsageError("templates are written as .npz", where=out, mend=f"name it {out}.npz")
-    if out.exists() and not force:
+    if out.exists() and not out.is_dir() and not force:
         raise UsageError(
             "is there already, and could be a prediction",
             where=out,

@@ -88,5 +88,6 @@ def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path) -> None:
         _, said = process.communicate(timeout=60)
         assert process.returncode == 130
         assert "nothing was left half-written" in said
-        assert time.monotonic() - begin < 4.0  # 2 s on a machine that does nothing else
+        # Well below the 16 s of a query under way; a second where nothing else is running.
+        assert time.monotonic() - begin < 8.0
         assert not out.exists()
