@@ -209,7 +209,7 @@ def test_half_a_pixel_is_asked_for_where_it_matters(world: World, tmp_path: Path
     assert "taken as half" in note
     error = float(note.partition("points are ")[2].partition(" m off")[0])
     median = np.median(unsaid["depth"][unsaid["depth"] > 0])
-    assert error == pytest.approx(np.hypot(0.5, 0.5) / 80 * median, rel=0.01)
+    assert error == pytest.approx(np.hypot(0.5, 0.5) / 80 * median, rel=0.05)
     assert not any(
         "does not say" in n for n in notes_of(world, save(folder / "lot.npz", exact).parent)
     )

@@ -32,8 +32,9 @@ __all__ = [
 
 Region = Box | Columns
 
-# Where voxels of both clouds have a corner, whatever the clouds.
-_GRID_ORIGIN = np.zeros(3)
+# Voxels of both clouds have a corner at so many of their sides, whatever the clouds: coordinates
+# that were rounded to centimetres would lie on borders else, where rounding decides.
+_OFF_GRID = np.full(3, 0.3819660112501052)
 _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
 _ROBUST = (1.0, 99.0)
@@ -188,8 +189,8 @@ def prepared(
     """
     kept = _Kept(source, region)
     grid = None
-    if not isinstance(settings.voxel_m, str):
-        grid = VoxelGrid(settings.voxel_m, _GRID_ORIGIN, max(block_points, _LEAST_VOXELS))
+    if not isinstance(size := settings.voxel_m, str):
+        grid = VoxelGrid(size, size * _OFF_GRID, max(block_points, _LEAST_VOXELS))
     not_finite = outside = inside = 0
     sample = _Sample(source.count)
     for piece in source.pieces(block_points):

@@ -48,6 +48,7 @@ _MEANINGS: dict[str, tuple[tuple[str, str], ...]] = {
         (r"recall_(.+)m", "share of true points nearer than {0} m to a made one"),
         (r"f1_(.+)m", "harmonic mean of precision and recall at {0} m"),
         (r"pose_auc_(.+)deg", "mean share of camera pairs within an angle, over all up to {0}°"),
+        (r"cameras_placed", "share of the photos that have a pose; the next three are over those"),
         (r"ate_m", "distance of aligned camera centres from the true ones"),
         (r"rpe_m", "error of the way from one camera to the next"),
         (r"rpe_deg", "error of the turn from one camera to the next"),

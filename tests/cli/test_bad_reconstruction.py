@@ -486,7 +486,7 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     ),
     "single precision": (
         with_file("yard.npy", lambda p: np.save(p, true_points("yard").astype(np.float32))),
-        ["scene yard: coordinates such as 5200060 are stored as float32, which keeps them to 0.6"],
+        ["scene yard: coordinates such as 5200060 are kept to float32 only, steps of 0.5 m"],
     ),
     "Gaussians": (with_file("yard.ply", splats), ["scene yard: ", "aussian"]),
     "camera-to-world": (
@@ -548,7 +548,7 @@ def test_notes_of_eval_and_of_check(
 
 def test_a_crop_that_leaves_nothing_says_so(world: World, tmp_path: Path) -> None:
     path = clouds(cameras=False, yard=lambda p: p * 1000.0)(world, tmp_path / "p")
-    chosen = world.protocol(tmp_path / "c.toml", preparation={"crop_margin_m": 5.0})
+    chosen = world.protocol(tmp_path / "c.toml", preparation={"crop": "box", "crop_margin_m": 5.0})
     notes = notes_of(world, path, tmp_path, "--protocol", chosen)
     assert "scene yard: no point is left to compare (15,264 points outside the crop)" in notes
     assert "scene yard: the cloud looks like millimetres" in notes

@@ -63,10 +63,11 @@ def test_the_crop_includes_its_border() -> None:
 
 
 def test_voxels_thin_what_the_crop_has_left() -> None:
-    points = np.array([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [0.6, 0.1, 0.1], [9, 9, 9.0]])
+    # Voxels begin at 0.191 of 0.5.
+    points = np.array([[0.2, 0.1, 0.1], [0.4, 0.1, 0.1], [0.7, 0.1, 0.1], [9, 9, 9.0]])
     cloud = prepare(Pieces(points), settings(crop="box", crop_margin_m=0.0, voxel_m=0.5), 1)
     assert (cloud.outside, cloud.thinned) == (1, 1)
-    np.testing.assert_allclose(points_of(cloud), [[0.2, 0.1, 0.1], [0.6, 0.1, 0.1]], atol=1e-9)
+    np.testing.assert_allclose(points_of(cloud), [[0.3, 0.1, 0.1], [0.7, 0.1, 0.1]], atol=1e-9)
 
 
 def test_bounds_see_through_outliers_and_crops() -> None:

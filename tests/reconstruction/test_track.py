@@ -101,7 +101,8 @@ def test_thinning_both_clouds_by_voxels(world: World, tmp_path: Path) -> None:
     record = lot(
         world, tmp_path, points, preparation={"voxel_m": 1.0}, scores={"f1_below_m": (2.0,)}
     )
-    assert (record["points"], record["truth_points"]) == (3600, 3600)
+    # Voxels begin at 0.38 m: at the borders they hold fewer.
+    assert (record["points"], record["truth_points"]) == (61**2, 61**2)
     assert record["chamfer_m"] == pytest.approx(1.0, abs=NEAR)
 
 
@@ -514,8 +515,10 @@ def test_recall_is_over_what_the_photos_saw() -> None:
     assert 0 < everywhere["truth_unseen"] < everywhere["truth_points"]
     observed = observed_part(points)
     kept = bought(points[observed])
-    assert kept["recall_1m"] == 1.0
-    assert bought(points[observed], preparation={"region": "all"})["recall_1m"] < 1.0
+    # Voxels lie across the borders of cells, so that a few are lost.
+    assert kept["recall_1m"] > 0.95
+    over_all = bought(points[observed], preparation={"region": "all"})
+    assert over_all["recall_1m"] < kept["recall_1m"] - 0.02
 
 
 def observed_part(points: Array) -> Array:
@@ -523,6 +526,13 @@ def observed_part(points: Array) -> Array:
     options = {"cell": 1.0, "hidden_beyond": 5.0, "photos": 2}
     cells = observed_cells([points], bounding_box(points), lenses(len(poses)), poses, **options)
     return cells.holds(points)
+
+
+def test_rounded_coordinates_do_not_lie_on_borders_of_voxels() -> None:
+    points = np.round(noisy()[60:], 2)
+    exact, shaken = bought(points), bought(points + 1e-7)
+    assert exact["points"] == shaken["points"]
+    assert exact["chamfer_m"] == pytest.approx(shaken["chamfer_m"], abs=1e-6)
 
 
 def test_voxels_wider_than_half_of_a_threshold_are_refused() -> None:
