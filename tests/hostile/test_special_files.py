@@ -51,5 +51,5 @@ def test_among_photos(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_alone(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     special(kind, Path("yard.ply"))
-    with pytest.raises(PredictionError, match="no folder and no archive|no such predictions"):
+    with pytest.raises(PredictionError, match=r"no folder and no archive|no such predictions"):
         open_reconstruction(tmp_path / "yard.ply", unpacked_limit_bytes=1 << 30)
