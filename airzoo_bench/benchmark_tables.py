@@ -6,6 +6,7 @@ conditions (weather, time of day) and keep the type that they look like.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,7 +71,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
         )
     try:
         table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
-    except (ValueError, OSError, OverflowError, RecursionError, pa.ArrowException) as error:
+    except (ValueError, OSError, OverflowError, csv.Error, pa.ArrowException) as error:
         raise BenchmarkError(
             f"not a readable table: {(str(error) or type(error).__name__).splitlines()[0][:200]}",
             where=path,
@@ -96,7 +97,8 @@ def _csv(path: Path) -> pd.DataFrame:
     import pandas as pd
 
     as_text = dict.fromkeys((*_TEXTS, *_WHOLE, *_NUMBERS), str)
-    names = pd.read_csv(path, nrows=0).columns
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        names = next(csv.reader(stream), [])
     missing = {name: ["nan", ""] for name in names if name not in _TEXTS}
     return pd.read_csv(
         path, dtype=as_text, keep_default_na=False, na_values=missing, low_memory=False

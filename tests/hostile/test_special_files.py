@@ -1,0 +1,55 @@
+"""Pipes, devices and sockets where files should be: refused, never opened, never passed over."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.datasets.sources import photo_sizes
+from airzoo_bench.errors import BenchmarkError, PredictionError
+from airzoo_bench.progress import silent
+from airzoo_bench.readers.reconstruction import open_reconstruction
+
+
+def special(kind: str, path: Path) -> None:
+    match kind:
+        case "pipe":
+            os.mkfifo(path)
+        case "socket":
+            with socket.socket(socket.AF_UNIX) as one:
+                one.bind(str(path))
+        case "device":
+            path.symlink_to("/dev/zero")
+        case _:
+            path.symlink_to(path.parent / "absent")
+
+
+KINDS = ["pipe", "socket", "device", "link to nothing"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_among_predictions(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lot.ply").write_bytes(b"ply\n")
+    special(kind, Path("yard.ply"))
+    with pytest.raises(PredictionError, match=r"'yard.ply' is a (pipe|link that leads out)"):
+        open_reconstruction(tmp_path, unpacked_limit_bytes=1 << 30)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_among_photos(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    special(kind, Path("a.jpg"))
+    with pytest.raises(BenchmarkError, match=r"a pipe, a device or a link to nothing: 1 of 1"):
+        photo_sizes(tmp_path, silent)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_alone(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    special(kind, Path("yard.ply"))
+    with pytest.raises(PredictionError, match=r"no folder and no archive|no such predictions"):
+        open_reconstruction(tmp_path / "yard.ply", unpacked_limit_bytes=1 << 30)

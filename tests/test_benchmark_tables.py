@@ -1,0 +1,96 @@
+"""Tables of benchmark folders that people made by hand: what is wrong is named to the cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.benchmark_tables import read_table
+from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.files import sha256_of
+from tests.matching import world as matching
+from tests.support import run_main
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ("a,1,x.jpg\nb,one,y.jpg\n", r"column 'x', row 2: 'one'\n  expected: a number, at most"),
+        ("a,1_0,x.jpg\n", r"column 'x', row 1: '1_0'\n"),
+        ("a,inf,x.jpg\n", r"column 'x', row 1: 'inf'\n"),
+        ("a,1e300,x.jpg\n", r"column 'x', row 1: '1e300'\n"),
+        ("a,1,\n", r"column 'image', row 1: ''\n  expected: text"),
+        ("a,1,a.jpg\na,1,b.jpg\n", r"column 'id', row 2: 'a'\n  expected: each id once"),
+        ("a\u202eb,1,a.jpg\n", r"column 'id', row 1: 'a\\u202eb'\n"),
+        ("a,,a.jpg\n", r"column 'x', row 1: nothing\n  expected: a number"),
+    ],
+)
+def test_the_cell_is_named(cells: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "queries.csv"
+    path.write_text("id,x,image\n" + cells, encoding="utf-8")
+    with pytest.raises(BenchmarkError, match=rf"queries.csv: {said}"):
+        read_table(path, ("id", "x", "image"), complete=("x",))
+
+
+def test_whole_numbers_are_whole(tmp_path: Path) -> None:
+    path = tmp_path / "crops.csv"
+    path.write_text("id,crop_x\na,3\nb,3.0\n")
+    assert read_table(path, ("id",))["crop_x"].tolist() == [3, 3]
+    path.write_text("id,crop_x\na,3.5\nb,\nc,7\n")
+    with pytest.raises(BenchmarkError, match=r"column 'crop_x', row 1: '3.5'; row 2: nothing\n"):
+        read_table(path, ("id",))
+
+
+def test_numbers_are_rounded_correctly(tmp_path: Path) -> None:
+    numbers = np.random.default_rng(0).random(500) * 1e6
+    path = tmp_path / "queries.csv"
+    pd.DataFrame({"id": [f"q{n}" for n in range(500)], "x": numbers}).to_csv(path, index=False)
+    np.testing.assert_array_equal(read_table(path, ("id",))["x"], numbers)
+
+
+def test_ids_in_parquet_are_text(tmp_path: Path) -> None:
+    path = tmp_path / "tiles.parquet"
+    pd.DataFrame({"id": [b"a\xff", b"b"]}).to_parquet(path)
+    with pytest.raises(BenchmarkError, match=r"column 'id', row 1: b'a\\xff'; row 2: b'b'\n"):
+        read_table(path, ("id",))
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "said"),
+    [
+        (
+            "queries.csv",
+            lambda t: t.assign(fx=["wide", *t["fx"][1:]]),
+            "column 'fx', row 1: 'wide'",
+        ),
+        ("queries.csv", lambda t: t.assign(x=np.nan), "queries without a pose"),
+        ("matching/crops.csv", lambda t: t.assign(crop_x="left"), "column 'crop_x', row 1: 'left'"),
+        ("matching/crops.csv", lambda t: t.assign(crop_x=np.nan), "row 1: nothing"),
+    ],
+)
+def test_a_folder_made_by_hand(
+    file: str,
+    change: Callable[[pd.DataFrame], pd.DataFrame],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    world = matching.make_world(tmp_path)
+    poses = world.truth.poses
+    matrices = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
+    ids = [f"{matching.SCENE}/q{q}" for q in range(matching.N_QUERIES)]
+    np.savez(tmp_path / "p.npz", protocol=world.protocol.name, query_ids=ids, poses=matrices)
+    folder = tmp_path / "data" / matching.SCENE
+    path = folder / "scenes" / matching.SCENE / file
+    before = sha256_of(path)
+    change(pd.read_csv(path)).to_csv(path, index=False)
+    toml = folder / "benchmark.toml"
+    toml.write_text(toml.read_text().replace(before, sha256_of(path)))
+    assert run_main("eval", "matching", tmp_path / "p.npz", "--data", tmp_path / "data") == 2
+    message = capsys.readouterr().err
+    assert said in message
+    assert "Traceback" not in message
