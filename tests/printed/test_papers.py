@@ -157,3 +157,31 @@ def test_a_paper_without_scores_is_refused(tmp_path: Path) -> None:
         ResultError, match="none of 2 tables can be read: left out: table in line 1"
     ):
         read_published(path)
+
+
+SHOWN = """
+| Method | City R@1 | City R@5 | Rural R@1 | Rural R@5 | Average R@1 | Average R@5 |
+|-|-|-|-|-|-|-|
+| X | 10.00 | 20.00 | 12.00 | 22.00 | 31.00 | 43.10 |
+| Y | 11.00 | 21.00 | 13.00 | {} | 32.00 | 44.20 |
+"""
+
+
+@pytest.mark.parametrize("field", ["23.00", "2 / 23"])
+def test_averages_over_more_scenes_than_are_shown(tmp_path: Path, field: str) -> None:
+    path = tmp_path / "t.md"
+    path.write_text(f"# A\n{SHOWN.format(field)}\n# B\n\n| Method | R@1 |\n|-|-|\n| X | 5.00 |\n")
+    found = audit(read_published(path))
+    assert found.findings == ()
+    averages = next(outcome for outcome in found.outcomes if outcome.check == "average")
+    assert averages.tested == 0
+
+
+def test_a_year_behind_a_name_is_no_number_of_queries(tmp_path: Path) -> None:
+    path = tmp_path / "t.tex"
+    path.write_text(YEARS.replace("{2023}", "{KITTI (2012)}").replace("{2024}", "{City (161)}"))
+    cells = read_published(path).cells
+    assert [(cell.scene, cell.queries) for cell in cells[1:3]] == [
+        ("KITTI (2012)", None),
+        ("City", 161),
+    ]
