@@ -185,3 +185,17 @@ def test_a_year_behind_a_name_is_no_number_of_queries(tmp_path: Path) -> None:
         ("KITTI (2012)", None),
         ("City", 161),
     ]
+
+
+def test_a_typed_file_of_tables_of_other_scenes(tmp_path: Path) -> None:
+    rows = [
+        *(f"T1,X,{scene},{value}" for scene, value in (("A", "10.00"), ("B", "20.00"))),
+        *(f"T2,X,{scene},{value}" for scene, value in (("C", "30.00"), ("D", "40.00"))),
+        "T1,X,Average,15.00",
+        "T2,X,Average,35.01",
+    ]
+    path = tmp_path / "t.csv"
+    path.write_text("table,method,scene,R@1\n" + "\n".join(rows) + "\n")
+    (found,) = audit(read_published(path)).findings
+    assert (found.cell.table, found.check, found.grade.value) == ("T2", "average", "rounding")
+    assert "mean of 2 scenes is 35" in found.why
