@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from fractions import Fraction
 from itertools import combinations, permutations
@@ -18,6 +19,8 @@ RowKey = tuple[str, ...]
 _SUMMARY = "overall"
 # Two scores may agree by chance; a whole row of fewer says nothing.
 _FEWEST_SCORES = 3
+# A number stands in few tables; of files made to take long not all pairs are made.
+_MOST_PLACES = 8
 _LEFT = "nothing is printed in two tables"
 
 
@@ -52,9 +55,16 @@ def _pairs(published: Published) -> list[tuple[Printed, Printed]]:
     return [
         (first, second)
         for cells in groups.values()
-        for first, second in combinations(cells, 2)
+        for first, second in _compared(cells)
         if first.table != second.table
     ]
+
+
+def _compared(cells: Sequence[Printed]) -> Iterable[tuple[Printed, Printed]]:
+    """Pair all places of a number, or where these are many, the first with each other."""
+    if len(cells) <= _MOST_PLACES:
+        return combinations(cells, 2)
+    return ((cells[0], other) for other in cells[1:])
 
 
 def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
@@ -69,15 +79,16 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     tables: dict[tuple[str, str], list[tuple[Printed, Printed]]] = {}
     for pair in _pairs(published):
         tables.setdefault((pair[0].table, pair[1].table), []).append(pair)
-    found = [(f.cell, f.grade) for f in findings if f.check in ("average", "agreement", "row")]
+    found = Counter(
+        (f.cell.table, f.cell.line)
+        for f in findings
+        if f.check in ("average", "agreement", "row") and f.grade is Grade.INCONSISTENT
+    )
     said = []
     for (one, other), pairs in tables.items():
         apart = [pair for pair in pairs if _gap(*pair) > 1]
         lines = {(cell.table, cell.line) for pair in apart for cell in pair}
-        of_this = sum(
-            (cell.table, cell.line) in lines and grade is Grade.INCONSISTENT
-            for cell, grade in found
-        )
+        of_this = sum(found[line] for line in lines)
         if len(apart) > 1 and of_this > 1:
             said.append(
                 f"{len(apart)} of the {len(pairs)} numbers that both {one or 'one table'} and "

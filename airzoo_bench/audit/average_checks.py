@@ -16,6 +16,8 @@ from airzoo_bench.printed.scores import Family
 __all__ = ["check_averages"]
 
 _CHECK = "average"
+# Averages of a paper's table, before it can be told that they are over other scenes.
+_FEWEST = 4
 _WHAT = "averages against the scenes they are of"
 Scenes = Mapping[tuple[str, ...], Mapping[str, Mapping[str, Printed]]]
 
@@ -47,7 +49,7 @@ def check_averages(
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
         made = [_averaged(cell, scenes, queries, exact) for cell in cells]
         known = [average for average in made if average is not None]
-        if not known:
+        if not known or _are_of_others(known):
             continue
         conclusions.append(Conclusion(_CHECK, ", ".join(filter(None, place)), _conclusion(known)))
         pooled = False
@@ -102,7 +104,7 @@ def _averaged(
 ) -> Averaged | None:
     by_scene = scenes.get((*cell.group, cell.measure), {})
     parts = [by_method[cell.method] for by_method in by_scene.values() if cell.method in by_method]
-    if len(parts) < 2 or len(parts) < len(by_scene):
+    if len(parts) < 2 or len(parts) < len(by_scene) or any(part.partial for part in parts):
         return None
     values = [exact(part) for part in parts]
     counts = [queries[key_of(part)].number for part in parts if key_of(part) in queries]
@@ -129,6 +131,12 @@ def _exact(cell: Printed, queries: Mapping[Key, Queries], variants: Mapping[Key,
     if known is not None and variant == "precision":
         return counted_share(cell.number, known.number * cell.score.cutoff, cell.full)
     return cell.number.interval
+
+
+def _are_of_others(known: Sequence[Averaged]) -> bool:
+    """Whether a paper's averages are over more scenes than it prints: hardly one is theirs."""
+    fitting = sum(a.fits_scenes or a.fits_rounded or a.fits_queries for a in known)
+    return bool(known[0].cell.domain) and len(known) >= _FEWEST and 4 * fitting < len(known)
 
 
 def _is_pooled(known: Sequence[Averaged]) -> bool:

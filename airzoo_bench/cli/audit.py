@@ -33,8 +33,8 @@ def audit(
     table: Annotated[
         Path,
         typer.Argument(
-            help="CSV, Markdown or LaTeX. A line a number: method, scene, metric, value; "
-            "or a line a method: method, scene, and a column a score."
+            help="CSV, Markdown or LaTeX, also a whole paper. A line a number: method, scene, "
+            "metric, value; or a line a method: method, scene, and a column a score."
         ),
     ],
     form: FormatOption = Format.TERMINAL,
@@ -55,6 +55,8 @@ def audit(
     """Check a published table against arithmetic. Exit code 1 when it contradicts itself.
 
     Example: airzoo-bench audit table.csv
+
+    Example: airzoo-bench audit paper.tex
 
     Example: airzoo-bench audit table.csv --counts City=161,Rural=190 --format markdown
 

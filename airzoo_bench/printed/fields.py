@@ -88,9 +88,14 @@ def _folded(grid: Grid) -> tuple[str, ...]:
 def _named_first(grid: Grid, columns: tuple[str, ...]) -> tuple[str, ...]:
     """Take the first column of a laid out table of scores for that of the methods."""
     known = {"method", "scene", "value"} & set(columns)
-    if not grid.is_markup or known or not any(map(_is_score_head, columns[1:])):
+    if not grid.is_markup or known or not _has_scores(grid, columns):
         return columns
     return ("method", *columns[1:])
+
+
+def _has_scores(grid: Grid, columns: Sequence[str]) -> bool:
+    heads = read_heads(columns[1:], grid.groups[1:], has_scenes=False)
+    return any(is_known(head.metric) for head in heads)
 
 
 def _is_long(columns: Sequence[str]) -> bool:

@@ -15,6 +15,8 @@ _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pool
 _UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]|(.*\w) (%)")
 _LONGEST = 200
 _COUNTED = re.compile(r"(.*\S) \(([0-9]{1,9})\)")
+# In brackets it is of a data set, as KITTI (2012).
+_YEAR = re.compile(r"(?:19|20)[0-9]{2}")
 # What our own tables write above the columns of a benchmark.
 _BENCHMARK = re.compile(r".* v[0-9]{1,4}|.*, (?:retrieval|matching|reconstruction)")
 
@@ -123,7 +125,7 @@ def _split_scene(head: Head) -> tuple[str, str]:
 
 def _counted(head: Head) -> Head:
     found = _COUNTED.fullmatch(head.scene)
-    if found:
+    if found and not _YEAR.fullmatch(found[2]):
         head = replace(head, scene=found[1], queries=found[2])
     if _BENCHMARK.fullmatch(head.scene):
         return replace(head, benchmark=head.scene, scene="overall")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 from airzoo_bench.printed.latex_source import without_macro
 from airzoo_bench.printed.numbers import MOST_DECIMALS, Rounded, parse_number
@@ -102,6 +103,12 @@ def read_marked(text: str) -> Marked | str:
     """
     if len(text) > _LONGEST:
         return f"{text[:80]!r} is no printed number"
+    return _read_marked(text)
+
+
+# The head of a table, its layout and its numbers are told by what its fields are.
+@lru_cache(maxsize=4096)
+def _read_marked(text: str) -> Marked | str:
     sentence = _sentence(text)
     value = _VALUE.match(sentence)
     number = _number(value[1]) if value else None

@@ -58,10 +58,13 @@ def told_apart(fields: Sequence[Field]) -> tuple[list[Field], str]:
     if not _repeats(titled):
         return titled, "what stands above rows of one name, from side to side, is their scene"
     for start in (titled, list(fields)):
-        made = start
+        made, alike = start, _alike(start)
         used: list[str] = []
         for column in dict.fromkeys(name for field in fields for name, _ in field.beside):
-            longer = [_joined(field, column) for field in made]
+            longer = [
+                _joined(field, column) if first["method"] in alike else field
+                for first, field in zip(start, made, strict=True)
+            ]
             if _count(longer) > _count(made):
                 made = longer
                 used.append(column)
@@ -80,6 +83,12 @@ def _count(fields: Iterable[Field]) -> int:
 
 def _repeats(fields: Sequence[Field]) -> bool:
     return max(Counter(map(_identity, fields)).values(), default=0) > 1
+
+
+def _alike(fields: Sequence[Field]) -> set[str]:
+    """Return the methods that several rows have."""
+    counts = Counter(map(_identity, fields))
+    return {field["method"] for field in fields if counts[_identity(field)] > 1}
 
 
 def _titled(field: Field) -> Field:

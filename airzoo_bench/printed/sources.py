@@ -24,6 +24,7 @@ __all__ = ["Source", "read_sources"]
 # Printed tables are small; checks compare methods with each other.
 _LARGEST_BYTES = 2 << 20
 _MOST_TABLES = 200
+_MOST_COLUMNS = 1000
 # Before what a spreadsheet would take for a formula, as our own tables have it.
 _DEFUSED = re.compile(r"^'(?=[=+@-])")
 _SEPARATORS = (",", ";", "\t")
@@ -115,6 +116,10 @@ def _csv_grids(path: Path, text: str) -> list[Grid]:
 
 def _grid(path: Path, kind: str, lines: Sequence[tuple[int, list[str]]], label: str) -> Grid:
     columns = tuple(name.strip() for name in lines[0][1]) if lines else ()
+    if len(columns) > _MOST_COLUMNS:
+        raise ResultError(
+            f"a table of {len(columns)} columns", where=path, expected=f"at most {_MOST_COLUMNS}"
+        )
     for number, fields in lines:
         check_width(path, kind, number, len(fields), len(columns))
     rows = tuple(_titled(lines[1:]) if kind == "Markdown" else _plain(lines[1:]))

@@ -19,7 +19,7 @@ from airzoo_bench.printed.values import read_cell, readable
 
 __all__ = ["read_published"]
 
-_MOST_NUMBERS = 50_000
+_MOST_NUMBERS = 20_000
 _AMBIGUOUS = "all shares are at most 1: percent, or from 0 to 1?"
 
 

@@ -26,7 +26,7 @@ def tables(number: int, rows: int) -> str:
 
 
 BOMB = "".join(
-    "\\newcommand{\\%s}{%s}\n" % (one, f"\\{other}" * 40)
+    "\\newcommand{\\" + one + "}{" + f"\\{other}" * 40 + "}\n"
     for one, other in zip("abcdefgh", "bcdefghi", strict=True)
 )
 NESTED = "\\newcommand{\\best}[1]{\\textbf{#1}}\n"
@@ -35,7 +35,9 @@ HEAD = "Method & R@1 \\\\\n"
 FILES: dict[str, Callable[[], str]] = {
     "macros that never close.tex": lambda: NESTED + tabular(HEAD + "X & " + many("\\best{")),
     "macros that make macros.tex": lambda: BOMB + tabular(HEAD + "X & \\a \\\\\n"),
-    "a macro of itself.tex": lambda: many("\\x", "\\def\\x{\\x\\x}\\begin{tabular}{l} M & R@1\\\\ "),
+    "a macro of itself.tex": lambda: many(
+        "\\x", "\\def\\x{\\x\\x}\\begin{tabular}{l} M & R@1\\\\ "
+    ),
     "definitions.tex": lambda: many("\\newcommand ", "", tabular(HEAD)),
     "blanks in a definition.tex": lambda: many(" ", "\\newcommand", tabular(HEAD)),
     "blanks behind one.tex": lambda: many(" ", "\\newcommand\\x", tabular(HEAD)),

@@ -174,7 +174,7 @@ BAD = {
     ),
     "a macro": (
         "Method & R@1 \\\\\nX & 5.0\\pm 0.1 \\\\\n",
-        ["line 2", "what is '\\\\pm 0.1'"],
+        ["line 2", "what is '± 0.1'"],
     ),
     "text after rows": ("method & R@1 \\\\\nX & 5.0 \\\\\nfoot", ["line 3", "'foot' is no row"]),
     "method only": ("method,scene\nX,City\n", ["no column 'metric', 'value'"]),

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from airzoo_bench.audit.audit import audit
 from airzoo_bench.errors import ResultError
 from airzoo_bench.printed.latex import looks_like_latex
 from airzoo_bench.printed.latex_source import without_macro
 from airzoo_bench.printed.table import read_published
+from tests.printed.hostile import FILES
 
 MANY = 200_000
 
@@ -40,4 +43,21 @@ def test_rules_that_never_close(tmp_path: Path) -> None:
     path = tmp_path / "open.tex"
     path.write_text("\\begin{tabular}{l}\n" + "\\cmidrule[" * MANY + "\n\\end{tabular}")
     with pytest.raises(ResultError):
+        read_published(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FILES)
+def test_files_made_to_take_long(tmp_path: Path, name: str) -> None:
+    """Each takes seconds; in time that grows with the square it would take hours."""
+    path = tmp_path / name
+    path.write_text(FILES[name](), encoding="utf-8")
+    with suppress(ResultError):
+        audit(read_published(path))
+
+
+def test_macros_that_make_macros_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.tex"
+    path.write_text(FILES["macros that make macros.tex"]())
+    with pytest.raises(ResultError, match="makes too much text"):
         read_published(path)
