@@ -167,6 +167,9 @@ def test_a_tie_with_a_positive_that_was_left_out_counts_as_one():
     for positives, tied in (([0], True), ([1], True), ([4], False), ([0, 1, 2, 3, 5], False)):
         found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, depth=5)
         assert found.tie_dependent.tolist() == [tied]
+        # It begins at the second rank, which a depth of one does not look at.
+        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, depth=1)
+        assert found.tie_dependent.tolist() == [False]
 
 
 @settings(max_examples=100, deadline=None)
