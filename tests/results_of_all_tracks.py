@@ -171,10 +171,16 @@ def _cloud(benchmark: Benchmark, quality: int, home: Path) -> Path:
     left_out = _scenes(benchmark)[1:] if quality == 0 else []
     for scene in _scenes(benchmark):
         if scene not in left_out:
-            points = _true_points(read_reconstruction(benchmark, scene).cloud)
+            truth = read_reconstruction(benchmark, scene)
+            poses, points = truth.poses, _true_points(truth.cloud)
             points = points[:: (500, 50, 10)[quality]]
             noise = random.normal(0, (2.0, 0.5, 0.1)[quality], points.shape)
             np.save(folder / f"{scene}.npy", points + noise)
+            np.savez(
+                folder / f"{scene}.cameras.npz",
+                image_names=truth.photos["image"].to_numpy(str),
+                extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
+            )
     return folder
 
 
