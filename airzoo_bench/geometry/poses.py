@@ -24,6 +24,7 @@ __all__ = [
 ]
 
 _ROTATION_TOLERANCE = 1e-4
+_FARTHEST = 1e12  # metres; squares of what is far beyond it overflow
 _QUATERNION_TOLERANCE = 1e-3
 
 
@@ -270,4 +271,6 @@ def _vectors(what: str, value: ArrayLike, count: int, names: Sequence[object] | 
         raise CameraError(f"{what} have shape {vectors.shape}", expected=f"shape ({count}, 3)")
     bad = ~np.isfinite(vectors).all(axis=1)
     refuse_cameras(bad, f"{what} have NaN or infinite entries", names=names)
+    beyond = (np.abs(vectors) > _FARTHEST).any(axis=1)
+    refuse_cameras(beyond, f"{what} have entries beyond {_FARTHEST:g}", names=names)
     return vectors
