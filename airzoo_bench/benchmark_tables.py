@@ -121,13 +121,13 @@ def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
         if name == "id":
             _refuse(path, name, values, column.duplicated().tolist(), "each id once")
         return column.astype(str)
-    if column.dtype.kind in "iu" and name in _NUMBERS:
-        return column
     numbers = np.array([_number(value) for value in values], np.float64)
     missing = np.array([_is_missing(value) for value in values], np.bool_)
     limit = _limit(name)
     wrong = ~(np.abs(numbers) <= limit) & ~missing
     _refuse(path, name, values, wrong.tolist(), f"a number, at most {limit:.12g} in size")
+    if name in _NUMBERS and column.dtype.kind in "iu":
+        return column
     if name in _NUMBERS:
         return pd.Series(numbers, column.index, name=name)
     wrong = ~((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST_WHOLE))

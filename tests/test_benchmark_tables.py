@@ -59,6 +59,13 @@ def test_ids_in_parquet_are_text(tmp_path: Path) -> None:
         read_table(path, ("id",))
 
 
+def test_degrees_are_degrees(tmp_path: Path) -> None:
+    path = tmp_path / "tiles.parquet"
+    pd.DataFrame({"id": ["a", "b"], "lat_min": [0, 256], "x": [0, 256]}).to_parquet(path)
+    with pytest.raises(BenchmarkError, match=r"column 'lat_min', row 2: 256\n.*at most 90 in size"):
+        read_table(path, ("id",))
+
+
 @pytest.mark.parametrize(
     ("file", "change", "said"),
     [

@@ -29,6 +29,7 @@ _NEWTON_STEPS = 3
 # Steps of poses in a truth: quaternions to 1e-9, centres to 0.1 mm.
 _QUATERNION_DECIMALS = 9
 _CENTRE_DECIMALS = 4
+_FARTHEST = 1e12  # metres; squares of what is far beyond it overflow
 _QUATERNION_TOLERANCE = 1e-3
 
 
@@ -302,4 +303,6 @@ def _vectors(what: str, value: ArrayLike, count: int, names: Sequence[object] | 
         raise CameraError(f"{what} have shape {vectors.shape}", expected=f"shape ({count}, 3)")
     bad = ~np.isfinite(vectors).all(axis=1)
     refuse_cameras(bad, f"{what} have NaN or infinite entries", names=names)
+    beyond = (np.abs(vectors) > _FARTHEST).any(axis=1)
+    refuse_cameras(beyond, f"{what} have entries beyond {_FARTHEST:g}", names=names)
     return vectors

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.errors import CameraError, PredictionError
 from airzoo_bench.matching.predictions import PoseClaim
 from airzoo_bench.readers.pose_list import read_pose_list
 from tests.support import run_main
@@ -101,3 +101,8 @@ def test_the_command_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert "not of unit length" in capsys.readouterr().err
     path = written(tmp_path, f"a {TURN}\nphotos/a {TURN}\nphotos/a {TURN}\n")
     assert run_main("check", path, "--protocol", "photos-matching", "--data", tmp_path) == 1
+
+
+def test_a_camera_beyond_all_space_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CameraError, match=r"translations have entries beyond 1e\+12 in 1 of 1"):
+        read_pose_list(written(tmp_path, f"hills/a {TURN.rsplit(' ', 1)[0]} 1e200\n"), LIMIT)
