@@ -26,10 +26,10 @@ from airzoo_bench.progress import Progress, silent
 from airzoo_bench.reconstruction.baseline import SfmSettings
 from airzoo_bench.result import Result
 from airzoo_bench.retrieval.baseline import VladSettings
-from airzoo_bench.runner.common import save
 from airzoo_bench.runner.matching import evaluate_matching
 from airzoo_bench.runner.reconstruction import evaluate_reconstruction
 from airzoo_bench.runner.retrieval import evaluate_retrieval
+from airzoo_bench.runner.run_files import save
 
 __all__ = ["DemoTrack", "demo_benchmark", "demo_tracks", "run_track"]
 

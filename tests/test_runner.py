@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.result import Result, read_result, write_result
-from airzoo_bench.runner.common import Evaluation, save
 from airzoo_bench.runner.retrieval import evaluate_retrieval
+from airzoo_bench.runner.run_files import Evaluation, save
 from airzoo_bench.runner.templates import write_template
 from tests.statistics.support import made_method, write_method
 from tests.support import (

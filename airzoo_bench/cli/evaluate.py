@@ -59,8 +59,8 @@ def retrieval(
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."""
-    from airzoo_bench.runner.common import save
     from airzoo_bench.runner.retrieval import evaluate_retrieval
+    from airzoo_bench.runner.run_files import save
 
     method = _named_after(out, method, "retrieval")
     evaluation = evaluate_retrieval(
@@ -105,8 +105,8 @@ def matching(
 ) -> None:
     """Score cross-view matching: translation and pose recall, median error, for each scene."""
     from airzoo_bench.errors import UsageError
-    from airzoo_bench.runner.common import save
     from airzoo_bench.runner.matching import evaluate_matching, save_timings
+    from airzoo_bench.runner.run_files import save
 
     if figures and out is None:
         raise UsageError("--figures needs a folder to draw into", mend="add --out DIR")
@@ -165,8 +165,8 @@ def reconstruction(
 ) -> None:
     """Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."""
     from airzoo_bench.errors import UsageError
-    from airzoo_bench.runner.common import save
     from airzoo_bench.runner.reconstruction import evaluate_reconstruction
+    from airzoo_bench.runner.run_files import save
 
     if (figures or clouds) and out is None:
         raise UsageError("--figures and --clouds need a folder", mend="add --out DIR")
@@ -202,7 +202,7 @@ def reconstruction(
 def _named_after(out: Path | None, method: str | None, track: str) -> str | None:
     """Check the folder for output, and return the method's name, which can be the folder's."""
     from airzoo_bench.files import check_output_folder
-    from airzoo_bench.runner.common import RESULT_FILES, earlier_run
+    from airzoo_bench.runner.run_files import RESULT_FILES, earlier_run
 
     if out is None:
         return method

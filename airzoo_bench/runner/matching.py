@@ -23,14 +23,11 @@ from airzoo_bench.readers.matching import read_matching
 from airzoo_bench.result import Reference, with_summary
 from airzoo_bench.runner.common import (
     Checked,
-    Evaluation,
     Run,
     check_against_benchmark,
-    choose_protocol,
     concatenate,
     make_result,
     match_queries,
-    refuse_other_track,
 )
 from airzoo_bench.runner.matching_notes import (
     claim_notes,
@@ -38,6 +35,8 @@ from airzoo_bench.runner.matching_notes import (
     lifting_notes,
     scored_notes,
 )
+from airzoo_bench.runner.protocol_choice import choose_protocol, refuse_other_track
+from airzoo_bench.runner.run_files import Evaluation
 from airzoo_bench.scores import summarise
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
 from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.reconstruction.track import ScoredScene, score_missing
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
-from airzoo_bench.runner.common import Checked, Evaluation, Run, make_result
+from airzoo_bench.runner.common import Checked, Run, make_result
 from airzoo_bench.runner.reconstruction_notes import listing_notes
 from airzoo_bench.runner.reconstruction_scenes import (
     look_into,
@@ -27,6 +27,7 @@ from airzoo_bench.runner.reconstruction_scenes import (
     scored_scene,
     work_for,
 )
+from airzoo_bench.runner.run_files import Evaluation
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -24,7 +24,7 @@ from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.placing import Rules, TrueScene, Work, place_claim
 from airzoo_bench.reconstruction.track import ScoredScene, score_scene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
-from airzoo_bench.runner.common import choose_protocol
+from airzoo_bench.runner.protocol_choice import choose_protocol
 from airzoo_bench.runner.reconstruction_claims import claim_of_scene, kind_of, true_cameras
 from airzoo_bench.runner.reconstruction_notes import (
     notes_of_digits,

@@ -25,15 +25,14 @@ from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from airzoo_bench.runner.common import (
     Checked,
-    Evaluation,
     Run,
     check_against_benchmark,
-    choose_protocol,
     concatenate,
     make_result,
     match_queries,
-    refuse_other_track,
 )
+from airzoo_bench.runner.protocol_choice import choose_protocol, refuse_other_track
+from airzoo_bench.runner.run_files import Evaluation
 from airzoo_bench.scores import summarise
 
 __all__ = ["chance_level", "chance_words", "check_retrieval", "evaluate_retrieval", "read_truths"]

@@ -19,7 +19,7 @@ from airzoo_bench.result import (
     TruthUsed,
     with_summary,
 )
-from airzoo_bench.runner.common import Evaluation, save
+from airzoo_bench.runner.run_files import Evaluation, save
 from airzoo_bench.scores import Score, summarise
 
 HIT = ScoreColumn(

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from airzoo_bench.errors import ResultError, UsageError
 from airzoo_bench.records import Scored, read_records, read_scored
 from airzoo_bench.result import read_result, write_result
-from airzoo_bench.runner.common import Evaluation, save
+from airzoo_bench.runner.run_files import Evaluation, save
 from tests.statistics.support import ERROR, HIT, made_method, made_records, write_method
 
 COLUMNS = (HIT, ERROR)
