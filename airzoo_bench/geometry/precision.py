@@ -19,6 +19,7 @@ from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
     "COARSEST_M",
+    "narrow_type",
     "pose_errors_m",
     "rounding_errors",
     "was_rounded_to",
@@ -59,6 +60,17 @@ def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
     return len(np.unique(exponent[last])) > 1
 
 
+def narrow_type(values: Floats) -> type[np.floating[Any]] | None:
+    """Return float16 or float32 where numbers went through it, see `was_rounded_to`."""
+    kinds: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
+    return next((kind for kind in kinds if was_rounded_to(values, kind)), None)
+
+
+def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
+    steps: Floats = np.abs(np.spacing(values.astype(kind))).astype(np.float64)
+    return steps
+
+
 def rounding_errors(values: Floats) -> Floats:
     """Estimate by how much rounding to float16, float32 or few decimal digits has moved numbers.
 
@@ -72,10 +84,9 @@ def rounding_errors(values: Floats) -> Floats:
     (...) array
         0 where the numbers have more digits than matter.
     """
-    kinds: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
-    for kind in kinds:
-        if was_rounded_to(values, kind):
-            return np.abs(np.spacing(values.astype(kind))).astype(np.float64) * _UNIFORM
+    kind = narrow_type(values)
+    if kind is not None:
+        return _steps(values, kind) * _UNIFORM
     leading = np.ceil(np.log10(np.where(values == 0, 1.0, np.abs(values)))) - 1.0
     digits = _fewest(values, 10.0**-leading)
     if digits is None or not values.any():
@@ -124,14 +135,26 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
     else:
         off = np.abs(np.sqrt((quaternions**2).sum(axis=1)) - 1.0)
         entries, weight = quaternions, _OF_QUATERNION
-    turned, moved = off, np.zeros_like(translations)
-    # Rotations that few digits state exactly have lost nothing; and turns by 90 degrees, those of
-    # made-up scenes, carry whole coordinates over into t.
+    turned = off
+    # Rotations that few digits state exactly have lost nothing.
     if (off > _EXACT).any():
         kept = np.sqrt((rounding_errors(entries) ** 2).mean(axis=1))
         turned = np.where(off > _BEYOND_CHANCE * kept, off, kept)
-    if not np.isin(np.abs(np.round(rotations, 12)), (0.0, 1.0)).all():
+    axes = np.round(rotations, 12)
+    if np.isin(np.abs(axes), (0.0, 1.0)).all():
+        moved = _of_centres(-np.einsum("nji,nj->ni", axes, translations))
+    else:
         moved = rounding_errors(translations)
     by_turn = weight * turned * np.sqrt((translations**2).sum(axis=1))
     errors: Floats = np.hypot(by_turn, np.sqrt((moved**2).sum(axis=1)))
     return errors
+
+
+def _of_centres(centres: Floats) -> Floats:
+    """Estimate errors of centres that turns by 90 degrees carried over into t as they are.
+
+    Whole coordinates, those of made-up scenes, have lost nothing. Heights are left aside: beside
+    places on a lattice they may well be those of a surface model, which float32 holds.
+    """
+    kind = narrow_type(centres[:, :2])
+    return np.zeros_like(centres) if kind is None else _steps(centres, kind) * _UNIFORM

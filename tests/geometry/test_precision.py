@@ -113,6 +113,24 @@ def test_turns_by_right_angles_have_lost_nothing() -> None:
     assert (pose_errors_m(R, t, matrix_to_quaternion(R)) < 1e-6).all()
 
 
+@pytest.mark.parametrize("as_quaternions", [False, True])
+def test_turns_by_right_angles_do_not_hide_float32(as_quaternions: bool) -> None:
+    # Methods that find a place only: north is up, the camera looks down.
+    R = np.tile(np.diag((1.0, -1.0, -1.0)), (COUNT, 1, 1))
+    t = narrow(-np.einsum("nij,nj->ni", R, CENTRES))
+    errors = pose_errors_m(R, t, matrix_to_quaternion(R) if as_quaternions else None)
+    assert expected_m(errors) == pytest.approx(moved_m(R, t), rel=0.2)
+    assert (errors > COARSEST_M).all()
+
+
+def test_turns_by_right_angles_carry_a_lattice_and_heights_of_float32() -> None:
+    R = np.tile(np.diag((1.0, -1.0, -1.0)), (COUNT, 1, 1))
+    centres = np.column_stack([np.round(CENTRES[:, :2] * 2) / 2, narrow(CENTRES[:, 2])])
+    t = -np.einsum("nij,nj->ni", R, centres)
+    assert was_rounded_to(t, np.float32)
+    assert (pose_errors_m(R, t, None) < COARSEST_M).all()
+
+
 def test_near_the_origin_few_digits_are_enough() -> None:
     t = -np.einsum("nij,nj->ni", ROTATIONS, CENTRES - (400_000, 3_130_000, 0))
     assert (pose_errors_m(narrow(ROTATIONS), narrow(t), None) < COARSEST_M).all()
