@@ -145,6 +145,26 @@ def test_a_lattice_is_not_a_rounding(kind: Any, step: float, offset: float) -> N
     assert not was_rounded_to(lattice, kind)
 
 
+def test_a_few_whole_pixels_are_not_a_rounding() -> None:
+    pixels = np.array([[1095.0, 26.0], [1116.0, 1381.0], [2050.0, 300.0], [3998.0, 7.0]])
+    assert (narrow(pixels, np.float16) == pixels).all()
+    assert not was_rounded_to(pixels, np.float16)
+    random = np.random.default_rng(0)
+    for _ in range(2000):
+        pixels = random.integers(0, (4000, 3000), (5, 2)).astype(np.float64)
+        assert not was_rounded_to(pixels, np.float16)
+        subpixels = random.random((30, 2)) * (4000, 3000)
+        assert was_rounded_to(narrow(subpixels, np.float16), np.float16)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_single_translation_that_went_through_float32(seed: int) -> None:
+    one = slice(seed, seed + 1)
+    t = narrow(TRUE.translation[one])
+    assert (pose_errors_m(ROTATIONS[one], t, None) > COARSEST_M).all()
+    assert (pose_errors_m(ROTATIONS[one], TRUE.translation[one], None) < COARSEST_M).all()
+
+
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1.0, 1e4))
 def test_any_rounding_is_found(seed: int, scale: float) -> None:
     values = np.random.default_rng(seed).random(60) * scale
