@@ -19,6 +19,7 @@ from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
     "COARSEST_M",
+    "narrow_type",
     "pose_errors_m",
     "rounding_errors",
     "was_rounded_to",
@@ -35,13 +36,17 @@ _DECIMALS = 11
 _EXACT = 1e-14
 # So many times further from orthonormal than its digits explain, a rotation lost more before.
 _BEYOND_CHANCE = 4.0
+# So many bits are not 0 by chance: once in a thousand.
+_CHANCE_BITS = 10
+_NARROW: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
 
 
 def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
     """Tell numbers that went through a narrower type from those that merely fit it.
 
     Numbers of a lattice, such as whole pixels, use the last bit of the narrower type in one power
-    of two only; those that were rounded to it use it in all.
+    of two only; those that were rounded to it use it in all. A few whole pixels may do so by
+    chance: then few bits of the large ones are 0 that the lattice does not ask for.
 
     Parameters
     ----------
@@ -50,13 +55,30 @@ def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
     kind : type
         ``np.float16`` or ``np.float32``.
     """
-    with np.errstate(over="ignore"):
-        fits = (values.astype(kind) == values).all()
-    if not fits:
+    if not _fits(values, kind):
         return False
+    bits = np.finfo(kind).nmant + 1
     mantissa, exponent = np.frexp(values[values != 0])
-    last = np.abs(mantissa) * 2.0 ** (np.finfo(kind).nmant + 1) % 2.0 == 1.0
-    return len(np.unique(exponent[last])) > 1
+    whole = (np.abs(mantissa) * 2.0**bits).astype(np.int64)
+    if len(np.unique(exponent[whole % 2 == 1])) < 2:
+        return False
+    lattice = (exponent + np.log2(whole & -whole)).min() - bits
+    return bool(np.maximum(exponent - bits - lattice, 0).sum() >= _CHANCE_BITS)
+
+
+def _fits(values: Floats, kind: type[np.floating[Any]]) -> bool:
+    with np.errstate(over="ignore"):
+        return bool((values.astype(kind) == values).all())
+
+
+def narrow_type(values: Floats) -> type[np.floating[Any]] | None:
+    """Return float16 or float32 where numbers went through it, see `was_rounded_to`."""
+    return next((kind for kind in _NARROW if was_rounded_to(values, kind)), None)
+
+
+def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
+    steps: Floats = np.abs(np.spacing(values.astype(kind))).astype(np.float64)
+    return steps
 
 
 def rounding_errors(values: Floats) -> Floats:
@@ -72,10 +94,9 @@ def rounding_errors(values: Floats) -> Floats:
     (...) array
         0 where the numbers have more digits than matter.
     """
-    kinds: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
-    for kind in kinds:
-        if was_rounded_to(values, kind):
-            return np.abs(np.spacing(values.astype(kind))).astype(np.float64) * _UNIFORM
+    kind = narrow_type(values)
+    if kind is not None:
+        return _steps(values, kind) * _UNIFORM
     leading = np.ceil(np.log10(np.where(values == 0, 1.0, np.abs(values)))) - 1.0
     digits = _fewest(values, 10.0**-leading)
     if digits is None or not values.any():
@@ -124,14 +145,33 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
     else:
         off = np.abs(np.sqrt((quaternions**2).sum(axis=1)) - 1.0)
         entries, weight = quaternions, _OF_QUATERNION
-    turned, moved = off, np.zeros_like(translations)
-    # Rotations that few digits state exactly have lost nothing; and turns by 90 degrees, those of
-    # made-up scenes, carry whole coordinates over into t.
+    turned = off
+    # Rotations that few digits state exactly have lost nothing.
     if (off > _EXACT).any():
         kept = np.sqrt((rounding_errors(entries) ** 2).mean(axis=1))
         turned = np.where(off > _BEYOND_CHANCE * kept, off, kept)
-    if not np.isin(np.abs(np.round(rotations, 12)), (0.0, 1.0)).all():
-        moved = rounding_errors(translations)
+    axes = np.round(rotations, 12)
+    if np.isin(np.abs(axes), (0.0, 1.0)).all():
+        moved = _of_centres(-np.einsum("nji,nj->ni", axes, translations))
+    else:
+        moved = _of_translations(translations)
     by_turn = weight * turned * np.sqrt((translations**2).sum(axis=1))
     errors: Floats = np.hypot(by_turn, np.sqrt((moved**2).sum(axis=1)))
     return errors
+
+
+def _of_centres(centres: Floats) -> Floats:
+    """Estimate errors of centres that turns by 90 degrees carried over into t as they are.
+
+    Whole coordinates, those of made-up scenes, have lost nothing. Heights are left aside: beside
+    places on a lattice they may well be those of a surface model, which float32 holds.
+    """
+    kind = narrow_type(centres[:, :2])
+    return np.zeros_like(centres) if kind is None else _steps(centres, kind) * _UNIFORM
+
+
+def _of_translations(translations: Floats) -> Floats:
+    """Estimate errors of translations that are on no lattice: one of them shows what they fit."""
+    errors = rounding_errors(translations)
+    kind = next((kind for kind in _NARROW if _fits(translations, kind)), None)
+    return errors if kind is None else np.maximum(errors, _steps(translations, kind) * _UNIFORM)

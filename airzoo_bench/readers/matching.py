@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import CameraError, PredictionError
 from airzoo_bench.geometry.poses import Poses, check_rotations
-from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m, was_rounded_to
+from airzoo_bench.geometry.precision import COARSEST_M, narrow_type, pose_errors_m
 from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions, PoseClaim
 from airzoo_bench.readers.arrays import (
     Arrays,
@@ -183,31 +183,27 @@ def _rotations(
 
 
 def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Read coordinates of the scene, which are millions of metres: float32 keeps 0.25 m of them."""
+    """Read coordinates of the scene, which are millions of metres: float32 keeps 0.25 m of them.
+
+    X and Y tell what they went through. Beside places on a lattice, such as the pixels of a map,
+    heights of a surface model fit float32 and have lost nothing.
+    """
     given = numbers(arrays, name, shape)
     values = given.astype(np.float64)
-    finite = values[np.isfinite(values)]
-    narrow = _went_through(given.dtype, finite)
+    finite = values[np.isfinite(values).all(axis=1)]
+    is_narrow = given.dtype.itemsize < _WIDEST
+    narrow = given.dtype.type if is_narrow else narrow_type(finite[:, :2])
     largest = float(np.abs(finite).max(initial=0.0))
-    step = 0.0 if narrow is None else float(np.spacing(narrow.type(largest)))
+    step = 0.0 if narrow is None else float(np.spacing(narrow(largest)))
     if step > COARSEST_M:
         raise PredictionError(
-            f"field '{name}' {'is' if given.dtype == narrow else 'went through'} {narrow}, which "
+            f"field '{name}' {'is' if is_narrow else 'went through'} {np.dtype(narrow)}, which "
             f"keeps coordinates such as {largest:.0f} to {step:.2g} m only",
             where=arrays.path,
             expected="float64",
             mend=f"compute and write {name} as float64",
         )
     return values
-
-
-def _went_through(
-    kind: np.dtype[np.floating[Any]], values: NDArray[np.float64]
-) -> np.dtype[np.floating[Any]] | None:
-    if kind.itemsize < _WIDEST:
-        return kind
-    narrow = (np.dtype(np.float16), np.dtype(np.float32))
-    return next((dtype for dtype in narrow if was_rounded_to(values, dtype.type)), None)
 
 
 def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.int64]:

@@ -113,6 +113,24 @@ def test_turns_by_right_angles_have_lost_nothing() -> None:
     assert (pose_errors_m(R, t, matrix_to_quaternion(R)) < 1e-6).all()
 
 
+@pytest.mark.parametrize("as_quaternions", [False, True])
+def test_turns_by_right_angles_do_not_hide_float32(as_quaternions: bool) -> None:
+    # Methods that find a place only: north is up, the camera looks down.
+    R = np.tile(np.diag((1.0, -1.0, -1.0)), (COUNT, 1, 1))
+    t = narrow(-np.einsum("nij,nj->ni", R, CENTRES))
+    errors = pose_errors_m(R, t, matrix_to_quaternion(R) if as_quaternions else None)
+    assert expected_m(errors) == pytest.approx(moved_m(R, t), rel=0.2)
+    assert (errors > COARSEST_M).all()
+
+
+def test_turns_by_right_angles_carry_a_lattice_and_heights_of_float32() -> None:
+    R = np.tile(np.diag((1.0, -1.0, -1.0)), (COUNT, 1, 1))
+    centres = np.column_stack([np.round(CENTRES[:, :2] * 2) / 2, narrow(CENTRES[:, 2])])
+    t = -np.einsum("nij,nj->ni", R, centres)
+    assert was_rounded_to(t, np.float32)
+    assert (pose_errors_m(R, t, None) < COARSEST_M).all()
+
+
 def test_near_the_origin_few_digits_are_enough() -> None:
     t = -np.einsum("nij,nj->ni", ROTATIONS, CENTRES - (400_000, 3_130_000, 0))
     assert (pose_errors_m(narrow(ROTATIONS), narrow(t), None) < COARSEST_M).all()
@@ -125,6 +143,26 @@ def test_a_lattice_is_not_a_rounding(kind: Any, step: float, offset: float) -> N
     lattice = (np.arange(200.0) + offset) * step
     assert (narrow(lattice, kind) == lattice).all()
     assert not was_rounded_to(lattice, kind)
+
+
+def test_a_few_whole_pixels_are_not_a_rounding() -> None:
+    pixels = np.array([[1095.0, 26.0], [1116.0, 1381.0], [2050.0, 300.0], [3998.0, 7.0]])
+    assert (narrow(pixels, np.float16) == pixels).all()
+    assert not was_rounded_to(pixels, np.float16)
+    random = np.random.default_rng(0)
+    for _ in range(2000):
+        pixels = random.integers(0, (4000, 3000), (5, 2)).astype(np.float64)
+        assert not was_rounded_to(pixels, np.float16)
+        subpixels = random.random((30, 2)) * (4000, 3000)
+        assert was_rounded_to(narrow(subpixels, np.float16), np.float16)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_single_translation_that_went_through_float32(seed: int) -> None:
+    one = slice(seed, seed + 1)
+    t = narrow(TRUE.translation[one])
+    assert (pose_errors_m(ROTATIONS[one], t, None) > COARSEST_M).all()
+    assert (pose_errors_m(ROTATIONS[one], TRUE.translation[one], None) < COARSEST_M).all()
 
 
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1.0, 1e4))

@@ -10,6 +10,7 @@ import pytest
 
 from airzoo_bench.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.precision import was_rounded_to
 from airzoo_bench.matching.predictions import Correspondences, PoseClaim, faults
 from airzoo_bench.readers.matching import read_matching
 from tests.geometry.support import looking_down
@@ -248,6 +249,26 @@ def test_all_faults_are_found_at_once(tmp_path: Path) -> None:
     assert ["holds no id" in f.what for f in found] == [True, False, False]
     assert "do not add up" in found[1].what
     assert "5 rows are NaN" in found[2].what
+
+
+@pytest.mark.parametrize("field", ["points3d", "centres"])
+def test_heights_of_a_float32_model_over_pixels_of_a_map_have_lost_nothing(
+    tmp_path: Path, field: str
+) -> None:
+    count = 200
+    row, column = np.divmod(np.arange(count), 20)
+    heights = np.random.default_rng(0).uniform(20, 300, count).astype(np.float32)
+    # The centres of a map's pixels of half a metre: float32 holds them.
+    places = np.column_stack([500_000.25 + column / 2, 1_200_000 - 0.25 - row / 2, heights])
+    assert was_rounded_to(places, np.float32)
+    ids = np.array([f"hills/q{n}" for n in range(count)])
+    fields: dict[str, Any] = {"query_ids": ids, field: places}
+    if field == "points3d":
+        fields |= {"offsets": np.arange(count + 1), "query_xy": np.ones((count, 2))}
+    else:
+        fields["rotations"] = np.tile(TRUE.rotation[:1], (count, 1, 1))
+    read = read_matching(written(tmp_path / "m.npz", fields), LIMIT)
+    assert len(read.query_ids) == count
 
 
 def test_objects_are_never_unpickled(tmp_path: Path) -> None:
