@@ -41,6 +41,7 @@ from airzoo_bench.protocol import (
 )
 from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
+from airzoo_bench.reconstruction.prepared import grid_origin
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
 from airzoo_bench.scene_inputs import SceneInputs, photo_table
 from airzoo_bench.workers import spread
@@ -209,7 +210,14 @@ def _photographed(region: Region, world: Path, seed: int, jobs: int, progress: P
     render_frames(photos.frames, load, rendered, workers=jobs, progress=progress)
     cloud = rendered / "cloud.ply"
     rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
-    seen = seen_surface(photos.frames, rows, rendered, voxel_m=_CLOUD_VOXEL_M, progress=progress)
+    seen = seen_surface(
+        photos.frames,
+        rows,
+        rendered,
+        voxel_m=_CLOUD_VOXEL_M,
+        origin=grid_origin(_CLOUD_VOXEL_M),
+        progress=progress,
+    )
     write_ply(cloud, seen)
     files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
     files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}

@@ -27,6 +27,7 @@ def seen_surface(
     folder: Path,
     *,
     voxel_m: float,
+    origin: Floats,
     progress: Progress,
 ) -> Cloud:
     """Return what rendered frames see, one point for each voxel.
@@ -40,6 +41,8 @@ def seen_surface(
         Where they were rendered to.
     voxel_m : float
         Side of the voxels.
+    origin : (3,) array
+        A corner of their grid.
     progress : Progress
 
     Returns
@@ -50,7 +53,7 @@ def seen_surface(
     """
     from PIL import Image
 
-    grid = VoxelGrid(voxel_m, np.zeros(3))
+    grid = VoxelGrid(voxel_m, origin)
     for row in progress(rows, "true cloud", len(rows)):
         _, depth_file = frame_paths(folder, frames.names[row])
         with Image.open(depth_file) as picture:

@@ -27,14 +27,13 @@ __all__ = [
     "box_of",
     "cropped_region",
     "finite_pieces",
+    "grid_origin",
     "prepared",
 ]
 
 Region = Box | Columns
 
-# Voxels of both clouds have a corner at so many of their sides, whatever the clouds: coordinates
-# that were rounded to centimetres would lie on borders else, where rounding decides.
-_OFF_GRID = np.full(3, 0.3819660112501052)
+_OFF_GRID = 0.3819660112501052
 _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
 _ROBUST = (1.0, 99.0)
@@ -133,6 +132,15 @@ def box_of(source: CloudSource, points: int = 1 << 20) -> Box:
     return box
 
 
+def grid_origin(size: float) -> Floats:
+    """Return a corner of the voxels of this side, the same for all clouds.
+
+    It is no round number: coordinates that were rounded to centimetres would else lie on the
+    borders of voxels, where rounding decides.
+    """
+    return np.full(3, size * _OFF_GRID)
+
+
 def cropped_region(
     truth: CloudSource, box: Box, settings: Preparation, block_points: int
 ) -> Region | None:
@@ -190,7 +198,7 @@ def prepared(
     kept = _Kept(source, region)
     grid = None
     if not isinstance(size := settings.voxel_m, str):
-        grid = VoxelGrid(size, size * _OFF_GRID, max(block_points, _LEAST_VOXELS))
+        grid = VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
     not_finite = outside = inside = 0
     sample = _Sample(source.count)
     for piece in source.pieces(block_points):
