@@ -25,6 +25,7 @@ from tests.reconstruction.world import (
     MEMORY,
     PROTOCOL,
     World,
+    camera_poses,
     make_world,
     predict_clouds,
     save,
@@ -68,7 +69,7 @@ def test_the_files_of_a_run(world: World, tmp_path: Path) -> None:
 
 def test_the_same_files_again(world: World, tmp_path: Path) -> None:
     path = both(world, tmp_path, 2.0)
-    options = ("--figures", "--clouds")
+    options = ("--figures", "--clouds", "--method", "same")
     for name, jobs in (("one", 1), ("two", 2)):
         out = tmp_path / name
         assert run_main("eval", "reconstruction", path, "--out", out, "-j", jobs, *options) == 0
@@ -198,6 +199,30 @@ def test_digits_that_were_lost_are_named(kind: str, world: World, tmp_path: Path
     notes = notes_of(world, folder)
     told = "6 digits only, steps of 10 m" if kind == "ply" else "float32 only, steps of 0.5 m"
     assert any(told in note for note in notes), notes
+
+
+@pytest.mark.parametrize("lost", ["float32", "6 digits", "nothing", "origin"])
+def test_digits_that_cameras_lost_are_named(lost: str, world: World, tmp_path: Path) -> None:
+    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
+    cameras = world.cameras("yard")
+    extrinsics = cameras["extrinsics"].copy()
+    if lost == "float32":
+        extrinsics = extrinsics.astype("f4")
+    elif lost == "6 digits":
+        extrinsics[..., :3] = np.round(extrinsics[..., :3], 6)
+    elif lost == "origin":
+        extrinsics[..., 3] += extrinsics[..., :3] @ true_points("yard").mean(axis=0)
+        extrinsics = extrinsics.astype("f4")
+    save(path / "yard.cameras.npz", cameras | {"extrinsics": extrinsics})
+    named = [note for note in notes_of(world, path) if "extrinsics lost digits" in note]
+    assert len(named) == (lost in ("float32", "6 digits")), named
+    if named:
+        stated = float(named[0].partition("an error of ")[2].partition(" m is")[0])
+        centres = -np.einsum(
+            "nij,ni->nj", *(extrinsics[..., part].astype("f8") for part in (np.s_[:3], 3))
+        )
+        moved = centres - camera_poses("yard").centres
+        assert stated / 4 < np.sqrt((moved**2).sum(axis=1).mean()) < stated * 4
 
 
 def test_half_a_pixel_is_asked_for_where_it_matters(world: World, tmp_path: Path) -> None:
@@ -336,7 +361,7 @@ def test_views_without_names_follow_the_names_of_the_files(world: World) -> None
     truth = replace(truth, photos=truth.photos.assign(image=names))
     order = np.array([1, 0, 2, 3, 4, 5])
     numbered = np.array([f"view {n}" for n in range(6)])
-    images = ImagePoses(numbered, np.ones(6, np.bool_), truth.poses.take(order))
+    images = ImagePoses(numbered, np.ones(6, np.bool_), truth.poses.take(order), np.zeros(6))
     points = np.ones((6, 2, 2, 3))
     views = Views(Path("x"), None, points, None, images, None, None, named=False)
     claim = claim_of_scene(ScenePrediction(views, images), truth, "x")

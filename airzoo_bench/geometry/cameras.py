@@ -21,6 +21,8 @@ __all__ = ["Cameras", "anchor_pixels", "back_project", "distort", "project", "un
 
 # Entries of K that should be 0 or 1 may be off by this much: far below any effect on a pixel.
 _K_TOLERANCE = 1e-9
+# Beyond these no camera is, and squares of rays overflow.
+_LEAST_FOCAL_PX, _LARGEST_PX = 1e-6, 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +234,10 @@ def _check_matrices(matrices: Floats, names: Sequence[object] | None) -> None:
         refuse_cameras(bad, what, names=names, expected=expected)
 
     refuse(~np.isfinite(matrices).all(axis=(1, 2)), "K has NaN or infinite entries")
-    refuse((matrices[:, (0, 1), (0, 1)] <= 0.0).any(axis=1), "K has no positive focal length")
+    focal, entries = matrices[:, (0, 1), (0, 1)], np.abs(matrices).max(axis=(1, 2))
+    refuse((focal <= 0.0).any(axis=1), "K has no positive focal length")
+    beyond = (focal < _LEAST_FOCAL_PX).any(axis=1) | (entries > _LARGEST_PX)
+    refuse(beyond, f"K has a focal length below {_LEAST_FOCAL_PX:g} px or an entry above 1e12")
     refuse(np.abs(matrices[:, 0, 1]) > _K_TOLERANCE, "K has skew")
     refuse(np.abs(matrices[:, 1, 0]) > _K_TOLERANCE, "K has a non-zero entry in row 2, column 1")
     off = np.abs(matrices[:, 2] - (0.0, 0.0, 1.0)).max(axis=1)

@@ -13,6 +13,7 @@ from airzoo_bench.errors import CameraError
 from airzoo_bench.geometry.arrays import Floats, apply_matrix, multiply, refuse_cameras
 
 __all__ = [
+    "FARTHEST",
     "Poses",
     "camera_to_world",
     "check_rotations",
@@ -29,7 +30,8 @@ _NEWTON_STEPS = 3
 # Steps of poses in a truth: quaternions to 1e-9, centres to 0.1 mm.
 _QUATERNION_DECIMALS = 9
 _CENTRE_DECIMALS = 4
-_FARTHEST = 1e12  # metres; squares of what is far beyond it overflow
+FARTHEST = 1e12
+"""No coordinate of a pose is larger, in metres: squares of what is far beyond it overflow."""
 _QUATERNION_TOLERANCE = 1e-3
 
 
@@ -303,6 +305,6 @@ def _vectors(what: str, value: ArrayLike, count: int, names: Sequence[object] | 
         raise CameraError(f"{what} have shape {vectors.shape}", expected=f"shape ({count}, 3)")
     bad = ~np.isfinite(vectors).all(axis=1)
     refuse_cameras(bad, f"{what} have NaN or infinite entries", names=names)
-    beyond = (np.abs(vectors) > _FARTHEST).any(axis=1)
-    refuse_cameras(beyond, f"{what} have entries beyond {_FARTHEST:g}", names=names)
+    beyond = (np.abs(vectors) > FARTHEST).any(axis=1)
+    refuse_cameras(beyond, f"{what} have entries beyond {FARTHEST:g}", names=names)
     return vectors

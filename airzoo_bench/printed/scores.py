@@ -82,7 +82,9 @@ _BARE = re.compile(
     r"\(? ?(<? ?[0-9]{1,9}(?:\.[0-9]{1,9})? ?(?:cm|mm|km|m) ?[,/] ?"
     r"<? ?[0-9]{1,9}(?:\.[0-9]{1,9})? ?(?:deg|°)) ?\)?"
 )
-_HIGHER = re.compile(r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|psnr|ssim|sdm|pdm)\b.*")
+_HIGHER = re.compile(
+    r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|cameras placed|psnr|ssim|sdm|pdm)\b.*"
+)
 _PARTS = re.compile(r" ?[,/] ?|(?<=[a-z°]) (?=[0-9])")
 _PART = re.compile(r"<?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(cm|mm|km|m|deg|°|px|%)?")
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.errors import CameraError, PredictionError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.poses import Poses, check_rotations
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
+from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.readers.arrays import Arrays, check_fields, numbers, open_arrays, texts
 
 __all__ = [
@@ -42,14 +43,18 @@ class ImagePoses:
     names : (N,) str
         As the file writes them.
     found : (N,) bool
-        False where the method found no pose (NaN in all of it).
+        False where the method found no pose: NaN in all of it, or a place beyond all measure.
     poses : Poses
         World-to-camera; meaningless where there is none.
+    errors : (N,) float64
+        By how much digits that the file lacks have moved each camera, in the unit of its
+        translation, as `pose_errors_m` estimates; 0 where there is no pose.
     """
 
     names: NDArray[np.str_]
     found: Bools
     poses: Poses
+    errors: Floats
 
 
 def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
@@ -89,11 +94,12 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
     except CameraError as error:
         raise camera_fault(arrays, "extrinsics", error) from error
     _check_last_row(arrays, matrices[found], names[found])
+    found &= (np.abs(matrices[:, :3, 3]) <= FARTHEST).all(axis=1)
     translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
-    # What is too large becomes infinite; tracks leave it out.
-    with np.errstate(over="ignore", invalid="ignore"):
-        poses = Poses.from_translations(rotation, translation)
-    return ImagePoses(names, found, poses)
+    errors = np.zeros(count)
+    errors[found] = pose_errors_m(matrices[found, :3, :3], translation[found], None)
+    poses = Poses.from_translations(rotation, translation)
+    return ImagePoses(names, found, poses, errors)
 
 
 def _check_names(arrays: Arrays, names: NDArray[np.str_], count: int) -> None:

@@ -22,6 +22,7 @@ _ASPECT_TOLERANCE = 0.05
 _MOST_CAMERAS = 64
 _CLEARLY_OFF_DEG = 5.0
 _CLEARLY_BETTER = 0.5
+_OPENGL = np.diag((1.0, -1.0, -1.0))
 
 
 def refuse_other_resolution(
@@ -112,7 +113,8 @@ def suspect_camera_to_world(given: Poses, truth: Poses) -> str | None:
 
     Compared is what no choice of the world changes: the rotation between two cameras, and the
     direction in which a camera sees another one. The larger of the two angles to the truth is
-    taken; its median over pairs is large as given and small once the poses are inverted.
+    taken; its median over pairs is large as given and small once the poses are inverted, with the
+    axes of OpenCV or of OpenGL.
 
     Parameters
     ----------
@@ -129,13 +131,16 @@ def suspect_camera_to_world(given: Poses, truth: Poses) -> str | None:
         return None
     chosen, true = given.take(rows), truth.take(rows)
     inverse = Poses.from_centres(np.swapaxes(chosen.rotation, 1, 2), chosen.translation)
-    as_given, inverted = _median_angle(chosen, true), _median_angle(inverse, true)
-    if as_given <= _CLEARLY_OFF_DEG or inverted >= _CLEARLY_BETTER * as_given:
-        return None
-    return (
-        f"the extrinsics look camera-to-world: between two cameras they are {as_given:.1f} degrees "
-        f"off the truth as they stand, {inverted:.1f} once inverted"
-    )
+    opengl = Poses.from_centres(_OPENGL @ inverse.rotation, inverse.centres)
+    as_given = _median_angle(chosen, true)
+    for other, axes in ((inverse, ""), (opengl, " and in OpenCV's axes, not OpenGL's")):
+        angle = _median_angle(other, true)
+        if as_given > _CLEARLY_OFF_DEG and angle < _CLEARLY_BETTER * as_given:
+            return (
+                f"the extrinsics look camera-to-world: between two cameras they are {as_given:.1f} "
+                f"degrees off the truth as they stand, {angle:.1f} once inverted{axes}"
+            )
+    return None
 
 
 def _scaled_alike(ratio: Floats) -> Bools:

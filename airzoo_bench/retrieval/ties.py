@@ -100,7 +100,8 @@ def without_constant(
     right = positives.counts[flat]
     some = flat[right < n_tiles] if n_tiles > 1 else flat[:0]
     tiles[some], tied[some] = -1, positives.counts[some] > 0
-    every = flat[right == n_tiles]
+    # A list keeps what it gave; descriptors, which were not searched, give the whole gallery.
+    every = flat[(right == n_tiles) & (tiles[flat, 0] < 0)]
     depth = min(tiles.shape[1], n_tiles)
     tiles[every, :depth] = np.arange(depth)
     return Ranking(tiles, tied)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -27,8 +26,6 @@ __all__ = ["claim_of_scene", "kind_of", "true_cameras"]
 
 _ORDER_FITS_DEG = 15.0
 _MOST_CAMERAS = 64
-# Squares of what is farther, and sums of them, are no numbers.
-_FARTHEST = 1e100
 
 
 def true_cameras(truth: ReconstructionTruth) -> PosedCameras:
@@ -60,7 +57,6 @@ def claim_of_scene(prediction: ScenePrediction, truth: ReconstructionTruth, plac
         An image name that the truth lacks, or that stands for two images; no names, where it is not
         clear which view is which photo's.
     """
-    prediction = _without_absurd(prediction)
     cameras, geometry = None, prediction.geometry
     if prediction.images is not None:
         if isinstance(geometry, Views) and not geometry.named:
@@ -69,18 +65,6 @@ def claim_of_scene(prediction: ScenePrediction, truth: ReconstructionTruth, plac
             names = _true_names(prediction.images.names.tolist(), truth, place)
         cameras = _posed(prediction.images, names)
     return Claim(truth.scene, _geometry(prediction), cameras)
-
-
-def _without_absurd(prediction: ScenePrediction) -> ScenePrediction:
-    """Take cameras that are too far away to be measured for cameras without a pose."""
-    images, geometry = prediction.images, prediction.geometry
-    if images is None:
-        return prediction
-    near = np.abs(images.poses.centres) < _FARTHEST
-    images = replace(images, found=images.found & near.all(axis=1))
-    if isinstance(geometry, Views) and geometry.images is not None:
-        geometry = replace(geometry, images=images)
-    return ScenePrediction(geometry, images)
 
 
 def _geometry(prediction: ScenePrediction) -> CloudSource | DepthMaps | PointMaps:

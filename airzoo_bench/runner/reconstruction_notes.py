@@ -8,6 +8,7 @@ from airzoo_bench.errors import first_of
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.readers.clouds.source import FileCloud
 from airzoo_bench.readers.clouds.suspicions import lost_digits, mirror_suspicion, suspicions
+from airzoo_bench.readers.image_poses import ImagePoses
 from airzoo_bench.readers.reconstruction import ReconstructionPredictions, ScenePrediction
 from airzoo_bench.readers.view_suspicions import suspect_camera_to_world, suspect_image_size
 from airzoo_bench.readers.views import Views
@@ -73,7 +74,7 @@ def notes_of_digits(
 ) -> list[str]:
     """Say where coordinates lost digits, or K may be half a pixel off, by how many metres."""
     geometry, scale = prediction.geometry, placed.alignment.transform.scale
-    found = []
+    found = [_digits_of_cameras(prediction.images, scale, _finest_error(scores))]
     if isinstance(geometry, FileCloud):
         some = next(iter(geometry.pieces(_PIECE)), None)
         if some is not None:
@@ -86,6 +87,18 @@ def notes_of_digits(
     else:
         found.append(_half_a_pixel(geometry, scale, scores))
     return [note for note in found if note]
+
+
+def _digits_of_cameras(images: ImagePoses | None, scale: float, tolerance: float) -> str | None:
+    if images is None or not images.found.any():
+        return None
+    error = float(np.median(images.errors[images.found])) * scale
+    if not (error > tolerance and np.isfinite(error)):
+        return None
+    return (
+        f"extrinsics lost digits: an error of {error:.2g} m is to be expected in the cameras "
+        "(C = -R^T t, and t is long); store float64, or subtract an origin first"
+    )
 
 
 def _finest_error(scores: ReconstructionScores) -> float:
@@ -149,7 +162,7 @@ def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[s
             notes.append(f"left out: {_points(count)} {what}")
     odd = suspicions(cloud.bounds, placed.truth.bounds)
     mirrored = mirror_suspicion(
-        cloud.sample, placed.truth.sample, placed.alignment.transform, scores.headline_below_m
+        cloud.sample, placed.truth.sample, placed.alignment.transform, scores.f1_below_m
     )
     notes += odd or ([mirrored] if mirrored else [])
     if not cloud.source.count:

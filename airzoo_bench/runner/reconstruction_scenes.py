@@ -40,7 +40,7 @@ _BYTES_A_POINT = 128
 _LEAST_BLOCK = 100_000
 _UNPACKED_BYTES = 1 << 40
 # How `Bundle.file` names the folders that it unpacks into.
-_UNPACKED = "/airzoo-bench-"
+_UNPACKED = "/.airzoo-bench."
 
 
 def open_predictions(

@@ -69,16 +69,13 @@ def scenes_table(
 def _floor_rows(
     name: str, reference: Reference, result: Result, scores: Sequence[ScoreColumn]
 ) -> list[Row]:
-    titles = result.truth.scene_titles
-    parts = {titles[scene]: reference.scenes[scene] for scene in result.scenes}
-    if len(parts) > 1:
-        parts[AVERAGE] = reference.overall
+    # The average first: the name alone is short, and of one scene it is all there is to say.
+    parts = {name: reference.overall}
+    if len(reference.scenes) > 1:
+        titles = result.truth.scene_titles
+        parts |= {f"in {titles[scene]}": reference.scenes[scene] for scene in result.scenes}
     return [
-        Row(
-            (Cell(f"{name}, {title}"), Cell(None), *_cells(scores, values)),
-            summary=True,
-            floor=True,
-        )
+        Row((Cell(title), Cell(None), *_cells(scores, values)), summary=True, floor=True)
         for title, values in parts.items()
     ]
 

@@ -169,6 +169,8 @@ def test_take_and_matrices() -> None:
         ((0, 0), np.nan, "NaN or infinite"),
         ((0, 0), 0.0, "no positive focal length"),
         ((1, 1), -5.0, "no positive focal length"),
+        ((0, 0), 1e-160, "a focal length below 1e-06 px or an entry above 1e12"),
+        ((0, 2), 1e200, "a focal length below 1e-06 px or an entry above 1e12"),
         ((0, 1), 0.5, "skew"),
         ((1, 0), 0.5, "row 2, column 1"),
         ((2, 0), 0.5, "last row"),

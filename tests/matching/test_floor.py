@@ -27,11 +27,11 @@ def test_the_prior_itself_is_a_reference(world: World, tmp_path: Path) -> None:
     copy = evaluated(world, tmp_path, copied)
     floor = run.evaluation.result.references["Prior itself"]
     assert floor == copy.evaluation.result.references["Prior itself"]
-    assert floor.scenes == copy.evaluation.result.scenes
-    assert (floor.overall, floor.pooled) == (
-        copy.evaluation.result.overall,
-        copy.evaluation.result.pooled,
-    )
+    result = copy.evaluation.result
+    # A copy is made orthonormal once more, which moves its last bit.
+    for part, own in ((floor.overall, result.overall), (floor.pooled, result.pooled)):
+        assert part == pytest.approx(own, rel=1e-9)
+    assert floor.scenes["hills"] == pytest.approx(result.scenes["hills"], rel=1e-9)
     off = np.linalg.norm(priors.centres - world.truth.poses.centres, axis=1)
     assert floor.overall["error_m"] == pytest.approx(np.median(off))
     assert run.evaluation.result.counts["hills"]["equal_to_prior"] == 0

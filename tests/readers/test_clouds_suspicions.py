@@ -103,7 +103,7 @@ OWN = Similarity(3.0, Rotation.from_euler("xyz", (10, 20, 30), degrees=True).as_
 def test_a_cloud_that_is_mirrored_in_its_own_frame(axes: str) -> None:
     signs = [-1.0 if axis in axes else 1.0 for axis in ("x", "y", "z")]
     truth = OWN.apply(HILLS / 3)
-    found = mirror_suspicion(OWN.apply(HILLS / 3 * signs), truth, OWN, 2.0)
+    found = mirror_suspicion(OWN.apply(HILLS / 3 * signs), truth, OWN, [2.0])
     assert found is not None
     assert f"{axes} negated about the origin of its own frame" in found
 
@@ -112,14 +112,37 @@ def test_a_cloud_that_is_mirrored_where_it_lies() -> None:
     truth = HILLS + TRUTH[0]
     middle = np.median(truth, axis=0)
     mirrored = (truth - middle) * (-1, 1, 1) + middle
-    found = mirror_suspicion(mirrored, truth, Similarity.identity(), 2.0)
+    found = mirror_suspicion(mirrored, truth, Similarity.identity(), [2.0])
     assert found is not None
     assert "x negated about its middle" in found
 
 
 def test_a_cloud_that_fits_or_is_merely_wrong_is_not_mirrored() -> None:
     truth = HILLS + TRUTH[0]
-    assert mirror_suspicion(truth, truth, Similarity.identity(), 2.0) is None
+    assert mirror_suspicion(truth, truth, Similarity.identity(), [2.0]) is None
     noise = np.random.default_rng(2).uniform(-300, 300, (4000, 3)) + TRUTH[0]
-    assert mirror_suspicion(noise, truth, Similarity.identity(), 2.0) is None
-    assert mirror_suspicion(truth[:0], truth, Similarity.identity(), 2.0) is None
+    assert mirror_suspicion(noise, truth, Similarity.identity(), [2.0]) is None
+    assert mirror_suspicion(truth[:0], truth, Similarity.identity(), [2.0]) is None
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "words"),
+    [
+        ((0, 2, 1), (1, 1, -1), "(x, -z, y) for (x, y, z)"),
+        ((1, 0, 2), (1, 1, 1), "(y, x, z) for (x, y, z)"),
+        ((0, 1, 2), (1, 1, -1), "z negated"),
+    ],
+    ids=["y up", "x and y exchanged", "z negated"],
+)
+def test_a_flat_scene_tells_by_the_finer_distances(
+    order: tuple[int, ...], signs: tuple[int, ...], words: str
+) -> None:
+    flat = HILLS * (1.0, 0.8, 0.08)  # 3 m high: all of it lies within 10 m, upside down or not
+    flat -= flat.mean(axis=0)
+    wrong = flat[:, order] * signs
+    own = Similarity(1.0, np.eye(3), TRUTH[0])
+    found = mirror_suspicion(own.apply(wrong), own.apply(flat), own, [1.0, 10.0])
+    assert found is not None
+    assert words in found
+    raised = flat + np.array((0.0, 0.0, 4.0))
+    assert mirror_suspicion(own.apply(raised), own.apply(flat), own, [1.0, 10.0]) is None

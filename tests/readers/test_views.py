@@ -238,6 +238,14 @@ def test_camera_to_world_is_suspected(truth: Poses) -> None:
     assert suspect_camera_to_world(truth, truth) is None
 
 
+@pytest.mark.parametrize("truth", [poses(12), poses(200, 3)], ids=["few", "many"])
+def test_camera_to_world_in_opengl_axes_is_suspected(truth: Poses) -> None:
+    flipped = Poses.from_centres(np.diag((1.0, -1.0, -1.0)) @ truth.rotation, truth.centres)
+    said = suspect_camera_to_world(inverted(flipped), truth)
+    assert said is not None
+    assert "0.0 once inverted and in OpenCV's axes" in said
+
+
 def test_neither_another_world_nor_bad_poses_are_suspected() -> None:
     truth = poses(12)
     turn = Rotation.random(rng=5).as_matrix()

@@ -321,7 +321,7 @@ def test_perfect_poses(world: World, tmp_path: Path) -> None:
     assert values["pose_auc_3deg"] == pytest.approx(1.0, abs=1e-7)
     assert values["ate_m"] < NEAR
     assert values["rpe_m"] < NEAR
-    assert values["rpe_deg"] < 1e-10
+    assert values["rpe_deg"] < 1e-6  # a truth has quaternions to 1e-9
 
 
 def test_one_camera_turned_by_ten_degrees(world: World, tmp_path: Path) -> None:
@@ -336,7 +336,7 @@ def test_one_camera_turned_by_ten_degrees(world: World, tmp_path: Path) -> None:
     assert values["pose_auc_5deg"] == pytest.approx(20 / 30, abs=1e-6)
     assert values["pose_auc_15deg"] == pytest.approx(20 / 30 + 10 / 30 * 5 / 15, abs=1e-6)
     assert values["ate_m"] < NEAR
-    assert values["rpe_deg"] == pytest.approx(np.sqrt(2 * 100 / 5), rel=1e-9)
+    assert values["rpe_deg"] == pytest.approx(np.sqrt(2 * 100 / 5), rel=1e-7)
 
 
 def test_one_camera_moved_by_two_metres(world: World, tmp_path: Path) -> None:

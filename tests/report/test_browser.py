@@ -145,7 +145,7 @@ class Opened:
         raise AssertionError("waited in vain")
 
     def column(self, inside: str, number: int) -> list[str]:
-        cells = self.all(f"{inside} tbody tr > :nth-child({number})")
+        cells = self.all(f"{inside} tbody tr:not(.floor) > :nth-child({number})")
         return [cell.text.split("\n")[0].removesuffix(" (best)") for cell in cells]
 
     def rows(self) -> list[str]:

@@ -266,7 +266,7 @@ def test_stored_boxes_that_are_none_are_refused(tmp_path: Path, change: dict[str
         found.truth.tiles.loc[3, column] = value
     write_queries(tmp_path / "s", found.truth.queries)
     write_truth(tmp_path / "s", found.truth, found.overlaps)
-    with pytest.raises(BenchmarkError, match="row 4 is no box in degrees"):
+    with pytest.raises(BenchmarkError, match=r"row 4( is no box in degrees|: -93|: nothing)"):
         read_truth(tmp_path / "s", "s")
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 __all__ = ["lost_digits", "mirror_suspicion", "suspicions"]
 
@@ -116,12 +120,13 @@ def _digits(value: np.floating[Any]) -> int:
 
 
 def mirror_suspicion(
-    cloud: Floats, truth: Floats, transform: Similarity, near: float
+    cloud: Floats, truth: Floats, transform: Similarity, near: Iterable[float]
 ) -> str | None:
-    """Say where a cloud would fit the truth if some of its axes were negated.
+    """Say where a cloud would fit the truth if its axes were negated or exchanged.
 
     Tried are the axes of the prediction's own frame, about its origin, where conventions differ
-    (OpenGL's y and z), and those of the truth's about the middle of the cloud.
+    (OpenGL's y and z, y or z that point up), and those of the truth's about the middle of the
+    cloud.
 
     Parameters
     ----------
@@ -130,8 +135,9 @@ def mirror_suspicion(
     truth : (M, 3) array
     transform : Similarity
         Which brought them there.
-    near : float
-        A point fits where the truth is nearer.
+    near : iterable of float
+        A point fits where the truth is nearer; the first distance that tells is taken. A flat
+        scene fits at large ones however it is turned over.
     """
     from scipy.spatial import cKDTree
 
@@ -139,31 +145,43 @@ def mirror_suspicion(
         return None
     some = cloud[:: max(1, len(cloud) // _TRIED)]
     tree = cKDTree(truth - truth[0])
+    tried = [some, *(points for points, _ in _with_other_axes(some, transform))]
+    for limit in sorted(near):
+        shares = np.array([_share_near(tree, points - truth[0], limit) for points in tried])
+        best = int(np.argmax(shares))
+        if shares[0] <= _POOR and shares[best] >= max(_GOOD, 2 * shares[0]):
+            words = [words for _, words in _with_other_axes(some, transform)][best - 1]
+            return (
+                f"the cloud looks mirrored or turned over: {shares[0]:.0%} of its points lie "
+                f"within {limit:g} m of the truth, {shares[best]:.0%} with {words}, though its "
+                "cameras are aligned"
+            )
+    return None
 
-    def fits(points: Floats) -> float:
-        away, _ = tree.query(points - truth[0], distance_upper_bound=near)
-        return float(np.isfinite(away).mean())
 
-    as_given = fits(some)
-    if as_given > _POOR:
-        return None
+def _share_near(tree: cKDTree, points: Floats, limit: float) -> float:
+    away, _ = tree.query(points, distance_upper_bound=limit)
+    return float(np.isfinite(away).mean())
+
+
+def _with_other_axes(some: Floats, transform: Similarity) -> Iterator[tuple[Floats, str]]:
+    """Yield points as they would lie with axes negated, then also exchanged, and what was done."""
     own, middle = transform.inverse().apply(some), np.median(some, axis=0)
-    best, words = 0.0, ""
-    for signs in itertools.product((1.0, -1.0), repeat=3):
+    for order in itertools.permutations((0, 1, 2)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            words = _axes_in_words(order, signs)
+            if words:
+                at_origin = transform.apply(own[:, order] * signs)
+                yield at_origin, f"{words} about the origin of its own frame"
+                yield (some - middle)[:, order] * signs + middle, f"{words} about its middle"
+
+
+def _axes_in_words(order: tuple[int, ...], signs: tuple[float, ...]) -> str:
+    if order == (0, 1, 2):
         axes = " and ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
-        for points, about in (
-            (transform.apply(own * signs), "the origin of its own frame"),
-            ((some - middle) * signs + middle, "its middle"),
-        ):
-            share = fits(points)
-            if share > best:
-                best, words = share, f"{axes} negated about {about}"
-    if best < max(_GOOD, 2 * as_given):
-        return None
-    return (
-        f"the cloud looks mirrored or turned over: {as_given:.0%} of its points lie within "
-        f"{near:g} m of the truth, {best:.0%} with {words}, though its cameras are aligned"
-    )
+        return f"{axes} negated" if axes else ""
+    read = ("-" * (sign < 0) + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))
+    return f"({', '.join(read)}) for (x, y, z)"
 
 
 def _is_degrees(cloud: Floats, truth: Floats) -> bool:
