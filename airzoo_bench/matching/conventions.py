@@ -40,8 +40,9 @@ def refuse_other_conventions(given: Poses, priors: Poses) -> None:
     """
     if not len(given):
         return
-    as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
-    inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
+    with np.errstate(over="ignore"):
+        as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
+        inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
     if np.mean(inverted * _TIMES_NEARER < as_given) > 0.5:
         raise PredictionError(
             f"the poses look camera-to-world: taken so, cameras lie {np.median(inverted):.1f} m "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -193,6 +194,21 @@ def test_inverted_rotations_beside_right_centres(world: World, tmp_path: Path) -
         rough = true.rotation @ Rotation.from_euler("z", turn, degrees=True).as_matrix()
         claim = claimed(world, tmp_path, world.named(rotations=rough, centres=true.centres))
         assert claim.poses is not None
+
+
+def test_a_centre_beyond_measure_is_told_in_words_only(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = world.truth.poses
+    centres = np.where(np.arange(N_QUERIES)[:, None] == 0, 1e300, true.centres)
+    path = world.write(tmp_path / "far.npz", world.named(rotations=true.rotation, centres=centres))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for command in (("eval", "matching"), ("check",)):
+            assert run_main(*command, path, "--data", world.root) == 0
+            assert "more than 1000 m from the photo's GPS" in re.sub(
+                r"\s+", " ", "".join(capsys.readouterr())
+            )
 
 
 @pytest.mark.parametrize("back", [False, True])
