@@ -9,7 +9,7 @@ from airzoo_bench.errors import ResultError
 from airzoo_bench.result import Result
 from airzoo_bench.validation import nearest
 
-__all__ = ["check_comparable", "find_scene", "first_names", "version_notes"]
+__all__ = ["check_comparable", "find_scene", "first_names", "other_settings", "version_notes"]
 
 _SHOWN = 3
 _LONGEST = 60
@@ -131,6 +131,15 @@ def _other_settings(first: Result, other: Result) -> str:
     found = list(_different(one.settings, two.settings))
     if one.version != two.version:
         found.insert(0, names)
+    return _some_of(found)
+
+
+def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
+    """Say in what the settings of two protocols differ, see `Protocol.settings`."""
+    return _some_of(list(_different(one, two)))
+
+
+def _some_of(found: Sequence[str]) -> str:
     more = len(found) - _SHOWN
     return "; ".join(found[:_SHOWN]) + (f"; and {more} more settings" if more > 0 else "")
 

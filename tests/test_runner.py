@@ -254,6 +254,25 @@ def test_fingerprints_see_what_can_change_a_score(
     assert made_truth(scenes[0]).fingerprint == made_truth(scenes[0]).fingerprint
 
 
+def test_a_changed_protocol_does_not_pass_for_its_namesake(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    known = next(data.rglob("made-retrieval.toml")).read_text()
+    for old, new, notes in (
+        ('ap = "precision"', 'ap = "hits"', ("scores.ap is precision against hits",)),
+        ('title = "', 'title = "My own ', ()),
+    ):
+        assert old in known
+        mine = tmp_path / "mine.toml"
+        mine.write_text(known.replace(old, new))
+        found = score(path, data, protocol=str(mine)).result.notes
+        assert len(found) == len(notes)
+        for note, part in zip(found, notes, strict=True):
+            assert part in note
+            assert "not the made-retrieval that all have" in note
+
+
 @pytest.mark.parametrize("descriptors", [False, True])
 def test_a_template_scores(data: Path, tmp_path: Path, *, descriptors: bool) -> None:
     out = tmp_path / "t.npz"

@@ -17,8 +17,10 @@ __all__ = ["refuse_other_conventions"]
 # Poses are taken for inverted where that brings most of them this many times nearer to the priors.
 _TIMES_NEARER = 10.0
 # Rotations are taken for another convention where they are this far from the IMU's, and that
-# convention is this near. Yaw may be wrong by 180 degrees in a few photos: medians do not mind.
-_FAR_DEG, _NEAR_DEG = 60.0, 20.0
+# convention is nearer, and so many times nearer: of cameras that look down, the rotation and its
+# inverse differ by little more than their tilt. Yaw may be wrong by 180 degrees in a few photos:
+# medians do not mind.
+_FAR_DEG, _TIMES_NEARER_DEG = 20.0, 3.0
 # From camera axes x right, y down, z forward to x right, y up, z backward, or back.
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 
@@ -38,8 +40,9 @@ def refuse_other_conventions(given: Poses, priors: Poses) -> None:
     """
     if not len(given):
         return
-    as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
-    inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
+    with np.errstate(over="ignore"):
+        as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
+        inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
     if np.mean(inverted * _TIMES_NEARER < as_given) > 0.5:
         raise PredictionError(
             f"the poses look camera-to-world: taken so, cameras lie {np.median(inverted):.1f} m "
@@ -72,7 +75,7 @@ def _refuse_turned(given: Poses, priors: Poses) -> None:
     off = float(np.median(rotation_angle_deg(given.rotation, priors.rotation)))
     for way, rotation in ways.items():
         other = float(np.median(rotation_angle_deg(rotation, priors.rotation)))
-        if off > _FAR_DEG and other < _NEAR_DEG:
+        if other < _FAR_DEG < off and other * _TIMES_NEARER_DEG < off:
             raise PredictionError(
                 f"the rotations look like {way}: they differ from the IMU's by {off:.0f} degrees, "
                 f"read so by {other:.0f}",

@@ -12,13 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.errors import (
-    BenchmarkError,
-    PredictionError,
-)
+from airzoo_bench.comparable import other_settings
+from airzoo_bench.errors import BenchmarkError, PredictionError, ProtocolError
 from airzoo_bench.files import fingerprint, sha256_of_tree
 from airzoo_bench.ids import assign_queries, scene_of
-from airzoo_bench.protocol import Protocol
+from airzoo_bench.protocol import Protocol, load_protocol, protocol_files
 from airzoo_bench.result import (
     PredictionsUsed,
     ProtocolUsed,
@@ -224,10 +222,24 @@ def make_result(
         columns=score_columns(scores),
         counts=counts,
         extra_queries=extra,
-        notes=(*common_notes(protocol, counts, extra), *notes),
+        notes=(*_namesake_notes(run), *common_notes(protocol, counts, extra), *notes),
         **with_summary(summarise(records, scores, [scene.id for scene in protocol.scenes])),
         references=dict(references or {}),
     ).sealed()
+
+
+def _namesake_notes(run: Run) -> list[str]:
+    """Say so where a protocol goes by the name of another one, which readers would take it for."""
+    used = run.protocol
+    path = protocol_files(run.benchmark.folder).get(used.name)
+    try:
+        known = None if path is None else load_protocol(path)
+    except ProtocolError:  # what nobody can use is no namesake
+        known = None
+    if known is None or known.fingerprint == used.fingerprint:
+        return []
+    why = other_settings(known.settings(), used.settings())
+    return [f"the protocol is not the {used.name} that all have: {why}"]
 
 
 def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: int) -> list[str]:

@@ -96,7 +96,8 @@ def equal_to_prior(truth: MatchingTruth, claim: SceneClaim) -> int:
     if claim.poses is None:
         return 0
     priors = truth.priors
-    apart = np.linalg.norm(claim.poses.centres - priors.centres, axis=1)
+    with np.errstate(over="ignore"):
+        apart = np.linalg.norm(claim.poses.centres - priors.centres, axis=1)
     turned = rotation_angle_deg(claim.poses.rotation, priors.rotation)
     return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
 
@@ -104,7 +105,8 @@ def equal_to_prior(truth: MatchingTruth, claim: SceneClaim) -> int:
 def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
     """Suspect another frame or convention where poses lie beyond any GPS error."""
     offsets = [c - t.priors.centres for t, c in zip(truths, centres, strict=True)]
-    away = np.linalg.norm(np.concatenate(offsets), axis=1)
+    with np.errstate(over="ignore"):
+        away = np.linalg.norm(np.concatenate(offsets), axis=1)
     far = int((away > _FAR_M).sum())
     if not far:
         return []

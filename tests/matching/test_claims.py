@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from airzoo_bench.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
@@ -178,6 +180,35 @@ def test_check_refuses_what_eval_refuses(
     for command, code in ((("eval", "matching"), 2), (("check",), 1)):
         assert run_main(*command, path, "--data", world.root) == code
         assert "none of its query ids belongs to" in capsys.readouterr().err
+
+
+def test_inverted_rotations_beside_right_centres(world: World, tmp_path: Path) -> None:
+    # Cameras that look down: a rotation and its inverse are apart by little more than their tilt.
+    true = world.truth.poses
+    fields = world.named(rotations=np.swapaxes(true.rotation, 1, 2), centres=true.centres)
+    message = refused(world, tmp_path, fields)
+    for part in ("look like camera-to-world", "by 35 degrees", "read so by 4"):
+        assert part in message
+    # Rough rotations that no other reading brings nearer are a method's own.
+    for turn in (5.0, 25.0, 90.0, 180.0):
+        rough = true.rotation @ Rotation.from_euler("z", turn, degrees=True).as_matrix()
+        claim = claimed(world, tmp_path, world.named(rotations=rough, centres=true.centres))
+        assert claim.poses is not None
+
+
+def test_a_centre_beyond_measure_is_told_in_words_only(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = world.truth.poses
+    centres = np.where(np.arange(N_QUERIES)[:, None] == 0, 1e300, true.centres)
+    path = world.write(tmp_path / "far.npz", world.named(rotations=true.rotation, centres=centres))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for command in (("eval", "matching"), ("check",)):
+            assert run_main(*command, path, "--data", world.root) == 0
+            assert "more than 1000 m from the photo's GPS" in re.sub(
+                r"\s+", " ", "".join(capsys.readouterr())
+            )
 
 
 @pytest.mark.parametrize("back", [False, True])
