@@ -243,7 +243,7 @@ def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -
     Parameters
     ----------
     base : Protocol
-        Where all values come from that are not changed.
+        Where all values come from that are not changed, the version among them.
     name : str
         Of the benchmark and its one scene.
     changes : mapping of str to mapping
@@ -255,7 +255,7 @@ def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -
         A value is impossible.
     """
     values = base.model_dump(by_alias=True)
-    values |= {"name": f"{name}-{base.track}", "version": 1, "benchmark": name}
+    values |= {"name": f"{name}-{base.track}", "benchmark": name}
     values |= {"title": f"{name}, {base.track}", "scenes": ({"id": name, "title": name},)}
     if values["name"] in shipped_protocols():
         raise ProtocolError(
