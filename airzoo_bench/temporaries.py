@@ -15,9 +15,17 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["clear_abandoned", "remove_own", "set_aside", "temporary_file", "temporary_folder"]
+__all__ = [
+    "PART",
+    "clear_abandoned",
+    "remove_own",
+    "set_aside",
+    "temporary_file",
+    "temporary_folder",
+]
 
-_PART = ".airzoo-part"
+PART = ".airzoo-part"
+"""How names of temporary files and folders end."""
 _ASIDE = ".airzoo-aside"
 _TAKEN = ".airzoo-names"
 # Of a name, in that of the file or folder beside it: systems allow 255 bytes, with what is added.
@@ -38,7 +46,7 @@ def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
     """
     _clear_once(target.parent)
     # The lock is held by a copy of the handle, which outlives the caller's.
-    handle, path = _locked(lambda: tempfile.mkstemp(_PART, _prefix(target), target.parent))
+    handle, path = _locked(lambda: tempfile.mkstemp(PART, _prefix(target), target.parent))
     lock = os.dup(handle)
     _own.add(path)
     try:
@@ -60,7 +68,7 @@ def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
         Of what it shall become, for a person who finds it.
     """
     clear_abandoned(parent)
-    with _locked_folder(parent, _prefix(Path(name)), _PART) as path:
+    with _locked_folder(parent, _prefix(Path(name)), PART) as path:
         _own.add(path)
         try:
             yield path
@@ -89,7 +97,7 @@ def set_aside(folder: Path, names: Collection[str]) -> Iterator[None]:
             (aside / _TAKEN).write_text("\n".join(names), encoding="utf-8")
             yield
             # From here on it is rubbish, which nobody puts back.
-            done = aside.replace(aside.with_suffix(_PART))
+            done = aside.replace(aside.with_suffix(PART))
         except BaseException:
             _put_back(aside)
             raise
@@ -107,7 +115,7 @@ def clear_abandoned(folder: Path) -> None:
     with suppress(OSError):
         for entry in list(os.scandir(folder)):
             path = Path(entry.path)
-            if entry.name.endswith(_PART) and _is_abandoned(path):
+            if entry.name.endswith(PART) and _is_abandoned(path):
                 _remove(path)
             elif entry.name.endswith(_ASIDE) and _is_abandoned(path):
                 _put_back(path)

@@ -26,7 +26,9 @@ def fact_lines(facts: SceneFacts) -> list[str]:
 
 def _photos(facts: SceneFacts) -> str:
     cameras = facts.cameras
-    text = f"{len(facts.inputs.photos)}, {cameras.height_m:.1f} m above the surface"
+    text = f"{len(facts.inputs.photos)}"
+    if math.isfinite(cameras.height_m):
+        text += f", {cameras.height_m:.1f} m above the surface"
     if math.isfinite(cameras.relative_height_m):
         text += f" ({cameras.relative_height_m:.1f} m above take-off, they say)"
     return f"{text}, {facts.photo_gsd_m:.3g} m a pixel"

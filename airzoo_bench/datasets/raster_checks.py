@@ -65,7 +65,9 @@ def surveyed(path: Path) -> HeightSurvey:
             f"go from {found.low:.10g} to {found.high:.10g} m",
             where=path,
             expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
-            mend=f"where {odd:.10g} means that there is no height, tag it: "
+            mend="look at their unit: they must be in metres or feet"
+            if found.beyond == found.valid
+            else f"where {odd:.10g} means that there is no height, tag it: "
             f"gdal_edit.py -a_nodata {odd:.10g}",
         )
     return found

@@ -17,7 +17,9 @@ from airzoo_bench.datasets.scene_facts import (
 )
 from airzoo_bench.errors import BenchmarkError, RasterError, first_of
 from airzoo_bench.geometry.blocks import HeightSurvey
+from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
+from airzoo_bench.queries import poses_of
 from airzoo_bench.scene_inputs import SceneInputs
 
 __all__ = ["check_above_surface", "check_map_scale", "often_lowest", "suspicions"]
@@ -31,6 +33,7 @@ _LIKELY_CHANCE = 0.5
 _FEW_PIXELS = 32
 _LOWEST_SHARE = 0.01
 _FOOT_M = 0.3048
+_LEAST_PLACES = 3
 _CLOUD_M = 5.0  # a cloud also holds what lies below roofs and crowns
 
 
@@ -86,6 +89,7 @@ def suspicions(facts: SceneFacts) -> list[str]:
     found = [
         *_of_surface(facts),
         *_of_cloud(facts.cloud_over_surface_m),
+        *_of_centres(facts),
         *_of_heights(facts.cameras, facts.gps),
     ]
     found += _of_gps(facts.gps, len(facts.inputs.photos)) if facts.gps else []
@@ -117,7 +121,33 @@ def _of_cloud(above_m: float | None) -> Iterator[str]:
         )
 
 
+def _of_centres(facts: SceneFacts) -> Iterator[str]:
+    centres = poses_of(facts.inputs.photos).centres
+    # To a micrometre, since centres have gone through -R^T t.
+    plan = np.round(centres[:, :2], 6)
+    error = float(np.sqrt((rounding_errors(plan) ** 2).sum(axis=1).mean()))
+    if was_rounded_to(plan, np.float32) and error > COARSEST_M:
+        yield (
+            f"positions of the poses have gone through float32: an error of {error:.2g} m is to be "
+            "expected; write them as float64"
+        )
+    if facts.cloud_over_surface_m is None:
+        return
+    places = len(np.unique(np.round(centres, 2), axis=0))
+    if places < _LEAST_PLACES:
+        yield (
+            f"the photos were taken from {places} place{'s' * (places != 1)}, and aligning a "
+            f"reconstruction needs {_LEAST_PLACES}: predictions with cameras will be refused"
+        )
+
+
 def _of_heights(cameras: Cameras3D, gps: GpsFacts | None) -> Iterator[str]:
+    nowhere = int(np.isnan(cameras.heights_m).sum())
+    if nowhere:
+        yield (
+            f"the surface model has no height near {nowhere} of {len(cameras.heights_m)} cameras: "
+            "look at its nodata value and its extent"
+        )
     if cameras.below:
         yield (
             f"{cameras.below} of {len(cameras.heights_m)} cameras are below the surface model: "

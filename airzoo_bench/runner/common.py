@@ -41,6 +41,7 @@ __all__ = [
     "concatenate",
     "make_result",
     "match_queries",
+    "namesake_notes",
 ]
 
 P = TypeVar("P", bound=Protocol)
@@ -160,7 +161,8 @@ def check_against_benchmark(
         except PredictionError as error:
             faults.append(error)
     apart = _counts_apart(protocol, [len(truth.queries) for truth in truths])
-    return Checked(faults, [*_assignment_notes(rows, extra), *apart, *suspect(truths)])
+    notes = [*namesake_notes(protocol, data), *_assignment_notes(rows, extra), *apart]
+    return Checked(faults, [*notes, *suspect(truths)])
 
 
 def _assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:
@@ -222,16 +224,19 @@ def make_result(
         columns=score_columns(scores),
         counts=counts,
         extra_queries=extra,
-        notes=(*_namesake_notes(run), *common_notes(protocol, counts, extra), *notes),
+        notes=(
+            *namesake_notes(protocol, run.benchmark.folder),
+            *common_notes(protocol, counts, extra),
+            *notes,
+        ),
         **with_summary(summarise(records, scores, [scene.id for scene in protocol.scenes])),
         references=dict(references or {}),
     ).sealed()
 
 
-def _namesake_notes(run: Run) -> list[str]:
+def namesake_notes(used: Protocol, data: Path) -> list[str]:
     """Say so where a protocol goes by the name of another one, which readers would take it for."""
-    used = run.protocol
-    path = protocol_files(run.benchmark.folder).get(used.name)
+    path = protocol_files(data).get(used.name)
     try:
         known = None if path is None else load_protocol(path)
     except ProtocolError:  # what nobody can use is no namesake

@@ -19,7 +19,7 @@ from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
 from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.reconstruction.track import ScoredScene, score_missing
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
-from airzoo_bench.runner.common import Checked, Run, make_result
+from airzoo_bench.runner.common import Checked, Run, make_result, namesake_notes
 from airzoo_bench.runner.reconstruction_notes import listing_notes
 from airzoo_bench.runner.reconstruction_scenes import (
     look_into,
@@ -146,7 +146,7 @@ def check_reconstruction(
         _refuse_other_scenes(predictions, chosen)
     except PredictionError as fault:
         return Checked([fault], [])
-    notes = listing_notes(predictions, known)
+    notes = [*namesake_notes(chosen, data), *listing_notes(predictions, known)]
     try:
         truths = read_reconstruction_truths(find_benchmark(chosen.benchmark, data), chosen)
     except BenchmarkError as error:

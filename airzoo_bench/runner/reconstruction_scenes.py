@@ -32,6 +32,7 @@ from airzoo_bench.runner.reconstruction_notes import (
     notes_of_reading,
     notes_of_scored,
 )
+from airzoo_bench.temporaries import PART
 
 __all__ = ["SceneOutcome", "look_into", "open_predictions", "scored_scene", "work_for"]
 
@@ -39,8 +40,6 @@ __all__ = ["SceneOutcome", "look_into", "open_predictions", "scored_scene", "wor
 _BYTES_A_POINT = 128
 _LEAST_BLOCK = 100_000
 _UNPACKED_BYTES = 1 << 40
-# How `Bundle.file` names the folders that it unpacks into.
-_UNPACKED = "/.airzoo-bench."
 
 
 def open_predictions(
@@ -165,7 +164,7 @@ def _entry(
     except PredictionError as fault:
         if fault.where is None:
             raise fault.inside(place) from fault
-        unpacked = fault.where.partition(_UNPACKED)[2].partition("/")[2]
+        unpacked = fault.where.partition(f"{PART}/")[2]
         if not unpacked or predictions.path.is_dir():
             raise
         # A file of an archive lies somewhere else while it is read.

@@ -59,6 +59,24 @@ def poses_moved(sources: PhotoSources, folder: Path) -> PhotoSources:
     return replace(sources, poses=folder / "poses.json")
 
 
+def centres_as(change: Callable[[Any], Any]) -> Any:
+    def changed(sources: PhotoSources, folder: Path) -> PhotoSources:
+        file = json.loads(sources.poses.read_text())
+        for image in file["images"].values():
+            image["center_utm"] = np.asarray(change(image["center_utm"]), np.float64).tolist()
+        (folder / "poses.json").write_text(json.dumps(file))
+        cloud = sources.poses.parent / "model.laz"
+        return replace(sources, poses=folder / "poses.json", cloud=cloud)
+
+    return changed
+
+
+def one_height(heights: Any) -> Any:
+    found = np.full_like(heights, np.nan)
+    found[500, 501] = 162.0
+    return found
+
+
 def surface(change: Callable[[Any], Any], **profile: Any) -> Any:
     def changed(sources: PhotoSources, folder: Path) -> PhotoSources:
         with rasterio.open(sources.dsm) as dataset:
@@ -84,6 +102,12 @@ def map_moved(columns: int, rows: int, cut: int) -> Any:
 
 
 SUSPECT = {
+    "float32": (centres_as(np.float32), "through float32: an error of 0.15 m is to be expected"),
+    "one place": (
+        centres_as(lambda _: (576706.123456, 5188171.123456, 197.123456)),
+        "taken from 1 place, and aligning a reconstruction needs 3",
+    ),
+    "one height": (surface(one_height), "no height near 18 of 18 cameras"),
     "poses": (poses_moved, "poses are 40.1 m from their own photos' GPS (median), all to one side"),
     "lowered": (surface(lambda z: z - 27.5), "62.6 m above the surface model"),
     "moved map": (map_moved(30, 0, 0), "moved by -30.0 columns and +0.0 rows"),
@@ -110,6 +134,7 @@ def test_stated_feet_are_metres(sources: PhotoSources, tmp_path: Path) -> None:
     ("change", "said"),
     [
         (surface(lambda z: z / 0.3048), "all 18 cameras are below the surface: they are at 198.4"),
+        (surface(lambda z: z * 1000), "look at their unit: they must be in metres or feet"),
         (
             surface(lambda z: np.where(np.isnan(z), -9999, z), nodata=None),
             "56.3% of its heights are no heights of the ground: they go from -9999 to 168.9",
