@@ -5,7 +5,8 @@ known. Here such a scene keeps the uncertainty of its size. One scene has Wilson
 average over scenes is put together from the scenes' limits by MOVER, the method of variance
 estimates recovery (Zou and Donner 2008), with Jeffreys' limits, which cover better than Wilson's
 where many scenes are added (docs/statistics.md has the figures). A paired difference is the share
-won minus the share lost, whose limits MOVER puts together likewise.
+won minus the share lost, whose limits MOVER puts together likewise; of graded shares, such as AP@5,
+it has Student's limits in each scene.
 
 References
 ----------
@@ -28,6 +29,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
@@ -35,6 +37,9 @@ __all__ = ["Rates", "average_limits", "difference_limits", "jeffreys_limits", "w
 
 _PRIOR = 0.5
 """So many queries more at 0, and at 1, as Jeffreys' prior has it, steady the variance of AP."""
+
+
+_ALIKE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,18 +141,31 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     Returns
     -------
     (R, 2) array
-        What is won and what is lost are two shares, whose covariance is known: a query can not
-        be both. MOVER puts together the limits of both, of all scenes.
+        Of hits, what is won and what is lost are two shares, whose covariance is known: a query
+        cannot be both. Graded shares, such as AP@5, have Student's limits in each scene, and those
+        of hits where all differences of a scene are alike. MOVER puts together the limits of all
+        scenes.
     """
     count = len(scenes)
     means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
-    squares = sum(_squares(values, confidence) for values in scenes)
+    graded = np.any([(values % 1 != 0).any(axis=1) for values in scenes], axis=0)
+    squares = sum(_squares(values, graded, confidence) for values in scenes)
     down, up = np.sqrt(np.maximum(squares, 0.0)) / count
     return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
 
 
-def _squares(values: Floats, confidence: float) -> Floats:
+def _squares(values: Floats, graded: NDArray[np.bool_], confidence: float) -> Floats:
     """Return the squared reaches of a scene's differences, down and up, (2, R)."""
+    from scipy.special import stdtrit
+
+    count = values.shape[1]
+    errors = values.std(axis=1, ddof=1) / np.sqrt(count)
+    student = (stdtrit(count - 1, (1 + confidence) / 2) * errors) ** 2
+    vary = np.ptp(values, axis=1) > _ALIKE
+    return np.where(graded & vary, student, _squares_of_hits(values, confidence))
+
+
+def _squares_of_hits(values: Floats, confidence: float) -> Floats:
     won, lost = (Rates.of(np.maximum(part, 0.0)) for part in (values, -values))
     spread = won.spread * lost.spread * values.shape[1]
     correlation = np.divide(

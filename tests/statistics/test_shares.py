@@ -172,3 +172,17 @@ def test_coverage_of_averages_and_differences(scenes: Scenes, soft: bool) -> Non
     # Two standard errors of 2,000 are 1 %.
     assert 0.925 <= single <= (0.985 if few else 0.975)
     assert 0.925 <= paired <= (1.0 if few else 0.985)
+
+
+def test_graded_differences_of_one_sign_are_not_drowned_by_what_hits_would_vary() -> None:
+    """17 of 18 queries lose a little: far from chance, and far less than a hit."""
+    lost = -np.linspace(0.01, 0.05, 18)[None]
+    lost[0, 0] = 0.01
+    low, high = difference_limits([lost], 0.95)[0]
+    student = stats.ttest_1samp(lost[0], 0.0).confidence_interval(0.95)
+    assert (low, high) == pytest.approx((student.low, student.high), rel=1e-12)
+    assert high < 0.0
+    # All alike: as if they were hits, since nothing is known of how they vary.
+    low, high = difference_limits([np.full((1, 18), 0.2)], 0.95)[0]
+    assert low < 0.1
+    assert high > 0.2
