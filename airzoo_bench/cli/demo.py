@@ -36,7 +36,7 @@ def demo(
     for track in demo_tracks():
         say(f"{track.name}: {track.method}")
         result = run_track(track, data, out, seed=seed, jobs=jobs, progress=progress)
-        show(scenes_table(result), Format.TERMINAL)
+        show(scenes_table(result, floors=True), Format.TERMINAL)
         put("\n")
     say(f"predictions, result.json and records.csv of each track lie in {out}")
     first = out / demo_tracks()[0].name
