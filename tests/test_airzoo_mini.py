@@ -15,6 +15,7 @@ from PIL import Image
 
 from airzoo_bench.benchmark import Benchmark
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
+from airzoo_bench.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.grids import world_to_pixel
@@ -325,3 +326,18 @@ def test_the_frames_say_where_they_were_taken(mini: Prepared) -> None:
     assert table["latitude"].between(28.1, 28.3).all()
     offset = json.loads((frames / "colmap" / "offset.json").read_text())
     assert offset
+
+
+# --- fingerprints ----------------------------------------------------------------------------
+
+
+def test_its_truth_is_the_same_on_every_machine(mini: Prepared) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "airzoo-mini.md").read_text(encoding="utf-8")
+    found: dict[str, dict[str, str]] = {}
+    for scene in SCENES:
+        folder = mini.benchmark.scene_folder(scene)
+        found.setdefault("retrieval", {})[scene] = read_retrieval(folder, scene).fingerprint
+        for track, read in (("matching", read_matching), ("reconstruction", read_reconstruction)):
+            found.setdefault(track, {})[scene] = read(mini.benchmark, scene).fingerprint
+    for track, truths in found.items():
+        assert f"truth {fingerprint(truths)[:12]}," in page, track
