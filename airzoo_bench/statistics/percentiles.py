@@ -32,7 +32,9 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
     share = place - below
     between = (share > 0) & np.isfinite(low)
     found: Floats = low + np.multiply(gap(high, low), share, out=np.zeros_like(low), where=between)
-    return found
+    # Between minus and plus infinity: a lower limit is the one, an upper limit the other.
+    open_ = np.isneginf(low) & np.isposinf(high) & (share > 0) & (levels >= 0.5)
+    return np.where(open_, np.inf, found)
 
 
 def percentile_p_values(resamples: Floats) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -35,6 +35,7 @@ RESAMPLES = hnp.arrays(
 )
 
 
+@example(np.array([[-np.inf, np.inf]]), 0.5)
 @given(RESAMPLES, st.floats(0.05, 0.95))
 def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
     resamples: np.ndarray, confidence: float
