@@ -72,7 +72,7 @@ ProtocolOption = Annotated[
     typer.Option("--protocol", help="Name or .toml file (default: what the file itself names)."),
 ]
 MemoryOption = Annotated[
-    str, typer.Option("--max-memory", help="What a prediction file may take in memory, such as 512M or 4G.")
+    str, typer.Option("--max-memory", help="Memory for all of a file, such as 512M or 4G.")
 ]
 JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Threads to work with.")]
 
