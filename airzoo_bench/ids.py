@@ -29,7 +29,7 @@ Texts = NDArray[np.str_]
 
 def scene_of(ids: Texts) -> Texts:
     """Return the scene part of ids ``scene/name``."""
-    return np.char.partition(ids, "/")[..., 0]
+    return np.char.partition(ids, "/")[..., 0] if ids.size else np.zeros(ids.shape, ids.dtype)
 
 
 def with_endings(ids: Texts) -> bool:

@@ -141,7 +141,7 @@ def check_against_benchmark(
     hold : callable
         Takes a scene's truth and the row of each of its queries, and raises PredictionError.
     suspect : callable
-        Takes all truths and returns notes of the track.
+        Takes all truths and returns notes of the track; asked where nothing is wrong.
     """
     scenes = {scene.id for scene in protocol.scenes}
     if not scenes & set(np.unique(scene_of(ids))):
@@ -162,7 +162,7 @@ def check_against_benchmark(
             faults.append(error)
     apart = _counts_apart(protocol, [len(truth.queries) for truth in truths])
     notes = [*namesake_notes(protocol, data), *_assignment_notes(rows, extra), *apart]
-    return Checked(faults, [*notes, *suspect(truths)])
+    return Checked(faults, [*notes, *(suspect(truths) if not faults else [])])
 
 
 def _assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:

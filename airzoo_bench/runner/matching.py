@@ -199,14 +199,10 @@ def check_matching(path: Path, *, data: Path, protocol: str | None, memory_bytes
         data,
         lambda: read_matching_truths(find_benchmark(chosen.benchmark, data), chosen),
         lambda truth, rows: claims.append(claim_of_scene(predictions, truth, rows)),
-        lambda truths: (
-            [
-                *lifting_notes(truths, claims, chosen.lift, chosen.solver, _CHECKING_THREADS),
-                *claim_notes(predictions, truths, claims),
-            ]
-            if len(claims) == len(truths)
-            else []
-        ),
+        lambda truths: [
+            *lifting_notes(truths, claims, chosen.lift, chosen.solver, _CHECKING_THREADS),
+            *claim_notes(predictions, truths, claims),
+        ],
     )
     if not checked.faults and isinstance(predictions.claim, PoseClaim):
         try:  # as claims do, where the benchmark is not there to make them

@@ -390,6 +390,17 @@ def test_bad_predictions(
     assert files_below(tmp_path) == before
 
 
+@pytest.mark.parametrize("case", list(CASES))
+def test_check_finds_what_eval_refuses(
+    case: str, data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = prediction_file(tmp_path, CASES[case][0], arrays)
+    code = run_main("check", path)
+    message = capsys.readouterr().err
+    assert code in (1, 2), message
+    assert "Traceback" not in message
+
+
 def test_check_lists_everything_and_exits_1(
     data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
