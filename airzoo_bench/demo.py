@@ -17,14 +17,14 @@ from airzoo_bench.baselines import (
     reconstruction_baseline,
     retrieval_baseline,
 )
-from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import atomic_write, fingerprint
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import atomic_write, fingerprint
 from airzoo_bench.matching.baseline import SiftSettings
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.reconstruction.baseline import SfmSettings
-from airzoo_bench.result import Result
+from airzoo_bench.results.result import Result
 from airzoo_bench.retrieval.baseline import VladSettings
 from airzoo_bench.runner.matching import evaluate_matching
 from airzoo_bench.runner.reconstruction import evaluate_reconstruction

@@ -13,8 +13,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from airzoo_bench.errors import ProtocolError
-from airzoo_bench.files import fingerprint
+from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.core.files import fingerprint
+from airzoo_bench.core.settings import Name, Strict
+from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
 from airzoo_bench.matching.settings import Crop, Lift, MatchingScores, Prior, Solver
 from airzoo_bench.reconstruction.settings import (
     Alignment,
@@ -24,8 +26,6 @@ from airzoo_bench.reconstruction.settings import (
     ReconstructionScores,
 )
 from airzoo_bench.retrieval.settings import Gallery, GroundTruth, RetrievalScores
-from airzoo_bench.settings import Name, Strict
-from airzoo_bench.validation import nearest, read_toml, validated, validation_message
 
 __all__ = [
     "MatchingProtocol",

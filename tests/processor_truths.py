@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from airzoo_bench.benchmark import DATA_VARIABLE, Benchmark
+from airzoo_bench.benchmark.folder import DATA_VARIABLE, Benchmark
 from airzoo_bench.cli.main import app
 from airzoo_bench.datasets import airzoo_mini
 from airzoo_bench.matching.truth import read_truth as read_matching

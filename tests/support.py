@@ -13,7 +13,8 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.datasets.photos import PhotoProtocols
 from airzoo_bench.protocol import (
     MatchingProtocol,
@@ -23,7 +24,6 @@ from airzoo_bench.protocol import (
     protocol_for,
     shipped_protocols,
 )
-from airzoo_bench.queries import write_queries
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
 

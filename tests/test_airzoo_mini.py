@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.files import fingerprint
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
-from airzoo_bench.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.grids import world_to_pixel
@@ -29,7 +29,7 @@ from airzoo_bench.geometry_checks.frame_pairs import PairRule
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.mini.truth_cloud import depth_to_points
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
-from airzoo_bench.result import Result
+from airzoo_bench.results.result import Result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 from airzoo_bench.runner.matching import evaluate_matching
 from airzoo_bench.runner.reconstruction import evaluate_reconstruction

@@ -8,17 +8,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark import (
+from airzoo_bench.benchmark.folder import (
     Benchmark,
     benchmark_folders,
     data_root,
     find_benchmark,
 )
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import write_npz
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import write_npz
 from airzoo_bench.protocol import RetrievalProtocol
-from airzoo_bench.queries import write_queries
 from airzoo_bench.retrieval.truth import read_truth, write_truth
 from tests.support import MadeScene, made_protocol, made_truth, write_benchmark
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from airzoo_bench.comparable import check_comparable, find_scene, first_names, version_notes
-from airzoo_bench.errors import ResultError
-from airzoo_bench.result import Result
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.results.comparable import check_comparable, find_scene, first_names, version_notes
+from airzoo_bench.results.result import Result
 from tests.statistics.support import made_method
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import ProtocolError, UsageError, UserError
-from airzoo_bench.files import (
+from airzoo_bench.core.errors import ProtocolError, UsageError, UserError
+from airzoo_bench.core.files import (
     atomic_entries,
     atomic_folder,
     atomic_write,
@@ -25,7 +25,7 @@ from airzoo_bench.files import (
     sha256_of,
     write_npz,
 )
-from airzoo_bench.temporaries import clear_abandoned, temporary_file, temporary_folder
+from airzoo_bench.core.temporaries import clear_abandoned, temporary_file, temporary_folder
 from tests.support import files_below
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 def test_open3d_computes() -> None:
     script = (
-        "from airzoo_bench.open3d_loader import load_open3d\n"
+        "from airzoo_bench.core.open3d_loader import load_open3d\n"
         "o3d = load_open3d()\n"
         "import numpy as np\n"
         "cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.eye(3)))\n"

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import tomli_w
 
-from airzoo_bench.errors import ProtocolError
+from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.protocol import (
     find_protocol,
     load_protocol,

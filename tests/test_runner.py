@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.result import Result, read_result, write_result
+from airzoo_bench.results.result import Result, read_result, write_result
 from airzoo_bench.runner.retrieval import evaluate_retrieval
 from airzoo_bench.runner.run_files import Evaluation, save
 from airzoo_bench.runner.templates import write_template

@@ -9,7 +9,7 @@ from fractions import Fraction
 from itertools import combinations, permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.cells import Printed, Published
 
 __all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 

@@ -8,10 +8,10 @@ from fractions import Fraction
 from airzoo_bench.audit.averages import Averaged, example_text, has_common_weights, shown_mean
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.counts import counted_share
-from airzoo_bench.printed.numbers import Interval, decimal_text, mean_interval
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.counts import counted_share
+from airzoo_bench.tables.printed.numbers import Interval, decimal_text, mean_interval
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["check_averages"]
 

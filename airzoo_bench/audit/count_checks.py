@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.counts import count_text, is_cut, possible_counts
-from airzoo_bench.printed.numbers import decimal_text
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.counts import count_text, is_cut, possible_counts
+from airzoo_bench.tables.printed.numbers import decimal_text
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["Share", "check_counts", "judge_shares"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from airzoo_bench.printed.cells import Printed
 from airzoo_bench.tables.model import Cell, Column, Row, Table
+from airzoo_bench.tables.printed.cells import Printed
 
 __all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table"]
 

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.printed.numbers import Rounded
+from airzoo_bench.tables.printed.numbers import Rounded
 
 __all__ = ["Implied", "implied_total"]
 

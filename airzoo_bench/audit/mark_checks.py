@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.numbers import Rounded, decimal_text
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.numbers import Rounded, decimal_text
 
 __all__ = ["check_bold", "check_gains"]
 

@@ -7,8 +7,8 @@ from fractions import Fraction
 from itertools import permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.scores import Family, at_most
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.scores import Family, at_most
 
 __all__ = ["check_medians", "check_order", "check_ranges", "check_units"]
 

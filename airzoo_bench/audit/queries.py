@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion
 from airzoo_bench.audit.implied import Implied, implied_total
-from airzoo_bench.errors import ResultError, UsageError, first_of
-from airzoo_bench.printed.cells import Printed, Published
-from airzoo_bench.printed.counts import possible_counts
-from airzoo_bench.printed.scores import Family
-from airzoo_bench.validation import nearest
+from airzoo_bench.core.errors import ResultError, UsageError, first_of
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.tables.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.counts import possible_counts
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = [
     "Key",

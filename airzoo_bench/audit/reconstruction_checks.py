@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published
-from airzoo_bench.printed.numbers import Interval, decimal_text
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.tables.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.numbers import Interval, decimal_text
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["check_chamfer", "check_f1", "f1_of"]
 

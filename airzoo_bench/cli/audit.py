@@ -65,7 +65,7 @@ def audit(
     """
     from airzoo_bench.audit.audit import audit as audit_published
     from airzoo_bench.audit.queries import parse_counts
-    from airzoo_bench.printed.table import read_published
+    from airzoo_bench.tables.printed.table import read_published
 
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given, ap.value if ap else None)

@@ -69,7 +69,7 @@ def check_geometry(
 
     Example: airzoo-bench check-geometry airzoo-mini --out geometry
     """
-    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.geometry_checks.depth_frames import Sampling
     from airzoo_bench.geometry_checks.depth_maps import DepthKind
     from airzoo_bench.geometry_checks.frame_pairs import PairRule
@@ -131,7 +131,7 @@ def check_split(
 def _scenes(
     data: Path | None, scene: str | None, poses: Path | None, images: Path | None, crs: str | None
 ) -> list[PosedScene]:
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.geometry_checks.dataset import (
         open_benchmark,
         scene_from_poses,
@@ -150,7 +150,7 @@ def _scenes(
 
 
 def _check_scale(scale: float | None) -> None:
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
 
     if scale is not None and not 0.0 < scale < float("inf"):
         raise UsageError(f"--depth-scale {scale} is not a scale", expected="metres of a unit")
@@ -159,7 +159,7 @@ def _check_scale(scale: float | None) -> None:
 def _checked(
     scene: PosedScene, depth: Path | None, sampling: Sampling, rule: PairRule, median_below: float
 ) -> SceneGeometry:
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.geometry_checks.depth_report import check_depth_consistency
     from airzoo_bench.geometry_checks.frame_chain import check_frame_chain
     from airzoo_bench.geometry_checks.report import SceneGeometry

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Annotated, TextIO, TypeVar
 
 import typer
 
-from airzoo_bench.data_root import data_root
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.data_root import data_root
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.tables.model import Table
 
 if TYPE_CHECKING:
@@ -104,10 +104,10 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
     Raises
     ------
     UsageError
-        See `airzoo_bench.files.check_output_file`; or the ending is another.
+        See `airzoo_bench.core.files.check_output_file`; or the ending is another.
     """
-    from airzoo_bench.files import check_output_file
-    from airzoo_bench.result_files import records_path
+    from airzoo_bench.core.files import check_output_file
+    from airzoo_bench.results.files import records_path
 
     files = [path / "result.json" if path.is_dir() else path for path in results]
     check_output_file(out, [*files, *map(records_path, files)])

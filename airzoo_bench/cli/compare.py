@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, show
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from airzoo_bench.records import Scored
-    from airzoo_bench.result import ScoreColumn
+    from airzoo_bench.results.records import Scored
+    from airzoo_bench.results.result import ScoreColumn
     from airzoo_bench.statistics.samples import Plan
     from airzoo_bench.tables.model import Table
 
@@ -118,8 +118,8 @@ def compare(
 def _printed(
     results: list[Path] | None, printed: tuple[str, str] | None, queries: int | None
 ) -> Table:
-    from airzoo_bench.statistics.layout import bounds_table
-    from airzoo_bench.statistics.printed import printed_bounds
+    from airzoo_bench.tables.printed_comparison import printed_bounds
+    from airzoo_bench.tables.statistics_layout import bounds_table
 
     if results or printed is None or queries is None:
         raise UsageError(
@@ -153,10 +153,10 @@ def _check(request: _Request) -> None:
 
 
 def _answer(request: _Request) -> Table:
-    from airzoo_bench.comparable import find_scene
-    from airzoo_bench.records import read_scored
-    from airzoo_bench.result import read_result
-    from airzoo_bench.result_files import result_paths
+    from airzoo_bench.results.comparable import find_scene
+    from airzoo_bench.results.files import result_paths
+    from airzoo_bench.results.records import read_scored
+    from airzoo_bench.results.result import read_result
     from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
 
     paths = result_paths(request.paths)
@@ -173,7 +173,7 @@ def _answer(request: _Request) -> Table:
 
 def _intervals(method: Scored, scores: list[ScoreColumn], plan: Plan, scene: str | None) -> Table:
     from airzoo_bench.statistics.comparison import score_intervals
-    from airzoo_bench.statistics.layout import intervals_table
+    from airzoo_bench.tables.statistics_layout import intervals_table
 
     found = score_intervals(method, scores, plan, scene)
     return intervals_table(method, scores, found, plan, scene)
@@ -183,9 +183,9 @@ def _compared(
     methods: list[Scored], scores: list[ScoreColumn], request: _Request, scene: str | None
 ) -> Table:
     from airzoo_bench.statistics import comparison
-    from airzoo_bench.statistics.comparison_layout import comparison_table
-    from airzoo_bench.statistics.differences import differences_table
     from airzoo_bench.statistics.reference import find_one
+    from airzoo_bench.tables.comparison_layout import comparison_table
+    from airzoo_bench.tables.differences import differences_table
 
     reference, method = request.reference, request.method
     if request.most_different is not None:

@@ -25,9 +25,9 @@ def demo(
 
     Example: airzoo-bench demo
     """
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
+    from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.demo import demo_benchmark, demo_tracks, run_track
-    from airzoo_bench.files import check_output_folder
     from airzoo_bench.tables.build import scenes_table
 
     check_output_folder(out, ())

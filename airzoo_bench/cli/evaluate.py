@@ -25,7 +25,7 @@ from airzoo_bench.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from airzoo_bench.result import Result
+    from airzoo_bench.results.result import Result
 
 __all__ = ["app"]
 
@@ -104,7 +104,7 @@ def matching(
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Score cross-view matching: translation and pose recall, median error, for each scene."""
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.runner.matching import evaluate_matching, save_timings
     from airzoo_bench.runner.run_files import save
 
@@ -164,7 +164,7 @@ def reconstruction(
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."""
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.runner.reconstruction import evaluate_reconstruction
     from airzoo_bench.runner.run_files import save
 
@@ -201,7 +201,7 @@ def reconstruction(
 
 def _named_after(out: Path | None, method: str | None, track: str) -> str | None:
     """Check the folder for output, and return the method's name, which can be the folder's."""
-    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.runner.run_files import RESULT_FILES, earlier_run
 
     if out is None:

@@ -31,7 +31,7 @@ from airzoo_bench.cli import (
     template,
 )
 from airzoo_bench.cli.common import say
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
 
 __all__ = ["app", "main"]
 

@@ -48,7 +48,7 @@ def _group() -> None:
 @app.command(epilog="Example: airzoo-bench mini world")
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.datasets.airzoo_mini import make_worlds
     from airzoo_bench.mini.placement import allowed_box
     from airzoo_bench.mini.world import REGIONS
@@ -164,7 +164,7 @@ def pictures(
 
 
 def _folder(region: RegionName, seed: int) -> Path:
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.datasets.airzoo_mini import make_worlds
     from airzoo_bench.mini.world import REGIONS
 

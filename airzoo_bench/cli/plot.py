@@ -22,7 +22,7 @@ from airzoo_bench.cli.plot_call import (
     WidthOption,
     lacking,
 )
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 
 __all__ = ["app"]
 
@@ -204,7 +204,7 @@ def condition(
 
 
 def _unknown_kind(kind: str, known: list[str]) -> UsageError:
-    from airzoo_bench.validation import nearest
+    from airzoo_bench.core.validation import nearest
 
     is_file = Path(kind).exists() or kind.endswith(".json")
     return UsageError(

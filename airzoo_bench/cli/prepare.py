@@ -103,10 +103,11 @@ def photos(
     It serves retrieval; matching where the photos' metadata hold GPS and gimbal angles; and
     reconstruction where there is a true --cloud.
     """
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
+    from airzoo_bench.core.errors import UsageError
+    from airzoo_bench.core.settings import SAFE_NAME
     from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
-    from airzoo_bench.errors import UsageError
     from airzoo_bench.protocol import (
         MatchingProtocol,
         ReconstructionProtocol,
@@ -114,7 +115,6 @@ def photos(
         protocol_for,
         protocol_of_track,
     )
-    from airzoo_bench.settings import SAFE_NAME
 
     if not re.fullmatch(SAFE_NAME, name) or len(name) > _LONGEST_NAME:
         raise UsageError(
@@ -169,7 +169,7 @@ def airzoo_mini(
 
     Needs no data. Worlds and photos are kept in the data root: a run that was stopped goes on.
     """
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
 
     protocols = mini_protocols(seed)

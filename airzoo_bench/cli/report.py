@@ -38,7 +38,7 @@ def report(
 
     Example: airzoo-bench report results/*/result.json -o report.html
     """
-    from airzoo_bench.files import atomic_write
+    from airzoo_bench.core.files import atomic_write
     from airzoo_bench.report.page import make_report
 
     check_output(out, results, (".html", ".htm"))

@@ -9,7 +9,7 @@ import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, show
 from airzoo_bench.cli.table_request import Layout, TableRequest, layout_named
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 
 __all__ = ["table"]
 

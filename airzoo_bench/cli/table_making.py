@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.cli.table_request import Layout, TableRequest
-from airzoo_bench.comparable import find_scene
-from airzoo_bench.errors import UsageError
-from airzoo_bench.result import Result, ScoreColumn, read_result
-from airzoo_bench.result_files import result_paths
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.results.comparable import find_scene
+from airzoo_bench.results.files import result_paths
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.tables.entries import OVERALL, Board, board_of, with_published
 from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.layouts import AVERAGE
 from airzoo_bench.tables.marks import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.rename import rename
-from airzoo_bench.validation import nearest
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
@@ -133,9 +133,9 @@ class _TableMaker:
         return board
 
     def _with_intervals(self, board: Board, places: Sequence[int]) -> Board:
-        from airzoo_bench.records import Scored, read_records
-        from airzoo_bench.statistics.board_intervals import with_intervals
+        from airzoo_bench.results.records import Scored, read_records
         from airzoo_bench.statistics.samples import Plan
+        from airzoo_bench.tables.board_intervals import with_intervals
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
@@ -153,7 +153,7 @@ class _TableMaker:
 
     def _published_alone(self, protocol: str) -> Board:
         from airzoo_bench.cli.published_board import empty_board, published_benchmarks
-        from airzoo_bench.data_root import data_root
+        from airzoo_bench.core.data_root import data_root
 
         wanted = self.request.scores
         every_score = self.request.every_score or bool(wanted)
@@ -174,7 +174,7 @@ class _TableMaker:
         return replace(board, scores=tuple(s for s in board.scores if s.key in printed))
 
     def _with_published(self, board: Board, result: Result) -> Board:
-        from airzoo_bench.published import published_tables, shipped_fingerprints
+        from airzoo_bench.tables.published import published_tables, shipped_fingerprints
 
         tables = published_tables(board.benchmark, board.track)
         shipped = shipped_fingerprints(board.benchmark, board.track)
@@ -188,7 +188,7 @@ class _TableMaker:
 
     def _beside_published(self, board: Board) -> Board:
         from airzoo_bench.cli.published_board import published_benchmarks
-        from airzoo_bench.published import published_tables
+        from airzoo_bench.tables.published import published_tables
 
         asked = self.request
         by_scene = self.layout is Layout.SCENES or asked.scene is not None
@@ -231,8 +231,8 @@ class _TableMaker:
         return sort_rows(made, wanted, AVERAGE)
 
     def _cited(self, made: Table) -> Table:
-        from airzoo_bench.published import published_sources, read_source_file
         from airzoo_bench.tables.citations import add_citations
+        from airzoo_bench.tables.published import published_sources, read_source_file
 
         sources = {
             name: read_source_file(path).citations for name, path in published_sources().items()

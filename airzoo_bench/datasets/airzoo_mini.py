@@ -11,7 +11,11 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark_file import SceneFile
+from airzoo_bench.benchmark.manifest import SceneFile
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
 from airzoo_bench.datasets.folder import (
     SceneTruths,
     copied,
@@ -19,7 +23,7 @@ from airzoo_bench.datasets.folder import (
     write_folder_files,
     write_scene,
 )
-from airzoo_bench.files import atomic_folder, check_new_folder, sha256_of
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
@@ -31,7 +35,6 @@ from airzoo_bench.mini.priors import PriorNoise, noisy_priors
 from airzoo_bench.mini.store import ensure_world, load_world
 from airzoo_bench.mini.truth_cloud import seen_surface
 from airzoo_bench.mini.world import CRS, REGIONS, Region
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import (
     MatchingProtocol,
     Protocol,
@@ -39,12 +42,9 @@ from airzoo_bench.protocol import (
     RetrievalProtocol,
     protocol_of_track,
 )
-from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.prepared import grid_origin
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
-from airzoo_bench.scene_inputs import SceneInputs, photo_table
-from airzoo_bench.workers import spread
 
 __all__ = ["MiniProtocols", "PreparedMini", "make_worlds", "mini_protocols", "prepare_airzoo_mini"]
 

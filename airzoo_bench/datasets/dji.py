@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
 from airzoo_bench.geometry.frames import from_lonlat, horizontal_crs
 from airzoo_bench.geometry.poses import Poses

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import read_queries
+from airzoo_bench.benchmark.scene_inputs import SceneInputs
 from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dji import PhotoPrior, read_prior
 from airzoo_bench.datasets.raster_checks import check_map, surveyed
 from airzoo_bench.datasets.scene_facts import SceneFacts, camera_facts, scene_facts
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
-from airzoo_bench.queries import read_queries
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
-from airzoo_bench.scene_inputs import SceneInputs
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.ids import PHOTO_SUFFIXES
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.ids import PHOTO_SUFFIXES
 
 __all__ = ["photo_size", "read_grey", "read_rgb_photo"]
 

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.benchmark_file import SceneFile
+from airzoo_bench.benchmark.manifest import SceneFile
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.files import atomic_folder, sha256_of
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.folder import (
@@ -31,14 +35,11 @@ from airzoo_bench.datasets.sources import (
 )
 from airzoo_bench.datasets.suspicions import check_above_surface, check_map_scale, often_lowest
 from airzoo_bench.datasets.tiles import write_crops, write_tiles
-from airzoo_bench.errors import BenchmarkError, UserError
-from airzoo_bench.files import atomic_folder, sha256_of
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import (
     MatchingProtocol,
     Protocol,
@@ -47,7 +48,6 @@ from airzoo_bench.protocol import (
 )
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
-from airzoo_bench.scene_inputs import SceneInputs, photo_table
 
 __all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
 

@@ -20,12 +20,12 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from airzoo_bench.errors import CameraError, first_of
-from airzoo_bench.files import read_text
+from airzoo_bench.core.errors import CameraError, first_of
+from airzoo_bench.core.files import read_text
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.core.validation import validation_message
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
-from airzoo_bench.pycolmap_loader import load_pycolmap
-from airzoo_bench.validation import validation_message
 
 __all__ = ["PosedPhotos", "read_poses"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.blocks import HeightSurvey, survey_heights
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import CORNERS

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, cameras_of, poses_of
+from airzoo_bench.benchmark.scene_inputs import SceneInputs
 from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.map_shift import MapShift, map_shift
 from airzoo_bench.datasets.prior_errors import Turned, prior_errors, turned_priors
@@ -24,9 +26,7 @@ from airzoo_bench.geometry.poses import rays_to_world
 from airzoo_bench.geometry.rasters import gsd_m, open_info
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.queries import PRIOR_COLUMNS, cameras_of, poses_of
 from airzoo_bench.retrieval.truth import RetrievalTruth
-from airzoo_bench.scene_inputs import SceneInputs
 
 if TYPE_CHECKING:
     import pandas as pd

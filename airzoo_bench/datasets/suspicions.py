@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from airzoo_bench.benchmark.queries import poses_of
+from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.core.errors import BenchmarkError, RasterError, first_of
 from airzoo_bench.datasets.scene_facts import (
     Cameras3D,
     GpsFacts,
@@ -15,12 +18,9 @@ from airzoo_bench.datasets.scene_facts import (
     SceneFacts,
     footprints_of,
 )
-from airzoo_bench.errors import BenchmarkError, RasterError, first_of
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
-from airzoo_bench.queries import poses_of
-from airzoo_bench.scene_inputs import SceneInputs
 
 __all__ = ["check_above_surface", "check_map_scale", "often_lowest", "suspicions"]
 

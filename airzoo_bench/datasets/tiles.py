@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.progress import Progress
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.progress import Progress
 
 if TYPE_CHECKING:
     import pandas as pd

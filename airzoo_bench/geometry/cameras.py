@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, refuse_cameras
 from airzoo_bench.geometry.lens import distort, in_range, undistort
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pyproj import CRS, Geod, Transformer
 from pyproj.exceptions import CRSError
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.arrays import Floats, apply_matrix
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
 from airzoo_bench.geometry.rasters import check_same_crs

@@ -21,7 +21,7 @@ from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
-from airzoo_bench.errors import RasterError, UserError
+from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.frames import geodesic_distance_m, horizontal_crs, to_lonlat
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 

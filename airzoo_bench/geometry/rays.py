@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.frames import horizontal_crs
 from airzoo_bench.geometry.heightfield import HeightField

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark import Benchmark, data_root
-from airzoo_bench.errors import UsageError
+from airzoo_bench.benchmark.folder import Benchmark, data_root
+from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.queries import cameras_of, poses_of, read_queries
 
 if TYPE_CHECKING:
-    from airzoo_bench.benchmark_file import SceneFile
+    from airzoo_bench.benchmark.manifest import SceneFile
     from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = ["PosedScene", "open_benchmark", "scene_from_poses", "scenes_of_benchmark"]

@@ -15,10 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError, PredictionError, RasterError, UsageError, first_of
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    PredictionError,
+    RasterError,
+    UsageError,
+    first_of,
+)
 
 if TYPE_CHECKING:
-    from airzoo_bench.readers.npz import NpzFile
+    from airzoo_bench.formats.npz import NpzFile
 
 __all__ = ["SUFFIXES", "DepthKind", "find_depths", "read_depth"]
 
@@ -169,7 +175,7 @@ def _read_npy(path: Path, shape: tuple[int, int]) -> tuple[NDArray[Any], None]:
 
 
 def _read_npz(path: Path, shape: tuple[int, int]) -> tuple[NDArray[Any], None]:
-    from airzoo_bench.readers.npz import NpzFile
+    from airzoo_bench.formats.npz import NpzFile
 
     try:
         file = NpzFile(path, limit_bytes=_BYTES_OF_A_DEPTH * shape[0] * shape[1])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.frames import to_lonlat
@@ -109,7 +109,7 @@ def _cast_scene(scene: PosedScene, max_range_m: float) -> tuple[Floats, Bools]:
 def _read_csv(path: Path) -> NamedFootprints:
     import pandas as pd
 
-    from airzoo_bench.benchmark_tables import read_table
+    from airzoo_bench.benchmark.tables import read_table
 
     table = read_table(path, ("id", *CORNER_COLUMNS))
     columns = [pd.to_numeric(table[name], errors="coerce") for name in CORNER_COLUMNS]

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.core.errors import CameraError
+from airzoo_bench.core.files import atomic_write
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.datasets.suspicions import suspicions
-from airzoo_bench.errors import CameraError
-from airzoo_bench.files import atomic_write
 from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
 from airzoo_bench.geometry.units import check_true_metres
 from airzoo_bench.geometry_checks.dataset import PosedScene

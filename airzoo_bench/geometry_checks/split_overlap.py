@@ -13,10 +13,10 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.files import atomic_write
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry_checks.footprint_sets import NamedFootprints
-from airzoo_bench.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from airzoo_bench.errors import first_of
+from airzoo_bench.core.errors import first_of
 from airzoo_bench.geometry_checks.split_overlap import SplitOverlap
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 

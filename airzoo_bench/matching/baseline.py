@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, world_to_pixel
+from airzoo_bench.geometry.sift import Descriptors, Grey, extract, mutual_nearest
 from airzoo_bench.matching.resampling import resample
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.sift import Descriptors, Grey, extract, mutual_nearest
-from airzoo_bench.workers import spread
 
 __all__ = ["SiftSettings", "Task", "match", "match_photos", "plan"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import (
     Poses,
     matrix_to_quaternion,

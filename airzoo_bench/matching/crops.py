@@ -16,8 +16,8 @@ from rasterio.enums import ColorInterp, MaskFlags
 from rasterio.io import MemoryFile
 from rasterio.windows import Window
 
-from airzoo_bench.errors import RasterError
-from airzoo_bench.files import atomic_write
+from airzoo_bench.core.errors import RasterError
+from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project

@@ -17,10 +17,10 @@ from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.solvers import Ransac, Solver, check_settings, find_pose
-from airzoo_bench.progress import Progress, silent
 
 __all__ = [
     "MIN_MATCHES",

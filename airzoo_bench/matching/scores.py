@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from airzoo_bench.matching.settings import MatchingScores
-from airzoo_bench.scores import Score
+from airzoo_bench.results.scores import Score
 
 __all__ = ["RECORDED", "auc_column", "matching_scores", "pose_column", "translation_column"]
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from airzoo_bench.settings import Limits, Positive, Strict
+from airzoo_bench.core.settings import Limits, Positive, Strict
 
 __all__ = ["Crop", "Lift", "MatchingScores", "Prior", "Solver"]
 

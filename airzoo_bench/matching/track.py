@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import LiftStatus, lift
@@ -16,7 +17,6 @@ from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
 from airzoo_bench.matching.scores import auc_column, pose_column, translation_column
 from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.attitude import grid_convergence_deg
 from airzoo_bench.geometry.frames import to_lonlat

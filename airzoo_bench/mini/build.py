@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.mini.landscape.building_mesh import building_mesh, joined
 from airzoo_bench.mini.landscape.canvas import blank_canvas
 from airzoo_bench.mini.landscape.city_plan import city_plan

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import UsageError
-from airzoo_bench.files import atomic_write
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import atomic_write
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.mini.trajectory import Trajectory, trajectory_poses
 from airzoo_bench.mini.world import CRS, Region
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.mini.airpath import Leg, course_deg, eased, fly, pace, smooth_line, way_m
 from airzoo_bench.mini.trajectory import Trajectory

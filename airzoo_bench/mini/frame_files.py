@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.files import atomic_write
+from airzoo_bench.core.files import atomic_write
 from airzoo_bench.mini.render import Frame
 
 __all__ = [

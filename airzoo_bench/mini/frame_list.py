@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.errors import UsageError, first_of
+from airzoo_bench.core.errors import UsageError, first_of
+from airzoo_bench.core.settings import SAFE_NAME
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.attitude import grid_convergence_deg, rotations_to_angles
 from airzoo_bench.geometry.cameras import Cameras
@@ -20,7 +21,6 @@ from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
 from airzoo_bench.mini.render import check_size
 from airzoo_bench.mini.weather import conditions
 from airzoo_bench.mini.world import CRS
-from airzoo_bench.settings import SAFE_NAME
 
 __all__ = ["FrameList", "ecef_rotations", "frames_csv"]
 

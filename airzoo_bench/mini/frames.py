@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.files import atomic_write, check_output_folder, fingerprint
+from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.mini.colmap_model import colmap_texts
@@ -24,8 +26,6 @@ from airzoo_bench.mini.frame_list import FrameList, frames_csv
 from airzoo_bench.mini.pixel_noise import seed_of
 from airzoo_bench.mini.render import RENDERER_VERSION, Renderer
 from airzoo_bench.mini.world import World
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.workers import spread
 
 __all__ = ["RenderCounts", "render_frames", "world_key"]
 

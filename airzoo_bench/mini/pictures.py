@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.mini.contact_sheet import write_contact_sheet
@@ -15,7 +16,6 @@ from airzoo_bench.mini.flights import Airspace, barrel_roll, survey
 from airzoo_bench.mini.render import Renderer, default_camera
 from airzoo_bench.mini.weather import TIMES, WEATHERS
 from airzoo_bench.mini.world import World
-from airzoo_bench.progress import Progress, silent
 
 __all__ = ["draw_world"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rasterio import Affine
 
-from airzoo_bench.errors import CameraError, first_of
+from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
 from airzoo_bench.geometry.heightfield import HeightField

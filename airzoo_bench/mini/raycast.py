@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.open3d_loader import load_open3d
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.mini.world import Mesh
-from airzoo_bench.open3d_loader import load_open3d
 
 __all__ = ["MISSED", "Planes", "Raycaster"]
 

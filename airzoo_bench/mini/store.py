@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from airzoo_bench.benchmark import DATA_VARIABLE
-from airzoo_bench.errors import BenchmarkError, UsageError, UserError, first_of
-from airzoo_bench.files import atomic_folder, canonical_json, sha256_of
+from airzoo_bench.benchmark.folder import DATA_VARIABLE
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
+from airzoo_bench.core.files import atomic_folder, canonical_json, sha256_of
+from airzoo_bench.core.settings import Strict
+from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.mini.georaster import read_colours, read_heights, write_raster
 from airzoo_bench.mini.lock import locked
 from airzoo_bench.mini.world import Buildings, Mesh, Region, World
-from airzoo_bench.settings import Strict
-from airzoo_bench.temporaries import temporary_folder
 
 __all__ = ["FORMAT", "cached_world", "ensure_world", "load_world", "save_world", "world_folder"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Floats, refuse_cameras
 from airzoo_bench.geometry.attitude import (
     angles_to_rotations,

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.errors import CameraError
-from airzoo_bench.files import atomic_write
+from airzoo_bench.core.errors import CameraError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.settings import SAFE_NAME
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.mini.trajectory import Trajectory, rounded
 from airzoo_bench.mini.trajectory_table import TrajectoryTable, read_table
 from airzoo_bench.mini.weather import TIMES, WEATHERS
-from airzoo_bench.settings import SAFE_NAME
 
 __all__ = ["read_trajectory", "write_trajectory"]
 

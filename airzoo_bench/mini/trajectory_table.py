@@ -14,10 +14,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from airzoo_bench.errors import CameraError, first_of
-from airzoo_bench.files import read_text
+from airzoo_bench.core.errors import CameraError, first_of
+from airzoo_bench.core.files import read_text
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.validation import nearest
 
 __all__ = ["MAX_ROWS", "NUMBERS", "TEXTS", "TrajectoryTable", "read_table"]
 

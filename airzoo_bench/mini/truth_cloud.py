@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
 from airzoo_bench.mini.frame_files import frame_paths
 from airzoo_bench.mini.frame_list import FrameList
-from airzoo_bench.progress import Progress
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = ["depth_to_points", "seen_surface"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from math import cos, radians, sin
 from typing import Literal, get_args
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.mini.light import SURVEY_SUN, Light
 
 __all__ = ["TIMES", "WEATHERS", "Conditions", "Time", "Weather", "conditions"]

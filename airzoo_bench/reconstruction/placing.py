@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, refined
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.alignment.icp import refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 from airzoo_bench.reconstruction.cells import CellSet
-from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointCloudOfMaps, PointMaps
 from airzoo_bench.reconstruction.observed import observed_cells
 from airzoo_bench.reconstruction.prepared import (

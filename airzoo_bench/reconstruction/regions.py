@@ -7,9 +7,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.reconstruction.clouds import Cloud
 
 __all__ = ["Box", "bounding_box", "finite_points", "finite_rows", "take"]
 

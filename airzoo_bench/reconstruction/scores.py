@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from airzoo_bench.reconstruction.settings import ReconstructionScores
-from airzoo_bench.scores import Score
+from airzoo_bench.results.scores import Score
 
 __all__ = ["RECORDED", "f1_column", "pose_auc_column", "reconstruction_scores", "share_column"]
 

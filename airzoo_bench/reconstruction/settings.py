@@ -6,10 +6,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from airzoo_bench.core.settings import Count, Limits, Positive, Seed, Strict
 from airzoo_bench.reconstruction.alignment.consensus import RansacSettings
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings
 from airzoo_bench.reconstruction.tsdf import TsdfSettings
-from airzoo_bench.settings import Count, Limits, Positive, Seed, Strict
 
 __all__ = ["Alignment", "Fusion", "Meshes", "Preparation", "ReconstructionScores"]
 

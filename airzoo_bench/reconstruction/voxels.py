@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.regions import take
 
 __all__ = ["VoxelGrid", "voxel_downsample"]

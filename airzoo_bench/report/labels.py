@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from airzoo_bench.errors import first_of
+from airzoo_bench.core.errors import first_of
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.records import Scored
 from airzoo_bench.report.figures import name_text
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 
 __all__ = ["axis_label", "error_label", "over_scenes", "shown_value", "small_print", "who"]
 

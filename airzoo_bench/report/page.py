@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import airzoo_bench
-from airzoo_bench.errors import BenchmarkError, UserError
-from airzoo_bench.progress import Progress, silent
+from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.report.packing import Blobs, page_json
 from airzoo_bench.report.parts import make_part
 from airzoo_bench.report.places import Place, find_places
 from airzoo_bench.report.sections import Section, read_sections
-from airzoo_bench.result import Result
+from airzoo_bench.results.result import Result
 from airzoo_bench.tables.build import methods_table
 from airzoo_bench.tables.render import render
 

@@ -14,10 +14,10 @@ from airzoo_bench.report.standings import test_plan
 from airzoo_bench.statistics.comparison import Pair, compare
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import LEAST_P, sentence, verdict
-from airzoo_bench.statistics.wording import score_cell, score_title
 from airzoo_bench.tables.entries import as_shown
 from airzoo_bench.tables.model import Cell, show_number
+from airzoo_bench.tables.verdicts import LEAST_P, sentence, verdict
+from airzoo_bench.tables.wording import score_cell, score_title
 
 __all__ = ["compared_pairs"]
 

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark_file import TRACKS
-from airzoo_bench.breakdown import condition_names, is_condition
-from airzoo_bench.records import Scored, read_records
-from airzoo_bench.result import Result, ScoreColumn, read_result
-from airzoo_bench.result_files import method_names, records_path, result_paths
+from airzoo_bench.benchmark.manifest import TRACKS
+from airzoo_bench.core.workers import spread
+from airzoo_bench.results.files import method_names, records_path, result_paths
+from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.retrieval.scores import RANKED_TILE
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
-from airzoo_bench.workers import spread
+from airzoo_bench.tables.breakdown import condition_names, is_condition
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,7 +135,7 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
     UsageError
         A file is named twice.
     ResultError
-        See `airzoo_bench.records.read_records`; or results of one protocol and truth are on
+        See `airzoo_bench.results.records.read_records`; or results of one protocol and truth are on
         different queries.
     """
     paths = result_paths(paths)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.errors import UsageError
-from airzoo_bench.matplotlib_loader import default_style
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.report.figures import (
     NO_ROOM,
     any_letters,

@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.sift import extract
-from airzoo_bench.workers import spread
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
+from airzoo_bench.geometry.sift import extract
 
 __all__ = ["VladSettings", "describe", "learn_words", "root_sift", "vlad"]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.ids import scene_of, with_endings
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.predictions import (
     Descriptors,

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.ids import check_ids, scene_of
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.retrieval.descriptor_rows import as_float32
 from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 

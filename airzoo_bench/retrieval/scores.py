@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
-from airzoo_bench.scores import Score
 
 __all__ = ["AP_VARIANTS", "RANKED_TILE", "RECORDED", "ap_name", "retrieval_scores"]
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from airzoo_bench.settings import Limits, Positive, Ranks, Strict
+from airzoo_bench.core.settings import Limits, Positive, Ranks, Strict
 
 __all__ = ["ApVariant", "Gallery", "GroundTruth", "RetrievalScores"]
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import write_npz
-from airzoo_bench.queries import conditions_of, read_queries
+from airzoo_bench.benchmark.queries import conditions_of, read_queries
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import write_npz
 from airzoo_bench.retrieval.pairs import Positives
 
 if TYPE_CHECKING:

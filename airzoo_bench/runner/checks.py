@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.formats.clouds.formats import SUFFIXES
 from airzoo_bench.protocol import find_protocol
-from airzoo_bench.readers.archives import ARCHIVE_SUFFIXES
-from airzoo_bench.readers.arrays import open_arrays, protocol_name
-from airzoo_bench.readers.clouds.formats import SUFFIXES
 from airzoo_bench.runner.common import Checked
 
 __all__ = ["check_predictions"]

@@ -11,13 +11,13 @@ from typing import Protocol as Structural
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.comparable import other_settings
-from airzoo_bench.errors import BenchmarkError, PredictionError, ProtocolError
-from airzoo_bench.files import fingerprint, sha256_of_tree
-from airzoo_bench.ids import assign_queries, scene_of
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError
+from airzoo_bench.core.files import fingerprint, sha256_of_tree
+from airzoo_bench.core.ids import assign_queries, scene_of
 from airzoo_bench.protocol import Protocol, load_protocol, protocol_files
-from airzoo_bench.result import (
+from airzoo_bench.results.comparable import other_settings
+from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
     Reference,
@@ -27,8 +27,8 @@ from airzoo_bench.result import (
     versions,
     with_summary,
 )
+from airzoo_bench.results.scores import Score, summarise
 from airzoo_bench.runner.protocol_choice import other_benchmark
-from airzoo_bench.scores import Score, summarise
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.errors import PredictionError
-from airzoo_bench.files import atomic_write
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
 from airzoo_bench.matching.predictions import PoseClaim, check_digits, faults
+from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.track import ScoredScene, score_priors, score_scene
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.protocol import MatchingProtocol
-from airzoo_bench.readers.matching import read_matching
-from airzoo_bench.result import Reference, with_summary
+from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.scores import summarise
 from airzoo_bench.runner.common import (
     Checked,
     Run,
@@ -37,7 +38,6 @@ from airzoo_bench.runner.matching_notes import (
 )
 from airzoo_bench.runner.protocol_choice import choose_protocol, refuse_other_track
 from airzoo_bench.runner.run_files import Evaluation
-from airzoo_bench.scores import summarise
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.errors import BenchmarkError, PredictionError, first_of
-from airzoo_bench.progress import Progress, silent
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.protocol import ReconstructionProtocol
-from airzoo_bench.readers.reconstruction import ReconstructionPredictions
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.pose_scores import worst_poses
 from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
+from airzoo_bench.reconstruction.reading import ReconstructionPredictions
 from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.reconstruction.track import ScoredScene, score_missing
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth

@@ -8,19 +8,19 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.formats.clouds.cloud import CloudSource
+from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.readers.clouds.source import FileCloud
-from airzoo_bench.readers.image_poses import ImagePoses
-from airzoo_bench.readers.reconstruction import ScenePrediction
-from airzoo_bench.readers.view_suspicions import suspect_camera_to_world
-from airzoo_bench.readers.views import Views
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
-from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
+from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.placing import Claim
 from airzoo_bench.reconstruction.pose_metrics import pair_errors
+from airzoo_bench.reconstruction.reading import ScenePrediction
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.view_suspicions import suspect_camera_to_world
+from airzoo_bench.reconstruction.views import Views
 
 __all__ = ["claim_of_scene", "kind_of", "true_cameras"]
 

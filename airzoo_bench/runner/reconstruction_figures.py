@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.files import atomic_write
-from airzoo_bench.progress import Progress, silent
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, Residuals
-from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
-from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.report.reconstruction import draw_curve, draw_error_map, error_colours
 from airzoo_bench.runner.reconstruction import ReconstructionEvaluation
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.errors import first_of
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.readers.clouds.source import FileCloud
-from airzoo_bench.readers.clouds.suspicions import lost_digits, mirror_suspicion, suspicions
-from airzoo_bench.readers.image_poses import ImagePoses
-from airzoo_bench.readers.reconstruction import ReconstructionPredictions, ScenePrediction
-from airzoo_bench.readers.view_suspicions import suspect_camera_to_world, suspect_image_size
-from airzoo_bench.readers.views import Views
 from airzoo_bench.reconstruction.alignment.cameras import Alignment
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.cloud_suspicions import lost_digits, mirror_suspicion, suspicions
+from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.placing import Claim, PlacedClaim
+from airzoo_bench.reconstruction.reading import ReconstructionPredictions, ScenePrediction
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, ReconstructionScores
 from airzoo_bench.reconstruction.track import ScoredScene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.view_suspicions import suspect_camera_to_world, suspect_image_size
+from airzoo_bench.reconstruction.views import Views
 
 __all__ = [
     "listing_notes",

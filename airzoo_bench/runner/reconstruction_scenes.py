@@ -7,21 +7,22 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.errors import BenchmarkError, PredictionError
-from airzoo_bench.progress import Progress, silent
+from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.temporaries import PART
+from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
+from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.protocol import ReconstructionProtocol
-from airzoo_bench.readers.archives import ARCHIVE_SUFFIXES
-from airzoo_bench.readers.arrays import open_arrays, protocol_name
-from airzoo_bench.readers.clouds.formats import SUFFIXES, open_cloud
-from airzoo_bench.readers.clouds.meshes import MeshSampling
-from airzoo_bench.readers.clouds.source import FileCloud
-from airzoo_bench.readers.reconstruction import (
+from airzoo_bench.reconstruction.placing import Rules, TrueScene, Work, place_claim
+from airzoo_bench.reconstruction.reading import (
     ReconstructionPredictions,
     ScenePrediction,
     open_reconstruction,
 )
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.placing import Rules, TrueScene, Work, place_claim
 from airzoo_bench.reconstruction.track import ScoredScene, score_scene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.runner.protocol_choice import choose_protocol
@@ -32,7 +33,6 @@ from airzoo_bench.runner.reconstruction_notes import (
     notes_of_reading,
     notes_of_scored,
 )
-from airzoo_bench.temporaries import PART
 
 __all__ = ["SceneOutcome", "look_into", "open_predictions", "scored_scene", "work_for"]
 

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.progress import Progress, silent
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.protocol import RetrievalProtocol
-from airzoo_bench.readers.retrieval import read_retrieval
-from airzoo_bench.result import Reference, with_summary
+from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.scores import summarise
 from airzoo_bench.retrieval.chance import chance_scores
 from airzoo_bench.retrieval.claims import is_answered, rank_scene, strange_tiles
 from airzoo_bench.retrieval.hits import hit_matrix
 from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
+from airzoo_bench.retrieval.reading import read_retrieval
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
@@ -33,7 +34,6 @@ from airzoo_bench.runner.common import (
 )
 from airzoo_bench.runner.protocol_choice import choose_protocol, refuse_other_track
 from airzoo_bench.runner.run_files import Evaluation
-from airzoo_bench.scores import summarise
 
 __all__ = ["chance_level", "chance_words", "check_retrieval", "evaluate_retrieval", "read_truths"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.errors import ResultError
-from airzoo_bench.files import atomic_entries, check_output_folder
-from airzoo_bench.result import Result, read_result, write_result
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.core.files import atomic_entries, check_output_folder
+from airzoo_bench.results.result import Result, read_result, write_result
 
 if TYPE_CHECKING:
     import pandas as pd

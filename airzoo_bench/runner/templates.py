@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import find_benchmark
-from airzoo_bench.errors import UsageError
-from airzoo_bench.files import atomic_write, write_npz
+from airzoo_bench.benchmark.folder import find_benchmark
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.matching.template import match_template
 from airzoo_bench.protocol import (
     MatchingProtocol,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from airzoo_bench import comparable
-from airzoo_bench.errors import ResultError, first_of
-from airzoo_bench.records import Scored
-from airzoo_bench.result import Result, ScoreColumn
-from airzoo_bench.validation import nearest
+from airzoo_bench.core.errors import ResultError, first_of
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.results import comparable
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import Result, ScoreColumn
 
 __all__ = ["check_comparable", "choose_scores", "score_keys"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.averages import weighted_averages
 from airzoo_bench.statistics.draws import blocks, sign_flips, stream_key
 from airzoo_bench.statistics.samples import Plan, Sample, gap, paired_gap

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from airzoo_bench.audit.findings import Grade
 from airzoo_bench.audit.reconstruction_checks import f1_of
-from airzoo_bench.errors import ResultError, UsageError
-from airzoo_bench.printed.numbers import decimal_text
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.tables.printed.numbers import decimal_text
 from tests.audit.support import Rows, audited, only, row, rows_of, told
 
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.audit.implied import implied_total
-from airzoo_bench.printed.counts import count_text, counted_share, is_cut, possible_counts
-from airzoo_bench.printed.numbers import Interval
+from airzoo_bench.tables.printed.counts import count_text, counted_share, is_cut, possible_counts
+from airzoo_bench.tables.printed.numbers import Interval
 from tests.audit.support import number, percent
 
 

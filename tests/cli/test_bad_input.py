@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from airzoo_bench.files import fingerprint
+from airzoo_bench.core.files import fingerprint
 from tests.support import MadeScene, files_below, run_main, write_predictions
 
 Arrays = dict[str, Any]

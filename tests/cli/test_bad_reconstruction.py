@@ -13,8 +13,8 @@ import laspy
 import numpy as np
 import pytest
 
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.ply import write_ply
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from tests.reconstruction.world import (
     PROTOCOL,
     World,
@@ -640,7 +640,7 @@ def test_a_damaged_true_cloud_is_not_blamed_on_the_prediction(
 
     import tomli_w
 
-    from airzoo_bench.files import sha256_of
+    from airzoo_bench.core.files import sha256_of
 
     path = clouds()(world, tmp_path / "p")
     cloud, file = world.folder / "data" / "yard" / "cloud.ply", world.folder / "benchmark.toml"

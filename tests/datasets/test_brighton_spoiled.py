@@ -13,11 +13,11 @@ import pytest
 import rasterio
 from rasterio import Affine
 
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.datasets.suspicions import suspicions
-from airzoo_bench.errors import UserError
 from tests.support import photo_protocols
 
 GIMBAL = "yaw is 180 degrees off in 6 of 18 (first 3: park/DJI_0024, park/DJI_0025, park/DJI_0026)"

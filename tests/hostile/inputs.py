@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.files import sha256_of
+from airzoo_bench.core.files import sha256_of
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
 from tests.matching import world as matching
 from tests.readers import cloud_support as clouds
@@ -456,7 +456,7 @@ def _seal(path: Path, before: str) -> None:
 def _resealed(values: dict[str, Any]) -> dict[str, Any]:
     from pydantic import ValidationError
 
-    from airzoo_bench.result import Result
+    from airzoo_bench.results.result import Result
 
     try:
         return json.loads(

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
-from airzoo_bench.queries import PRIOR_COLUMNS
-from airzoo_bench.readers.matching import read_matching
+from airzoo_bench.matching.reading import read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
 from tests.support import run_main

@@ -7,7 +7,7 @@ import pytest
 import rasterio
 from rasterio import Affine
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.crops import crop_to_map, write_crop

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.mini.airpath import FPS, MAX_ACCELERATION, MAX_RATE, SPEEDS, Leg, fly, smooth_line
 from airzoo_bench.mini.flight_figure import draw_flight
 from airzoo_bench.mini.flights import Airspace, barrel_roll, survey

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.mini import render, sensor

@@ -14,7 +14,7 @@ import pytest
 import rasterio
 from PIL import Image
 
-from airzoo_bench.errors import CameraError, UsageError
+from airzoo_bench.core.errors import CameraError, UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
 from airzoo_bench.geometry.cameras import Cameras, project

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.mini.contact_sheet import write_contact_sheet
 from airzoo_bench.mini.facades import Facades, Wall
 from airzoo_bench.mini.pixel_noise import (

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from airzoo_bench.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.mini import store

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Geod, Transformer
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.mini import trajectory_table
 from airzoo_bench.mini.placement import allowed_box, check_inside

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.open3d_loader import load_open3d
 from airzoo_bench.mini.build import DEFAULT_SEED, build_world, digest, expected_digest
 from airzoo_bench.mini.landscape.building_mesh import building_mesh
 from airzoo_bench.mini.landscape.city_plan import city_plan
@@ -15,7 +16,6 @@ from airzoo_bench.mini.landscape.plan import Plan
 from airzoo_bench.mini.landscape.rural_plan import rural_plan
 from airzoo_bench.mini.light import SURVEY_SUN
 from airzoo_bench.mini.world import REGIONS, Material, Mesh, World
-from airzoo_bench.open3d_loader import load_open3d
 
 BOTH = pytest.mark.parametrize("region", sorted(REGIONS))
 PLANS = {"city": city_plan, "rural": rural_plan}

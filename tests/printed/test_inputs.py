@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.cells import Printed
-from airzoo_bench.printed.marks import Marked, plain_name, read_marked
-from airzoo_bench.printed.scores import Family
-from airzoo_bench.printed.table import read_published
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.marks import Marked, plain_name, read_marked
+from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed.table import read_published
 
 
 def read(folder: Path, text: str) -> tuple[Printed, ...]:

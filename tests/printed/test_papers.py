@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.cells import Published
-from airzoo_bench.printed.table import read_published
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.tables.printed.cells import Published
+from airzoo_bench.tables.printed.table import read_published
 
 PAPERS = Path(__file__).parent / "papers"
 

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from airzoo_bench.printed.scores import Family, at_most, read_score
+from airzoo_bench.tables.printed.scores import Family, at_most, read_score
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import BenchmarkError, PredictionError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, UsageError
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_points, finite_rows, take
 from airzoo_bench.reconstruction.voxels import VoxelGrid, voxel_downsample
 from tests.geometry.support import quick

@@ -11,17 +11,17 @@ import numpy as np
 import pandas as pd
 import tomli_w
 
-from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.scene_inputs import photo_table
+from airzoo_bench.core.files import sha256_of
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.protocol import ReconstructionProtocol, load_protocol, shipped_protocols
-from airzoo_bench.queries import write_queries
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, write_truth
 from airzoo_bench.runner.reconstruction import ReconstructionEvaluation, evaluate_reconstruction
-from airzoo_bench.scene_inputs import photo_table
 from tests.geometry.support import looking_down
 
 Array = np.ndarray[Any, Any]

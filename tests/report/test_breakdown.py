@@ -11,7 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.breakdown import (
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.result import Result, read_result
+from airzoo_bench.runner.matching import evaluate_matching
+from airzoo_bench.statistics.samples import Sample
+from airzoo_bench.tables.breakdown import (
     condition_names,
     condition_title,
     even_edges,
@@ -20,11 +25,6 @@ from airzoo_bench.breakdown import (
     is_condition,
     number_texts,
 )
-from airzoo_bench.errors import UsageError
-from airzoo_bench.records import Scored, read_records
-from airzoo_bench.result import Result, read_result
-from airzoo_bench.runner.matching import evaluate_matching
-from airzoo_bench.statistics.samples import Sample
 from tests.matching import world as matching_world
 from tests.reconstruction import world as clouds_world
 from tests.report.made import (

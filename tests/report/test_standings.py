@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.records import Scored
 from airzoo_bench.report.standings import marks_of
-from airzoo_bench.result import Reference
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import Reference
 from airzoo_bench.statistics.comparison import compare
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.tables.build import methods_table

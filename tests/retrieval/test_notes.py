@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.retrieval.chance import chance_scores
 from airzoo_bench.runner.checks import check_predictions
 from airzoo_bench.runner.retrieval import evaluate_retrieval

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.records import Scored
-from airzoo_bench.result import (
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
     Result,
@@ -19,8 +19,8 @@ from airzoo_bench.result import (
     TruthUsed,
     with_summary,
 )
+from airzoo_bench.results.scores import Score, summarise
 from airzoo_bench.runner.run_files import Evaluation, save
-from airzoo_bench.scores import Score, summarise
 
 HIT = ScoreColumn(
     key="recall@1",

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import ResultError, UsageError
-from airzoo_bench.records import Scored
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.comparison import Comparison, compare, make_sample, score_intervals
-from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
 from airzoo_bench.statistics.corrections import holm
-from airzoo_bench.statistics.layout import intervals_table
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import sentence
+from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.statistics_layout import intervals_table
+from airzoo_bench.tables.verdicts import sentence
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
 FAST = Plan(resamples=1_000)

@@ -16,18 +16,18 @@ from airzoo_bench.protocol import (
     shipped_protocols,
 )
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn, score_columns
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.statistics.comparison import Comparison, Pair, compare
-from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.statistics.significance import PairedTest, is_hit
-from airzoo_bench.statistics.verdicts import disagreement, sentence, verdict
-from airzoo_bench.statistics.wording import by_reason, counted
+from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.model import Between
+from airzoo_bench.tables.verdicts import disagreement, sentence, verdict
+from airzoo_bench.tables.wording import by_reason, counted
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
 FAST = Plan(resamples=1_000)

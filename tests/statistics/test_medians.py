@@ -8,13 +8,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.intervals import interval_limits
 from airzoo_bench.statistics.percentiles import percentile_p_values
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import verdict
+from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.verdicts import verdict
 from tests.statistics.simulations import (
     OTHERS,
     STATED,

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.verdicts import verdict
 from airzoo_bench.tables.blocks import as_asked, by_count
+from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.verdicts import verdict
 from tests.statistics.support import ERROR, HIT, random_methods
 from tests.statistics.test_comparison_layout import FAST, PAIR, against
 

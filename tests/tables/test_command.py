@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from airzoo_bench.protocol import load_protocol, shipped_protocols
-from airzoo_bench.published import published_tables
-from airzoo_bench.result import ProtocolUsed, Result, TruthUsed, write_result
+from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, write_result
 from airzoo_bench.tables.entries import Board, with_published
+from airzoo_bench.tables.published import published_tables
 from tests.support import run_main, write_predictions
 from tests.tables.typeset import typeset
 from tests.test_result import result

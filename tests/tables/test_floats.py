@@ -163,7 +163,7 @@ class TestAveragesOfThePaper:
     def test_that_nobody_prints(
         self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        import airzoo_bench.published as published
+        import airzoo_bench.tables.published as published
 
         every = published.published_tables
         monkeypatch.setattr(

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.result import Reference, Result, write_result
+from airzoo_bench.results.result import Reference, Result, write_result
 from airzoo_bench.tables.build import scenes_table
 from airzoo_bench.tables.entries import board_of
 from airzoo_bench.tables.floors import with_floors

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.result import Result, ScoreColumn, write_result
-from airzoo_bench.result_files import method_names
+from airzoo_bench.results.files import method_names
+from airzoo_bench.results.result import Result, ScoreColumn, write_result
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.render import render

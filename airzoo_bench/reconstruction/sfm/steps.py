@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.geometry.arrays import Ints
-from airzoo_bench.pycolmap_loader import load_pycolmap
+from airzoo_bench.geometry.sift import extract, mutual_nearest
 from airzoo_bench.reconstruction.sfm.model import Lens, Model, model_arrays, model_from_arrays
 from airzoo_bench.reconstruction.sfm.views import TwoViews, map_photos, verify
-from airzoo_bench.sift import extract, mutual_nearest
-from airzoo_bench.temporaries import temporary_folder
 
 __all__ = [
     "Batch",
