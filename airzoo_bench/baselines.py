@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.benchmark.images import read_grey, read_rgb_photo
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, check_output_folder, write_npz
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.datasets.images import read_grey, read_rgb_photo
 from airzoo_bench.datasets.tiles import read_tile
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.matching.baseline import SiftSettings, Task, match_photos, plan
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
-from airzoo_bench.protocol import (
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     ReconstructionProtocol,
     RetrievalProtocol,

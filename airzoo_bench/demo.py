@@ -22,14 +22,14 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_write, fingerprint
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
+from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.matching.baseline import SiftSettings
+from airzoo_bench.matching.track import evaluate_matching
 from airzoo_bench.reconstruction.baseline import SfmSettings
+from airzoo_bench.reconstruction.track import evaluate_reconstruction
 from airzoo_bench.results.result import Result
 from airzoo_bench.retrieval.baseline import VladSettings
-from airzoo_bench.runner.matching import evaluate_matching
-from airzoo_bench.runner.reconstruction import evaluate_reconstruction
-from airzoo_bench.runner.retrieval import evaluate_retrieval
-from airzoo_bench.runner.run_files import save
+from airzoo_bench.retrieval.track import evaluate_retrieval
 
 __all__ = ["DemoTrack", "demo_benchmark", "demo_tracks", "run_track"]
 

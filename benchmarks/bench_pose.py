@@ -30,8 +30,8 @@ from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses
+from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.matching.settings import MatchingScores, Solver
-from airzoo_bench.matching.track import score_scene
 from airzoo_bench.matching.truth import MatchingTruth
 
 N_QUERIES = 351

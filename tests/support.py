@@ -16,7 +16,7 @@ import pandas as pd
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.datasets.photos import PhotoProtocols
-from airzoo_bench.protocol import (
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     ReconstructionProtocol,
     RetrievalProtocol,

@@ -42,7 +42,7 @@ def test_the_command_line_starts_without_heavy_imports() -> None:
 def test_scoring_ranked_ids_needs_no_heavy_imports() -> None:
     script = (
         "import sys\n"
-        "import airzoo_bench.runner.retrieval\n"
+        "import airzoo_bench.retrieval.track\n"
         "heavy = {'open3d', 'faiss', 'pycolmap', 'scipy', 'shapely', 'rasterio', 'PIL'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
     )

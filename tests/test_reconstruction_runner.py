@@ -14,13 +14,13 @@ import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.reconstruction.camera_names import claim_of_scene
 from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.reading import ScenePrediction
+from airzoo_bench.reconstruction.track import check_reconstruction
 from airzoo_bench.reconstruction.truth import read_truth
 from airzoo_bench.reconstruction.views import Views
 from airzoo_bench.results.result import read_result
-from airzoo_bench.runner.reconstruction import check_reconstruction
-from airzoo_bench.runner.reconstruction_claims import claim_of_scene
 from tests.reconstruction.world import (
     MEMORY,
     PROTOCOL,

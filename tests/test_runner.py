@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from airzoo_bench.evaluation.run_files import Evaluation, save
+from airzoo_bench.evaluation.template import write_template
 from airzoo_bench.results.result import Result, read_result, write_result
-from airzoo_bench.runner.retrieval import evaluate_retrieval
-from airzoo_bench.runner.run_files import Evaluation, save
-from airzoo_bench.runner.templates import write_template
+from airzoo_bench.retrieval.track import evaluate_retrieval
 from tests.statistics.support import made_method, write_method
 from tests.support import (
     MadeScene,

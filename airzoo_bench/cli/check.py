@@ -33,7 +33,7 @@ def check(
     Needs no truth. Where the benchmark folder is there, ids are held against it and reconstructions
     are aligned, so that all is found that eval would refuse.
     """
-    from airzoo_bench.runner.checks import check_predictions
+    from airzoo_bench.evaluation.check import check_predictions
 
     checked = check_predictions(
         predictions,

@@ -59,8 +59,8 @@ def retrieval(
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."""
-    from airzoo_bench.runner.retrieval import evaluate_retrieval
-    from airzoo_bench.runner.run_files import save
+    from airzoo_bench.evaluation.run_files import save
+    from airzoo_bench.retrieval.track import evaluate_retrieval
 
     method = _named_after(out, method, "retrieval")
     evaluation = evaluate_retrieval(
@@ -105,8 +105,8 @@ def matching(
 ) -> None:
     """Score cross-view matching: translation and pose recall, median error, for each scene."""
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.runner.matching import evaluate_matching, save_timings
-    from airzoo_bench.runner.run_files import save
+    from airzoo_bench.evaluation.run_files import save
+    from airzoo_bench.matching.track import evaluate_matching, save_timings
 
     if figures and out is None:
         raise UsageError("--figures needs a folder to draw into", mend="add --out DIR")
@@ -123,13 +123,13 @@ def matching(
     if out is not None:
         save(scored.evaluation, out, partial(save_timings, scored))
     if out is not None and figures:
-        from airzoo_bench.runner.matching_figures import draw_figures
+        from airzoo_bench.report.matching_run import draw_figures
 
         drawn = draw_figures(scored, resolve_data(data), out / "figures", progress)
         say(f"drew {drawn} pictures into {out / 'figures'}")
     _print_result(scored.evaluation.result, form, every_score=every_score)
     if seeds > 1:
-        from airzoo_bench.runner.matching_seeds import spread_over_seeds
+        from airzoo_bench.matching.seeds import spread_over_seeds
 
         say(f"average over scenes under {seeds} seeds, of which the result has the first:")
         for spread in spread_over_seeds(scored, seeds, jobs=jobs, progress=progress):
@@ -165,8 +165,8 @@ def reconstruction(
 ) -> None:
     """Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."""
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.runner.reconstruction import evaluate_reconstruction
-    from airzoo_bench.runner.run_files import save
+    from airzoo_bench.evaluation.run_files import save
+    from airzoo_bench.reconstruction.track import evaluate_reconstruction
 
     if (figures or clouds) and out is None:
         raise UsageError("--figures and --clouds need a folder", mend="add --out DIR")
@@ -182,7 +182,7 @@ def reconstruction(
         progress=progress,
     )
     if out is not None:
-        from airzoo_bench.runner.reconstruction_figures import (
+        from airzoo_bench.report.reconstruction_run import (
             draw_figures,
             save_alignments,
             write_clouds,
@@ -202,7 +202,7 @@ def reconstruction(
 def _named_after(out: Path | None, method: str | None, track: str) -> str | None:
     """Check the folder for output, and return the method's name, which can be the folder's."""
     from airzoo_bench.core.files import check_output_folder
-    from airzoo_bench.runner.run_files import RESULT_FILES, earlier_run
+    from airzoo_bench.evaluation.run_files import RESULT_FILES, earlier_run
 
     if out is None:
         return method

@@ -108,7 +108,7 @@ def photos(
     from airzoo_bench.core.settings import SAFE_NAME
     from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
-    from airzoo_bench.protocol import (
+    from airzoo_bench.protocol.lookup import (
         MatchingProtocol,
         ReconstructionProtocol,
         RetrievalProtocol,

@@ -20,7 +20,7 @@ def protocols(
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """List the protocols that are shipped or stand in prepared benchmark folders."""
-    from airzoo_bench.protocol import find_protocol, load_protocol, protocol_files
+    from airzoo_bench.protocol.lookup import find_protocol, load_protocol, protocol_files
     from airzoo_bench.tables.model import Cell, Column, Row, Table
 
     folder = resolve_data(data)

@@ -43,8 +43,8 @@ def template(
 
     Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
     """
-    from airzoo_bench.protocol import RetrievalProtocol, find_protocol
-    from airzoo_bench.runner.templates import write_template
+    from airzoo_bench.evaluation.template import write_template
+    from airzoo_bench.protocol.lookup import RetrievalProtocol, find_protocol
 
     root = resolve_data(data)
     chosen = find_protocol(protocol, root)
@@ -60,7 +60,7 @@ def template(
     )
     say(f"wrote {target}: replace its arrays, which are random, by your own")
     if isinstance(chosen, RetrievalProtocol):
-        from airzoo_bench.runner.retrieval import chance_words
+        from airzoo_bench.retrieval.track import chance_words
 
         say(f"random tiles score by chance: {chance_words(chosen, root)}")
     say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")

@@ -35,7 +35,7 @@ from airzoo_bench.mini.priors import PriorNoise, noisy_priors
 from airzoo_bench.mini.store import ensure_world, load_world
 from airzoo_bench.mini.truth_cloud import seen_surface
 from airzoo_bench.mini.world import CRS, REGIONS, Region
-from airzoo_bench.protocol import (
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     Protocol,
     ReconstructionProtocol,

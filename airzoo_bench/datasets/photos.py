@@ -40,7 +40,7 @@ from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.protocol import (
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     Protocol,
     ReconstructionProtocol,

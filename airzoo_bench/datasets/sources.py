@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pyproj import CRS
 
+from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import (
     BenchmarkError,
     CameraError,
@@ -19,7 +20,6 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.files import check_new_folder
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.images import photo_size
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
 from airzoo_bench.geometry.rasters import check_same_crs, describe_crs, open_info

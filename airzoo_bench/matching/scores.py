@@ -41,7 +41,7 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
     Returns
     -------
     list of Score
-        The columns are those of `airzoo_bench.matching.track.score_scene`.
+        The columns are those of `airzoo_bench.matching.scoring.score_scene`.
     """
     trusted = settings.orientation_is_trusted
     pose = [

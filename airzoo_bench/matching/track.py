@@ -1,239 +1,242 @@
-"""Scoring one scene of the matching track: truth and claim become records, a row a query."""
+"""The matching track: from a prediction file to records and a result."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.claims import SceneClaim
-from airzoo_bench.matching.lifting import LiftStatus, lift
-from airzoo_bench.matching.metrics import PoseErrors, area_share, pose_errors, within
-from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
-from airzoo_bench.matching.scores import auc_column, pose_column, translation_column
-from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
-from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.evaluation.common import (
+    Checked,
+    Run,
+    check_against_benchmark,
+    concatenate,
+    make_result,
+    match_queries,
+)
+from airzoo_bench.evaluation.run_files import Evaluation
+from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
+from airzoo_bench.matching.notes import (
+    claim_notes,
+    equal_to_prior,
+    lifting_notes,
+    scored_notes,
+)
+from airzoo_bench.matching.predictions import PoseClaim, check_digits, faults
+from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.scoring import ScoredScene, score_priors, score_scene
+from airzoo_bench.matching.truth import MatchingTruth, read_truth
+from airzoo_bench.protocol.choice import choose_protocol, refuse_other_track
+from airzoo_bench.protocol.lookup import MatchingProtocol
+from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.scores import summarise
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
+__all__ = [
+    "PRIOR_ITSELF",
+    "MatchingEvaluation",
+    "check_matching",
+    "evaluate_matching",
+    "read_matching_truths",
+    "save_timings",
+    "score_claims",
+]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+PRIOR_ITSELF = "Prior itself"
+"""The reference of every result of the track."""
 
-MISSING = "missing from the predictions"
-NOT_GIVEN = "no pose given"
-GIVEN = "given"
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredScene:
-    """Records of a scene, and what pictures need beside them.
-
-    Attributes
-    ----------
-    records : DataFrame
-        A row a query.
-    centres : (Q, 3) float64
-        Estimated camera centres; NaN for failures.
-    inliers : list of (m,) bool
-        Of the matches of each query; empty where poses were given.
-    seconds : (Q,) float64
-        Spent in the solver. Not part of the records, which are the same for the same input.
-    """
-
-    records: pd.DataFrame
-    centres: Floats
-    inliers: list[NDArray[np.bool_]]
-    seconds: Floats
+_CHECKING_THREADS = 1
 
 
 @dataclass(frozen=True, eq=False)
-class _Posed:
-    """Poses of Q queries however they came about, with the counts of what led to them."""
+class MatchingEvaluation:
+    """An evaluation, and what pictures need beside it; by scene."""
 
-    rotations: Floats
-    centres: Floats
-    status: list[str]
-    inliers: list[NDArray[np.bool_]]
-    seconds: Floats
-    counts: dict[str, Ints]
+    evaluation: Evaluation
+    protocol: MatchingProtocol
+    truths: list[MatchingTruth]
+    claims: list[SceneClaim]
+    scored: list[ScoredScene]
 
 
-def score_scene(
-    truth: MatchingTruth,
-    claim: SceneClaim,
-    lifting: Lift,
-    solver: Solver,
-    settings: MatchingScores,
+def evaluate_matching(
+    path: Path,
     *,
-    workers: int = 1,
+    data: Path,
+    protocol: str | None = None,
+    method: str | None = None,
+    memory_bytes: int,
+    jobs: int = 1,
     progress: Progress = silent,
-) -> ScoredScene:
-    """Score every query of a scene.
+) -> MatchingEvaluation:
+    """Score a prediction file of the matching track.
 
     Parameters
     ----------
-    truth : MatchingTruth
-        With Q queries.
-    claim : SceneClaim
-        Of the same Q queries.
-    lifting, solver, settings : Lift, Solver, MatchingScores
-        The protocol's.
-    workers : int
-        Threads; the records do not depend on it.
+    path : Path
+        The predictions: matches, 2D-3D pairs, or poses.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    protocol : str, optional
+        Name or path; by default the file's own.
+    method : str, optional
+        What tables call it; by default the file's stem.
+    memory_bytes : int
+        The most that one array of the file may take.
+    jobs : int
+        Threads for lifting and solving; the numbers do not depend on it.
     progress : Progress
+        Shows poses as they are solved.
 
-    Returns
-    -------
-    ScoredScene
-        A failure has infinite errors and stays in the records.
+    Raises
+    ------
+    UserError
+        The predictions, the protocol or the benchmark folder are not as they must be.
     """
-    if claim.poses is not None:
-        posed = _given(claim.poses)
-    else:
-        posed = _solved(truth, claim, lifting, solver, workers, progress)
-    records = _records(truth, claim.answered, posed, settings)
-    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds)
-
-
-def _records(
-    truth: MatchingTruth, answered: NDArray[np.bool_], posed: _Posed, settings: MatchingScores
-) -> pd.DataFrame:
-    import pandas as pd
-
-    true = truth.poses
-    rotation = true.rotation if settings.orientation_is_trusted else None
-    errors = pose_errors(posed.rotations, posed.centres, rotation, true.centres)
-    columns: dict[str, Any] = {
-        "scene": truth.scene,
-        "query": truth.queries["id"].to_numpy(),
-        "answered": answered,
-        "status": np.where(answered, posed.status, MISSING),
-        "failed": ~np.isfinite(errors.translation_m),
-        **posed.counts,
-        **_error_columns(errors, settings),
-        **_score_columns(errors, settings),
-    }
-    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
-
-
-def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
-    """Return the records of a method that answers every query by its prior pose."""
-    answered = np.ones(len(truth.queries), np.bool_)
-    return _records(truth, answered, _given(truth.priors), settings)
-
-
-def _given(poses: Poses) -> _Posed:
-    none: NDArray[np.bool_] = np.zeros(0, np.bool_)
-    found: NDArray[np.bool_] = np.asarray(np.isfinite(poses.centres).all(axis=1))
-    return _Posed(
-        poses.rotation,
-        poses.centres,
-        np.where(found, GIVEN, NOT_GIVEN).tolist(),
-        [none] * len(found),
-        np.zeros(len(found)),
-        {},
+    refuse_other_track(path, protocol, data, MatchingProtocol, memory_bytes)
+    predictions = read_matching(path, memory_bytes)
+    chosen = choose_protocol(path, predictions.protocol, protocol, data, MatchingProtocol)
+    for fault in faults(predictions):
+        raise fault
+    benchmark = find_benchmark(chosen.benchmark, data)
+    truths = read_matching_truths(benchmark, chosen)
+    rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
+    pairs = list(zip(truths, rows, strict=True))
+    claims = [claim_of_scene(predictions, truth, found) for truth, found in pairs]
+    scored = score_claims(chosen, truths, claims, jobs=jobs, progress=progress)
+    records = concatenate([scene.records for scene in scored])
+    run = Run(
+        path,
+        method or path.stem,
+        predictions.kind,
+        chosen,
+        benchmark,
+        {truth.scene: truth.fingerprint for truth in truths},
     )
-
-
-def _solved(
-    truth: MatchingTruth,
-    claim: SceneClaim,
-    lifting: Lift,
-    solver: Solver,
-    workers: int,
-    progress: Progress,
-) -> _Posed:
-    points, status = lifted_points(truth, claim, lifting, workers)
-    given = np.diff(claim.offsets)
-    lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
-    cameras = truth.cameras
-    problems = [
-        PoseProblem(
-            cameras.take(row), claim.query_xy[part][lifted[part]], points[part][lifted[part]]
-        )
-        for row, part in enumerate(claim.parts())
+    counts = {
+        truth.scene: _counts(truth, records) | {"equal_to_prior": equal_to_prior(truth, claim)}
+        for truth, claim in zip(truths, claims, strict=True)
+    }
+    notes = [
+        *scored_notes(records, predictions, truths, scored),
+        *claim_notes(predictions, truths, claims),
     ]
-    settings = solver.model_dump(exclude={"name", "least_matches"})
-    found = solve_poses(
-        problems, workers=workers, progress=progress, solver=solver.name, **settings
+    scores = matching_scores(chosen.scores)
+    result = make_result(run, records, scores, counts, extra, notes, _references(chosen, truths))
+    return MatchingEvaluation(Evaluation(result, records), chosen, truths, claims, scored)
+
+
+def score_claims(
+    protocol: MatchingProtocol,
+    truths: Sequence[MatchingTruth],
+    claims: Sequence[SceneClaim],
+    *,
+    jobs: int,
+    progress: Progress = silent,
+) -> list[ScoredScene]:
+    """Score the claim about each scene by a protocol."""
+    return [
+        score_scene(
+            truth,
+            claim,
+            protocol.lift,
+            protocol.solver,
+            protocol.scores,
+            workers=jobs,
+            progress=progress,
+        )
+        for truth, claim in zip(truths, claims, strict=True)
+    ]
+
+
+def _references(
+    protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
+) -> dict[str, Reference]:
+    """Score the priors as if they were a method's poses; where they are the truth, nothing."""
+    if protocol.prior.source == "truth":
+        return {}
+    records = concatenate([score_priors(truth, protocol.scores) for truth in truths])
+    scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
+    floor = Reference(
+        meaning="what the photos' own GPS and gimbal angles score, without any matching",
+        **with_summary(summarise(records, scores, scenes)),
     )
-    return _Posed(
-        np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
-        np.array([estimate.centre for estimate in found]).reshape(-1, 3),
-        [estimate.status.value for estimate in found],
-        [
-            _of_all(estimate, lifted[part])
-            for estimate, part in zip(found, claim.parts(), strict=True)
+    return {PRIOR_ITSELF: floor}
+
+
+def check_matching(path: Path, *, data: Path, protocol: str | None, memory_bytes: int) -> Checked:
+    """Find all that is wrong with a prediction file, without looking at true poses.
+
+    Where the benchmark folder is there, ids are held against its queries, pixels against photos
+    and crops, and poses against the priors.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read at all, or the protocol is unknown.
+    """
+    refuse_other_track(path, protocol, data, MatchingProtocol, memory_bytes)
+    predictions = read_matching(path, memory_bytes)
+    chosen = choose_protocol(path, predictions.protocol, protocol, data, MatchingProtocol)
+    found = list(faults(predictions))
+    if found:
+        return Checked(found, [])
+    claims: list[SceneClaim] = []
+    checked = check_against_benchmark(
+        path,
+        predictions.query_ids,
+        chosen,
+        data,
+        lambda: read_matching_truths(find_benchmark(chosen.benchmark, data), chosen),
+        lambda truth, rows: claims.append(claim_of_scene(predictions, truth, rows)),
+        lambda truths: [
+            *lifting_notes(truths, claims, chosen.lift, chosen.solver, _CHECKING_THREADS),
+            *claim_notes(predictions, truths, claims),
         ],
-        np.array([estimate.seconds for estimate in found]),
-        _counts(claim, status, found),
     )
+    if not checked.faults and isinstance(predictions.claim, PoseClaim):
+        try:  # as claims do, where the benchmark is not there to make them
+            check_digits(predictions.claim, predictions.query_ids)
+        except PredictionError as error:
+            return Checked([error.inside(path)], checked.notes)
+    return checked
 
 
-def lifted_points(
-    truth: MatchingTruth, claim: SceneClaim, lifting: Lift, workers: int
-) -> tuple[Floats, NDArray[np.uint8]]:
-    """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
-    if claim.map_xy is None:
-        return claim.points, np.full(len(claim.points), LiftStatus.LIFTED, np.uint8)
-    heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
-    shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
-    lifted = lift(
-        claim.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
-    )
-    return lifted.points, lifted.status
+def read_matching_truths(benchmark: Benchmark, protocol: MatchingProtocol) -> list[MatchingTruth]:
+    """Read the truth of every scene of a protocol, in its order."""
+    benchmark.check_fits(protocol)
+    return [read_truth(benchmark, scene.id) for scene in protocol.scenes]
 
 
-def _of_all(estimate: PoseEstimate, lifted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Spread inliers among lifted matches over all matches of a query."""
-    inliers = np.zeros(len(lifted), np.bool_)
-    inliers[lifted] = estimate.inliers
-    return inliers
+def save_timings(evaluation: MatchingEvaluation, folder: Path) -> None:
+    """Write ``timings.csv``: seconds of the solver for each query, which differ by run."""
+    parts = [
+        scene.records[["scene", "query"]].assign(seconds=np.round(scene.seconds, 6))
+        for scene in evaluation.scored
+    ]
+    with atomic_write(folder / "timings.csv", "w") as stream:
+        concatenate(parts).to_csv(stream, index=False, lineterminator="\n")
 
 
-def _counts(
-    claim: SceneClaim, status: NDArray[np.uint8], found: list[PoseEstimate]
-) -> dict[str, Ints]:
-    names = {
-        "lifted": LiftStatus.LIFTED,
-        "outside_map": LiftStatus.OUTSIDE_MAP,
-        "outside_dsm": LiftStatus.OUTSIDE_DSM,
-        "no_height": LiftStatus.NO_HEIGHT,
+def _counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int]:
+    rows = records[records["scene"] == truth.scene]
+    counts = {
+        "queries": len(rows),
+        "missing": int((~rows["answered"]).sum()),
+        "failed": int(rows["failed"].sum()),
+        "left_out": len(truth.excluded),
     }
-    parts = claim.parts()
-    counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
-    for name, kind in names.items():
-        counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)
-    counts["beyond_limit"] = np.array([estimate.left_out for estimate in found], np.int64)
-    counts["inliers"] = np.array([estimate.inliers.sum() for estimate in found], np.int64)
+    for name in ("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"):
+        if name in rows.columns:
+            counts[name] = int(rows[name].sum())
     return counts
-
-
-def _error_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    columns = {
-        "error_m": errors.translation_m,
-        "horizontal_m": errors.horizontal_m,
-        "vertical_m": errors.vertical_m,
-    }
-    if errors.rotation_deg is not None:
-        worst = settings.failed_rotation_deg
-        failed = np.inf if worst == "infinite" else worst
-        known = np.isfinite(errors.rotation_deg)
-        columns["rotation_deg"] = np.where(known, errors.rotation_deg, failed)
-    return columns
-
-
-def _score_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    metres, degrees = errors.translation_m, errors.rotation_deg
-    columns = {translation_column(m): within(metres, None, m) for m in settings.translation_below_m}
-    if settings.orientation_is_trusted:
-        for m, deg in settings.pose_below_m_deg:
-            columns[pose_column(m, deg)] = within(metres, degrees, m, deg)
-    return columns | {auc_column(m): area_share(metres, m) for m in settings.auc_up_to_m}

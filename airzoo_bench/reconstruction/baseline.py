@@ -103,7 +103,7 @@ def sparse_reconstruction(
     sizes : (N, 2) int64 array
         Width and height of the photos, as stored.
     read : Reader
-        Such as `airzoo_bench.datasets.images.read_rgb_photo`; must be picklable.
+        Such as `airzoo_bench.benchmark.images.read_rgb_photo`; must be picklable.
     settings : SfmSettings
     folder : Path
         Keeps what steps have made; a second run takes it up.

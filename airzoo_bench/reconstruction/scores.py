@@ -47,7 +47,7 @@ def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -
     Returns
     -------
     list of Score
-        The columns are those of `airzoo_bench.reconstruction.track.score_scene`.
+        The columns are those of `airzoo_bench.reconstruction.scoring.score_scene`.
     """
     main = settings.headline_below_m
     scores = [

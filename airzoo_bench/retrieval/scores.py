@@ -32,7 +32,7 @@ def retrieval_scores(settings: RetrievalScores) -> list[Score]:
     Returns
     -------
     list of Score
-        The columns are those of `airzoo_bench.retrieval.track.score_scene`.
+        The columns are those of `airzoo_bench.retrieval.scoring.score_scene`.
     """
     headline = [_share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     ap = ap_name(settings.ap_at, settings.ap)

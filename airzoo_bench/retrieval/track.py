@@ -1,127 +1,248 @@
-"""Scoring one scene of the retrieval track: truth and claim become records, a row a query."""
+"""The retrieval track: from a prediction file to records and a result."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.frames import geodesic_distance_m
-from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
-from airzoo_bench.retrieval.hits import hit_matrix
-from airzoo_bench.retrieval.metrics import (
-    average_precision,
-    average_precision_at,
-    first_hit_rank,
-    ndcg_at,
-    recall_at,
-    reciprocal_rank,
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.evaluation.common import (
+    Checked,
+    Run,
+    check_against_benchmark,
+    concatenate,
+    make_result,
+    match_queries,
 )
-from airzoo_bench.retrieval.scores import AP_VARIANTS, ap_name
+from airzoo_bench.evaluation.run_files import Evaluation
+from airzoo_bench.protocol.choice import choose_protocol, refuse_other_track
+from airzoo_bench.protocol.lookup import RetrievalProtocol
+from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.scores import summarise
+from airzoo_bench.retrieval.chance import chance_scores
+from airzoo_bench.retrieval.claims import is_answered, rank_scene, strange_tiles
+from airzoo_bench.retrieval.hits import hit_matrix
+from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
+from airzoo_bench.retrieval.reading import read_retrieval
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["score_scene"]
+__all__ = ["chance_level", "chance_words", "check_retrieval", "evaluate_retrieval", "read_truths"]
 
 
-def score_scene(
-    truth: RetrievalTruth,
-    ranking: Ranking,
-    answered: NDArray[np.bool_],
-    settings: RetrievalScores,
-) -> pd.DataFrame:
-    """Score every query of a scene.
+def evaluate_retrieval(
+    path: Path,
+    *,
+    data: Path,
+    protocol: str | None = None,
+    method: str | None = None,
+    memory_bytes: int,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Evaluation:
+    """Score a prediction file of the retrieval track.
 
     Parameters
     ----------
-    truth : RetrievalTruth
-        With Q queries and G tiles.
-    ranking : Ranking
-        Ranked tile indices (Q, K); a query without an answer has no tile in its row.
-    answered : (Q,) bool
-        Whether the predictions have the query.
-    settings : RetrievalScores
-        The protocol's.
+    path : Path
+        The predictions.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    protocol : str, optional
+        Name or path; by default the file's own.
+    method : str, optional
+        What tables call it; by default the file's stem.
+    memory_bytes : int
+        The most that one array of the file, and the ranking of descriptors, may take.
+    jobs : int
+        Threads for ranking descriptors; the numbers do not depend on it.
+    progress : Progress
+        Shows scenes as they are done.
 
-    Returns
-    -------
-    DataFrame
-        A row a query: identity, what was ranked, all scores, and the query's conditions.
+    Raises
+    ------
+    UserError
+        The predictions, the protocol or the benchmark folder are not as they must be.
     """
+    refuse_other_track(path, protocol, data, RetrievalProtocol, memory_bytes)
+    predictions = read_retrieval(path, memory_bytes)
+    chosen = choose_protocol(path, predictions.protocol, protocol, data, RetrievalProtocol)
+    for fault in faults(predictions, chosen.scores.depth):
+        raise fault
+    benchmark = find_benchmark(chosen.benchmark, data)
+    truths = read_truths(benchmark, chosen)
+    rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
+    scenes = [
+        _ranked(predictions, truth, found, chosen, memory_bytes, jobs)
+        for truth, found in progress(zip(truths, rows, strict=True), "scenes", len(truths))
+    ]
+    records = concatenate(
+        [score_scene(one.truth, one.ranking, one.answered, chosen.scores) for one in scenes]
+    )
+    run = Run(
+        path,
+        method or path.stem,
+        predictions.kind,
+        chosen,
+        benchmark,
+        {truth.scene: truth.fingerprint for truth in truths},
+    )
+    counts = {one.truth.scene: _counts(one) for one in scenes}
+    scores, notes = retrieval_scores(chosen.scores), _notes(predictions, scenes, chosen)
+    references = {"Chance level": chance_level(truths, chosen)}
+    return Evaluation(make_result(run, records, scores, counts, extra, notes, references), records)
+
+
+def check_retrieval(path: Path, *, data: Path, protocol: str | None, memory_bytes: int) -> Checked:
+    """Find all that is wrong with a prediction file, without looking at which tile is positive.
+
+    Where the benchmark folder is there, ids are held against its queries and tiles.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read at all, or the protocol is unknown.
+    """
+    predictions = read_retrieval(path, memory_bytes)
+    chosen = choose_protocol(path, predictions.protocol, protocol, data, RetrievalProtocol)
+    metric = chosen.scores.descriptor_metric
+    found = [*faults(predictions, chosen.scores.depth), *deep_faults(predictions, metric)]
+    if found:
+        return Checked(found, [])
+    scenes: list[_Scene] = []
+
+    def hold(truth: RetrievalTruth, rows: NDArray[np.intp]) -> None:
+        scenes.append(_ranked(predictions, truth, rows, chosen, memory_bytes, 1))
+
+    return check_against_benchmark(
+        path,
+        predictions.query_ids,
+        chosen,
+        data,
+        lambda: read_truths(find_benchmark(chosen.benchmark, data), chosen),
+        hold,
+        lambda _: _notes(predictions, scenes, chosen),
+    )
+
+
+def read_truths(benchmark: Benchmark, protocol: RetrievalProtocol) -> list[RetrievalTruth]:
+    """Read the truth of every scene of a protocol, in its order."""
+    benchmark.check_fits(protocol)
+    return [read_truth(benchmark.scene_folder(scene.id), scene.id) for scene in protocol.scenes]
+
+
+def chance_level(truths: Sequence[RetrievalTruth], protocol: RetrievalProtocol) -> Reference:
+    """Return what tiles in random order score, by scene; see `chance_scores`."""
     import pandas as pd
 
-    hits = hit_matrix(
-        ranking.tiles, truth.positives.offsets, truth.positives.tiles, len(truth.tiles)
+    tables = [
+        pd.DataFrame(
+            chance_scores(truth.positives.counts, len(truth.tiles), protocol.scores)
+        ).assign(scene=truth.scene)
+        for truth in truths
+    ]
+    scores = [score for score in retrieval_scores(protocol.scores) if score.column in tables[0]]
+    summary = summarise(concatenate(tables), scores, [truth.scene for truth in truths])
+    return Reference(
+        meaning="expected of tiles in random order, exactly, from each query's number of positives "
+        "and the size of its gallery",
+        **with_summary(summary),
     )
-    columns: dict[str, Any] = {
-        "scene": truth.scene,
-        "query": truth.queries["id"].to_numpy(),
-        "answered": answered,
-        "positives": truth.positives.counts,
-        "tie_dependent": ranking.tie_dependent,
-        "first_hit_rank": first_hit_rank(hits),
-        **_ranked_tiles(truth, ranking, max(settings.recall_at)),
-        **_hit_scores(hits, truth.positives.counts, settings),
-        **_distance_scores(truth, ranking, settings),
-    }
-    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
 
 
-def _hit_scores(
-    hits: NDArray[np.bool_], positives: NDArray[np.int64], settings: RetrievalScores
-) -> dict[str, NDArray[np.float64]]:
-    scores = {f"recall@{k}": recall_at(hits, k) for k in settings.recall_at}
-    for variant in AP_VARIANTS:
-        name = ap_name(settings.ap_at, variant)
-        scores[name] = average_precision_at(hits, positives, settings.ap_at, variant)
-    scores["map"] = average_precision(hits, positives)
-    scores["mrr"] = reciprocal_rank(hits)
-    return scores | {f"ndcg@{k}": ndcg_at(hits, positives, k) for k in settings.ndcg_at}
+def chance_words(protocol: RetrievalProtocol, data: Path) -> str:
+    """Write out the chance level of the headline scores, averaged over scenes."""
+    truths = read_truths(find_benchmark(protocol.benchmark, data), protocol)
+    level = chance_level(truths, protocol).overall
+    headline = [score for score in retrieval_scores(protocol.scores) if score.headline]
+    return ", ".join(f"{score.title} {level[score.column]:.2%}" for score in headline)
 
 
-def _distance_scores(
-    truth: RetrievalTruth, ranking: Ranking, settings: RetrievalScores
-) -> dict[str, NDArray[np.float64]]:
-    depth = max(1, *settings.sdm_at, *settings.pdm_at)
-    tiles = ranking.tiles[:, :depth]
-    distances = _distances(truth, tiles)
-    sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
-    first = top1_distance(distances)
-    scores = {"distance_m": first}
-    scores |= {f"distance<{m:g}m": is_within(first, m) for m in settings.distance_below_m}
-    scores |= {f"sdm@{k}": sdm_at(distances, k, settings.sdm_scale_per_m) for k in settings.sdm_at}
-    for k in settings.pdm_at:
-        scores[f"pdm@{k}"] = pdm_at(
-            distances,
-            k,
-            tile_size_m=sizes,
-            steepness=settings.pdm_steepness,
-            tolerance=settings.pdm_tolerance_tiles,
+@dataclass(frozen=True)
+class _Scene:
+    """What became of one scene: its truth, its ranking, and which lists there are."""
+
+    truth: RetrievalTruth
+    ranking: Ranking
+    answered: NDArray[np.bool_]
+    given: NDArray[np.bool_]
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """How many ranks each query has a tile at."""
+        lengths: NDArray[np.int64] = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
+        return lengths
+
+    def shorter(self, depth: int) -> int:
+        """Count the lists that end before a rank, and not all of whose positives they hold."""
+        positives = self.truth.positives
+        hits = hit_matrix(
+            self.ranking.tiles, positives.offsets, positives.tiles, len(self.truth.tiles)
         )
-    return scores
+        short = (self.lengths > 0) & (self.lengths < min(depth, len(self.truth.tiles)))
+        return int((short & (np.count_nonzero(hits, axis=1) < positives.counts)).sum())
 
 
-def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return metres from footprint centre to tile centre; infinite where either is missing."""
-    boxes = truth.boxes
-    centres = (boxes[:, :2] + boxes[:, 2:]) / 2
-    queries = np.repeat(truth.footprint_centres[:, None], tiles.shape[1], axis=1)
-    there = (tiles >= 0) & np.isfinite(queries).all(axis=-1)
-    distances = np.full(tiles.shape, np.inf)
-    distances[there] = geodesic_distance_m(queries[there], centres[tiles[there]])
-    return distances
+def _ranked(
+    predictions: RetrievalPredictions,
+    truth: RetrievalTruth,
+    rows: NDArray[np.intp],
+    protocol: RetrievalProtocol,
+    memory_bytes: int,
+    jobs: int,
+) -> _Scene:
+    ranking = rank_scene(
+        predictions, truth, rows, protocol.scores, memory_bytes=memory_bytes, workers=jobs
+    )
+    return _Scene(truth, ranking, is_answered(predictions, rows), rows >= 0)
 
 
-def _ranked_tiles(truth: RetrievalTruth, ranking: Ranking, depth: int) -> dict[str, Any]:
-    """Return how many tiles each list has, and the ids of the first, empty beyond its end."""
-    ids = np.append(truth.tiles["id"].to_numpy(object), "")
-    tiles = np.full((len(ranking.tiles), depth), -1, np.int32)
-    given = ranking.tiles[:, :depth]
-    tiles[:, : given.shape[1]] = given
-    ranked = (ranking.tiles >= 0).sum(axis=1)
-    return {"ranked": ranked} | {f"tile@{k + 1}": ids[tiles[:, k]] for k in range(depth)}
+def _counts(scene: _Scene) -> dict[str, int]:
+    truth = scene.truth
+    return {
+        "queries": len(truth.queries),
+        "tiles": len(truth.tiles),
+        "missing": int((~scene.answered).sum()),
+        "empty_lists": int((scene.given & ~scene.answered).sum()),
+        "tie_dependent": int(scene.ranking.tie_dependent.sum()),
+        "without_positive": len(truth.excluded) + int((truth.positives.counts == 0).sum()),
+        "without_ground_point": truth.without_ground_point,
+        "dropped_tiles": len(truth.dropped_tiles),
+    }
+
+
+def _notes(
+    predictions: RetrievalPredictions, scenes: Sequence[_Scene], protocol: RetrievalProtocol
+) -> list[str]:
+    """Say what `eval` and `check` find beside the scores."""
+    counts = [_counts(scene) for scene in scenes]
+    empty = sum(count["empty_lists"] for count in counts)
+    tied = sum(count["tie_dependent"] for count in counts)
+    flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
+    strange = strange_tiles(predictions, [scene.truth for scene in scenes])
+    dropped = sum(count["dropped_tiles"] for count in counts)
+    said = (
+        (empty, "queries have an empty list, and count as missing"),
+        (tied, "queries depend on ties, which were broken against the method"),
+        (flat, "queries score all of their tiles alike: they have no ranking, and score nothing"),
+        (strange, "described tiles are in no gallery and were left aside"),
+        (dropped, "tiles of the maps are not in the galleries, since the maps are empty there"),
+    )
+    return [f"{n} {what}" for n, what in said if n] + _short_lists(scenes, protocol.scores)
+
+
+def _short_lists(scenes: Sequence[_Scene], scores: RetrievalScores) -> list[str]:
+    """Say which scores read ranks that lists do not have."""
+    n = sum(scene.shorter(scores.ranks_kept) for scene in scenes)
+    depths = [k for k in scores.ndcg_at if any(scene.shorter(k) for scene in scenes)]
+    names = ", ".join(["mAP", "MRR", *(f"nDCG@{k}" for k in depths)])
+    text = f"{n} lists end before rank {scores.ranks_kept} without all positives, which count as "
+    return [f"{text}not found in {names}"] if n else []

@@ -17,7 +17,7 @@ from pydantic import Field
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.settings import Name, Strict
 from airzoo_bench.core.validation import nearest, read_toml, validated
-from airzoo_bench.protocol import load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.tables.printed.cells import Printed
 from airzoo_bench.tables.printed.table import read_published
 

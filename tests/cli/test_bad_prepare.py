@@ -89,7 +89,7 @@ def options(**changes: object) -> Callable[[Place], dict[str, object]]:
 
 
 def resolution(place: Place) -> dict[str, object]:
-    from airzoo_bench.protocol import shipped_protocols
+    from airzoo_bench.protocol.lookup import shipped_protocols
 
     text = shipped_protocols()["photos-retrieval"].read_text()
     path = place.poses.parent / "fine.toml"

@@ -18,12 +18,12 @@ from PIL import Image
 from rasterio import Affine
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.images import photo_size, read_grey
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.images import photo_size, read_grey
 from airzoo_bench.datasets.photos import Prepared, prepare_photos
 from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.protocol import load_protocol
+from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from tests.support import (

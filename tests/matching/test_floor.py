@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.matching.track import score_scene
-from airzoo_bench.runner.matching_seeds import spread_over_seeds
+from airzoo_bench.matching.scoring import score_scene
+from airzoo_bench.matching.seeds import spread_over_seeds
 from tests.matching.test_track import evaluated, noisy
 from tests.matching.world import N_QUERIES, World, made_matching_protocol, make_world
 from tests.support import run_main

@@ -15,8 +15,8 @@ from rasterio import Affine
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.matching.claims import claim_of_scene
 from airzoo_bench.matching.reading import read_matching
-from airzoo_bench.matching.track import ScoredScene, score_scene
-from airzoo_bench.runner.matching import MatchingEvaluation, evaluate_matching
+from airzoo_bench.matching.scoring import ScoredScene, score_scene
+from airzoo_bench.matching.track import MatchingEvaluation, evaluate_matching
 from airzoo_bench.tables.build import scenes_table
 from tests.matching.world import (
     EAST,

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol import (
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     RetrievalProtocol,
     load_protocol,

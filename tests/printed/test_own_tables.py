@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol import (
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     ReconstructionProtocol,
     RetrievalProtocol,

@@ -10,8 +10,8 @@ import pytest
 from PIL import ExifTags, Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.images import read_rgb_photo
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment.cameras import align

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.matching.track import evaluate_matching
 from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.result import Result, read_result
-from airzoo_bench.runner.matching import evaluate_matching
 from airzoo_bench.statistics.samples import Sample
 from airzoo_bench.tables.breakdown import (
     condition_names,

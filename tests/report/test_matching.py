@@ -156,8 +156,8 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
     from pyproj import CRS
 
     from airzoo_bench.geometry.frames import to_lonlat
-    from airzoo_bench.runner import matching_figures
-    from airzoo_bench.runner.matching import evaluate_matching
+    from airzoo_bench.matching.track import evaluate_matching
+    from airzoo_bench.report import matching_run as matching_figures
 
     path = world.write(tmp_path / "m.npz", world.poses())
     run = evaluate_matching(path, data=world.root, memory_bytes=1 << 30)

@@ -20,7 +20,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import write_benchmark_file
 from airzoo_bench.core.errors import BenchmarkError, ResultError, UsageError
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol import (
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     RetrievalProtocol,
     load_protocol,

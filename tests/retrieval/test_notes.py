@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.check import check_predictions
 from airzoo_bench.retrieval.chance import chance_scores
-from airzoo_bench.runner.checks import check_predictions
-from airzoo_bench.runner.retrieval import evaluate_retrieval
+from airzoo_bench.retrieval.track import evaluate_retrieval
 from tests.support import (
     MadeScene,
     made_protocol,
@@ -140,7 +140,7 @@ def test_no_warning_of_numpy_reaches_the_user(
 ) -> None:
     import tomli_w
 
-    from airzoo_bench.protocol import find_protocol
+    from airzoo_bench.protocol.lookup import find_protocol
 
     chosen = find_protocol("made-retrieval", data)
     values = chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
@@ -199,7 +199,7 @@ def test_the_chance_level_stands_beside_the_scores(
 
 
 def _scores_of(data: Path) -> Any:
-    from airzoo_bench.protocol import find_protocol
+    from airzoo_bench.protocol.lookup import find_protocol
 
     return find_protocol("made-retrieval", data).scores
 

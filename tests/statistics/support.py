@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from airzoo_bench.evaluation.run_files import Evaluation, save
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import (
     PredictionsUsed,
@@ -20,7 +21,6 @@ from airzoo_bench.results.result import (
     with_summary,
 )
 from airzoo_bench.results.scores import Score, summarise
-from airzoo_bench.runner.run_files import Evaluation, save
 
 HIT = ScoreColumn(
     key="recall@1",

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.evaluation.run_files import Evaluation, save
 from airzoo_bench.results.records import Scored, read_records, read_scored
 from airzoo_bench.results.result import read_result, write_result
-from airzoo_bench.runner.run_files import Evaluation, save
 from tests.statistics.support import ERROR, HIT, made_method, made_records, write_method
 
 COLUMNS = (HIT, ERROR)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.protocol import load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, write_result
 from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.published import published_tables

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, ProtocolError, first_of
 from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.protocol import Protocol, find_protocol, load_protocol, protocol_files
+from airzoo_bench.protocol.lookup import Protocol, find_protocol, load_protocol, protocol_files
 
 __all__ = ["choose_protocol", "other_benchmark", "refuse_other_track"]
 

@@ -15,7 +15,8 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError
 from airzoo_bench.core.files import fingerprint, sha256_of_tree
 from airzoo_bench.core.ids import assign_queries, scene_of
-from airzoo_bench.protocol import Protocol, load_protocol, protocol_files
+from airzoo_bench.protocol.choice import other_benchmark
+from airzoo_bench.protocol.lookup import Protocol, load_protocol, protocol_files
 from airzoo_bench.results.comparable import other_settings
 from airzoo_bench.results.result import (
     PredictionsUsed,
@@ -28,7 +29,6 @@ from airzoo_bench.results.result import (
     with_summary,
 )
 from airzoo_bench.results.scores import Score, summarise
-from airzoo_bench.runner.protocol_choice import other_benchmark
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,7 +12,8 @@ from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.matching.template import match_template
-from airzoo_bench.protocol import (
+from airzoo_bench.matching.track import read_matching_truths
+from airzoo_bench.protocol.lookup import (
     MatchingProtocol,
     Protocol,
     ReconstructionProtocol,
@@ -20,10 +21,9 @@ from airzoo_bench.protocol import (
     find_protocol,
 )
 from airzoo_bench.reconstruction.template import depth_template
+from airzoo_bench.reconstruction.track import read_reconstruction_truths
 from airzoo_bench.retrieval.template import descriptor_template, ranked_template
-from airzoo_bench.runner.matching import read_matching_truths
-from airzoo_bench.runner.reconstruction import read_reconstruction_truths
-from airzoo_bench.runner.retrieval import read_truths
+from airzoo_bench.retrieval.track import read_truths
 
 __all__ = ["write_template"]
 

@@ -16,23 +16,23 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.source import FileCloud
-from airzoo_bench.protocol import ReconstructionProtocol
+from airzoo_bench.protocol.choice import choose_protocol
+from airzoo_bench.protocol.lookup import ReconstructionProtocol
+from airzoo_bench.reconstruction.camera_names import claim_of_scene, kind_of, true_cameras
+from airzoo_bench.reconstruction.notes import (
+    notes_of_digits,
+    notes_of_placed,
+    notes_of_reading,
+    notes_of_scored,
+)
 from airzoo_bench.reconstruction.placing import Rules, TrueScene, Work, place_claim
 from airzoo_bench.reconstruction.reading import (
     ReconstructionPredictions,
     ScenePrediction,
     open_reconstruction,
 )
-from airzoo_bench.reconstruction.track import ScoredScene, score_scene
+from airzoo_bench.reconstruction.scoring import ScoredScene, score_scene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
-from airzoo_bench.runner.protocol_choice import choose_protocol
-from airzoo_bench.runner.reconstruction_claims import claim_of_scene, kind_of, true_cameras
-from airzoo_bench.runner.reconstruction_notes import (
-    notes_of_digits,
-    notes_of_placed,
-    notes_of_reading,
-    notes_of_scored,
-)
 
 __all__ = ["SceneOutcome", "look_into", "open_predictions", "scored_scene", "work_for"]
 

@@ -12,8 +12,8 @@ from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import LiftStatus
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
+from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
 from airzoo_bench.matching.settings import Lift, Solver
-from airzoo_bench.matching.track import NOT_GIVEN, ScoredScene, lifted_points
 from airzoo_bench.matching.truth import MatchingTruth
 
 if TYPE_CHECKING:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.common import Checked
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.formats import SUFFIXES
-from airzoo_bench.protocol import find_protocol
-from airzoo_bench.runner.common import Checked
+from airzoo_bench.protocol.lookup import find_protocol
 
 __all__ = ["check_predictions"]
 
@@ -37,9 +37,9 @@ def check_predictions(
     UserError
         The file cannot be read at all, or the protocol is unknown.
     """
-    from airzoo_bench.runner.matching import check_matching
-    from airzoo_bench.runner.reconstruction import check_reconstruction
-    from airzoo_bench.runner.retrieval import check_retrieval
+    from airzoo_bench.matching.track import check_matching
+    from airzoo_bench.reconstruction.track import check_reconstruction
+    from airzoo_bench.retrieval.track import check_retrieval
 
     tracks = {
         "retrieval": check_retrieval,

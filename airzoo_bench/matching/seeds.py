@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.evaluation.common import concatenate
 from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.track import MatchingEvaluation, score_claims
 from airzoo_bench.results.scores import Score, summarise
-from airzoo_bench.runner.common import concatenate
-from airzoo_bench.runner.matching import MatchingEvaluation, score_claims
 
 __all__ = ["SeedSpread", "spread_over_seeds"]
 

@@ -13,9 +13,9 @@ from airzoo_bench.reconstruction.cloud_suspicions import lost_digits, mirror_sus
 from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.placing import Claim, PlacedClaim
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, ScenePrediction
+from airzoo_bench.reconstruction.scoring import ScoredScene
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, ReconstructionScores
-from airzoo_bench.reconstruction.track import ScoredScene
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.view_suspicions import suspect_camera_to_world, suspect_image_size
 from airzoo_bench.reconstruction.views import Views

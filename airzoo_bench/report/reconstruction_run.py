@@ -14,8 +14,8 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, Residuals
+from airzoo_bench.reconstruction.track import ReconstructionEvaluation
 from airzoo_bench.report.reconstruction import draw_curve, draw_error_map, error_colours
-from airzoo_bench.runner.reconstruction import ReconstructionEvaluation
 
 __all__ = ["draw_figures", "save_alignments", "write_clouds"]
 

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import find_benchmark
+from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.images import read_rgb_photo
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 from airzoo_bench.geometry.planes import change_of_plane
 from airzoo_bench.geometry.rasters import open_info, read_rgb
 from airzoo_bench.matching.claims import SceneClaim
-from airzoo_bench.matching.track import ScoredScene
+from airzoo_bench.matching.scoring import ScoredScene
+from airzoo_bench.matching.track import MatchingEvaluation
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.report.figures import save_figure
 from airzoo_bench.report.matching import draw_error_curves, draw_matches, draw_queries_on_map
-from airzoo_bench.runner.matching import MatchingEvaluation
 
 __all__ = ["draw_figures"]
 
