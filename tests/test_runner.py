@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def test_overall_is_the_unweighted_mean_of_scenes(
     assert result.overall["recall@1"] == 0.5
     assert result.pooled["recall@1"] == 0.6
     assert result.counts["west"]["missing"] == 4
-    assert any("4 queries are missing" in note for note in result.notes)
+    assert any("scored at their worst: 4 of 10 (" in note for note in result.notes)
 
 
 def test_a_missing_query_is_infinitely_far(
@@ -282,7 +283,7 @@ def test_a_template_scores(data: Path, tmp_path: Path, *, descriptors: bool) -> 
     assert 0 <= result.overall["recall@5"] <= 1
 
 
-def test_a_run_replaces_one_of_another_track_and_says_so(
+def test_a_run_replaces_an_earlier_one_and_says_so(
     data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "mymethod"
@@ -294,11 +295,15 @@ def test_a_run_replaces_one_of_another_track_and_says_so(
     (out / "figures").mkdir()
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
-    assert "holds a run of the matching track; result.json, records.csv, timings.csv, figures " in (
-        capsys.readouterr().err
-    )
+    said = capsys.readouterr().err
+    assert "holds a run of the matching track: Method by " in said
+    assert "result.json, records.csv, timings.csv, figures will be replaced" in said
+    assert f"wrote {out / 'result.json'} and {out / 'records.csv'}" in said
     assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
     assert read_result(out / "result.json").predictions.method == "mymethod"
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out, "--method", "M") == 0
-    assert "holds a run" not in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "holds a run of the retrieval track: mymethod by made-retrieval v" in said
+    assert f"written {date.today():%Y-%m-%d}" in said
+    assert "; result.json, records.csv will be replaced" in said
     assert read_result(out / "result.json").predictions.method == "M"

@@ -28,7 +28,10 @@ def check(
     data: DataOption = None,
     max_memory: MemoryOption = "2G",
 ) -> None:
-    """Say what is wrong with predictions; exit code 1 if anything is.
+    """Say what is wrong with predictions.
+
+    Exit code 0 if nothing is, 1 if anything is, 2 where there is nothing to check: no such file,
+    none of its kind, no protocol that is known.
 
     Needs no truth. Where the benchmark folder is there, ids are held against it and reconstructions
     are aligned, so that all is found that eval would refuse.

@@ -17,6 +17,7 @@ import typer
 
 from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.progress import told
 from airzoo_bench.tables.model import Table
 
 if TYPE_CHECKING:
@@ -181,9 +182,9 @@ def show(table: Table, form: Format, style: LatexStyle | None = None) -> None:
 
 
 def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
-    """Yield the items and draw a bar with the time left on stderr, if that is a terminal."""
+    """Yield the items and show the time left on stderr: a bar, or lines if that is no terminal."""
     if not sys.stderr.isatty():
-        yield from items
+        yield from told(items, label, total, say=say)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn

@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-OutOption = Annotated[Path | None, typer.Option(help="Folder for result.json and records.csv.")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder for result.json and records.csv, in place of an earlier run's."),
+]
 MethodOption = Annotated[
     str | None,
     typer.Option(help="The method's name in tables (default: the name of --out, else the file's)."),
@@ -62,7 +65,7 @@ def retrieval(
     from airzoo_bench.evaluation.run_files import save
     from airzoo_bench.retrieval.track import evaluate_retrieval
 
-    method = _named_after(out, method, "retrieval")
+    method = _named_after(out, method)
     evaluation = evaluate_retrieval(
         predictions,
         data=resolve_data(data),
@@ -72,10 +75,9 @@ def retrieval(
         jobs=jobs,
         progress=progress,
     )
-    if out is not None:
-        save(evaluation, out)
+    written = [] if out is None else save(evaluation, out)
     _print_result(evaluation.result, form, every_score=every_score)
-    _print_next(out)
+    _print_next(written)
 
 
 @app.command(
@@ -110,7 +112,7 @@ def matching(
 
     if figures and out is None:
         raise UsageError("--figures needs a folder to draw into", mend="add --out DIR")
-    method = _named_after(out, method, "matching")
+    method = _named_after(out, method)
     scored = evaluate_matching(
         predictions,
         data=resolve_data(data),
@@ -120,8 +122,7 @@ def matching(
         jobs=jobs,
         progress=progress,
     )
-    if out is not None:
-        save(scored.evaluation, out, partial(save_timings, scored))
+    written = [] if out is None else save(scored.evaluation, out, partial(save_timings, scored))
     if out is not None and figures:
         from airzoo_bench.report.matching_run import draw_figures
 
@@ -134,7 +135,7 @@ def matching(
         say(f"average over scenes under {seeds} seeds, of which the result has the first:")
         for spread in spread_over_seeds(scored, seeds, jobs=jobs, progress=progress):
             say(f"  {spread}")
-    _print_next(out)
+    _print_next(written)
 
 
 @app.command(
@@ -170,7 +171,7 @@ def reconstruction(
 
     if (figures or clouds) and out is None:
         raise UsageError("--figures and --clouds need a folder", mend="add --out DIR")
-    method = _named_after(out, method, "reconstruction")
+    method = _named_after(out, method)
     scored = evaluate_reconstruction(
         predictions,
         data=resolve_data(data),
@@ -181,6 +182,7 @@ def reconstruction(
         keep_clouds=figures or clouds,
         progress=progress,
     )
+    written: list[Path] = []
     if out is not None:
         from airzoo_bench.report.reconstruction_run import (
             draw_figures,
@@ -188,18 +190,18 @@ def reconstruction(
             write_clouds,
         )
 
-        save(scored.evaluation, out, partial(save_alignments, scored))
+        written = save(scored.evaluation, out, partial(save_alignments, scored))
         if figures:
             drawn = draw_figures(scored, out / "figures", progress)
             say(f"drew {drawn} pictures into {out / 'figures'}")
         if clouds:
-            written = write_clouds(scored, out / "clouds", progress)
-            say(f"wrote {written} clouds into {out / 'clouds'}")
+            coloured = write_clouds(scored, out / "clouds", progress)
+            say(f"wrote {coloured} clouds into {out / 'clouds'}")
     _print_result(scored.evaluation.result, form, every_score=every_score)
-    _print_next(out)
+    _print_next(written)
 
 
-def _named_after(out: Path | None, method: str | None, track: str) -> str | None:
+def _named_after(out: Path | None, method: str | None) -> str | None:
     """Check the folder for output, and return the method's name, which can be the folder's."""
     from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.evaluation.run_files import RESULT_FILES, earlier_run
@@ -207,7 +209,7 @@ def _named_after(out: Path | None, method: str | None, track: str) -> str | None
     if out is None:
         return method
     check_output_folder(out, RESULT_FILES)
-    replaced = earlier_run(out, track)
+    replaced = earlier_run(out)
     if replaced is not None:
         say(replaced)
     return method or out.resolve().name or None
@@ -223,9 +225,10 @@ def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
         show(scenes_table(result, every_score=every_score, floors=True), form)
 
 
-def _print_next(out: Path | None) -> None:
-    if out is not None:
-        say(f"wrote {out / 'result.json'} and {out / 'records.csv'}")
-        say(f"next: airzoo-bench table {out / 'result.json'} --format latex")
+def _print_next(written: list[Path]) -> None:
+    if written:
+        *others, last = map(str, written)
+        say(f"wrote {', '.join(others)} and {last}")
+        say(f"next: airzoo-bench table {written[0]} --format latex")
     else:
         say("nothing was written; add --out DIR to keep the result and its records")

@@ -17,8 +17,10 @@ __all__ = [
     "ProtocolError",
     "RasterError",
     "ResultError",
+    "UnreadableError",
     "UsageError",
     "UserError",
+    "counted",
     "first_of",
 ]
 
@@ -72,7 +74,7 @@ class UsageError(UserError):
 
 
 class ProtocolError(UserError):
-    """A protocol is unknown, or its file is not valid."""
+    """A protocol is unknown or not named, or its file is not valid."""
 
 
 class BenchmarkError(UserError):
@@ -81,6 +83,10 @@ class BenchmarkError(UserError):
 
 class PredictionError(UserError):
     """A prediction file cannot be scored as it is."""
+
+
+class UnreadableError(PredictionError):
+    """A prediction file is not there, or is no file of its kind."""
 
 
 class ResultError(UserError):
@@ -95,7 +101,14 @@ class CameraError(UserError):
     """A camera or pose is not one: singular intrinsics, a rotation that does not rotate."""
 
 
-def first_of(names: Iterable[object], total: int | None = None, shown: int = 3) -> str:
+def counted(count: int, one: str, many: str) -> str:
+    """Put a number before what it counts, such as ``"1 query has"`` or ``"1,200 queries have"``."""
+    return f"{count:,} {one if count == 1 else many}"
+
+
+def first_of(
+    names: Iterable[object], total: int | None = None, shown: int = 3, noun: str = ""
+) -> str:
     """Count names and show the first few, for messages.
 
     Parameters
@@ -106,14 +119,16 @@ def first_of(names: Iterable[object], total: int | None = None, shown: int = 3) 
         Out of how many; left out of the text where not given.
     shown : int
         How many to show.
+    noun : str
+        What they are, in the plural.
 
     Returns
     -------
     str
-        Such as ``"12 of 161 (first 3: a, b, c)"``.
+        Such as ``"12 of 161 queries (first 3: a, b, c)"``.
     """
     listed = [str(name) for name in names]
-    count = f"{len(listed)}" if total is None else f"{len(listed)} of {total}"
+    count = f"{len(listed):,}" if total is None else f"{len(listed):,} of {total:,}"
     head = ", ".join(listed[:shown])
     label = f"first {shown}: " if len(listed) > shown else ""
-    return f"{count} ({label}{head})"
+    return f"{count} {noun} ({label}{head})" if noun else f"{count} ({label}{head})"

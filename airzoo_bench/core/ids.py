@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.validation import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import pandas as pd
 
-__all__ = ["PHOTO_SUFFIXES", "assign_queries", "check_ids", "scene_of", "with_endings"]
+__all__ = [
+    "PHOTO_SUFFIXES",
+    "Assignment",
+    "assign_queries",
+    "check_ids",
+    "scene_of",
+    "with_endings",
+]
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 """What the names of photos end in; their ids leave it out."""
@@ -23,6 +32,9 @@ _IMAGE_SUFFIXES = (
     *PHOTO_SUFFIXES,
     *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
 )
+
+_SHOWN = 3
+_SHOWN_LETTERS = 80
 
 Texts = NDArray[np.str_]
 
@@ -70,9 +82,43 @@ def check_ids(ids: Texts, where: str) -> None:
         )
 
 
-def assign_queries(
-    given: Texts, scenes: Sequence[pd.Series[str]]
-) -> tuple[list[NDArray[np.intp]], int]:
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """Which row of the predictions answers which query.
+
+    Attributes
+    ----------
+    rows : list of (Q,) int
+        For each scene the row of each query, -1 where the predictions lack it.
+    missing : (M,) str
+        The queries that the predictions lack.
+    strange : (S,) str
+        Ids of the predictions that are no query of any scene.
+    """
+
+    rows: list[NDArray[np.intp]]
+    missing: Texts
+    strange: Texts
+
+    def notes(self) -> list[str]:
+        """Name the first queries that are missing, and the first ids that are none."""
+        notes = []
+        if self.missing.size:
+            named = first_of(self.missing, sum(len(found) for found in self.rows), _SHOWN)
+            notes.append(f"queries that the predictions lack, scored at their worst: {named}")
+        if self.strange.size:
+            # Each id stands once: what a mistyped one means is among the queries that are missing.
+            absent = self.missing.tolist()
+            shown = [
+                repr(name[:_SHOWN_LETTERS]) + nearest(name, absent, 1)
+                for name in self.strange[:_SHOWN].tolist()
+            ]
+            named = first_of([*shown, *self.strange[_SHOWN:]], shown=_SHOWN)
+            notes.append(f"ids of the predictions that are no queries, left aside: {named}")
+        return notes
+
+
+def assign_queries(given: Texts, scenes: Sequence[pd.Series[str]]) -> Assignment:
     """Find the row of the predictions that answers each query.
 
     Parameters
@@ -81,16 +127,13 @@ def assign_queries(
         Ids of the predictions, each once.
     scenes : sequence of Series
         Ids of the queries of each scene.
-
-    Returns
-    -------
-    rows : list of (Q,) int
-        For each scene the row of each query, -1 where the predictions lack it.
-    extra : int
-        How many ids of the predictions are no query of any scene.
     """
     import pandas as pd
 
     index = pd.Index(given)
     rows = [index.get_indexer(pd.Index(ids)) for ids in scenes]
-    return rows, len(given) - sum(int((found >= 0).sum()) for found in rows)
+    absent = [ids.to_numpy(str)[found < 0] for ids, found in zip(scenes, rows, strict=True)]
+    strange = np.ones(len(given), np.bool_)
+    for found in rows:
+        strange[found[found >= 0]] = False
+    return Assignment(rows, np.concatenate([np.zeros(0, "<U1"), *absent]), given[strange])

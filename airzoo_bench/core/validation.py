@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import heapq
 import tomllib
+from itertools import takewhile
+from operator import eq
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +21,8 @@ M = TypeVar("M", bound=BaseModel)
 
 _SHOWN = 5
 _OFFERED = 3
+_AS_NEAR = 0.1  # of what difflib says: others than the best are offered where they are as near
+_MANY = 200
 _SHORTEST_PART = 3  # letters; fewer are in too many names
 
 
@@ -80,9 +85,28 @@ def _known_keys(model: type[BaseModel]) -> list[str]:
     return keys
 
 
-def nearest(name: str, known: list[str]) -> str:
+def nearest(name: str, known: list[str], offered: int = _OFFERED) -> str:
     """Offer the known names that are most like a mistyped one, or hold it, for messages."""
-    near = difflib.get_close_matches(name, known, n=_OFFERED, cutoff=0.6)
+    some = known if len(known) <= _MANY else _alike_at_the_ends(name, known)
+    near = difflib.get_close_matches(name, some, n=offered, cutoff=0.6)
+    near = [other for other in near if _ratio(name, other) > _ratio(name, near[0]) - _AS_NEAR]
     if not near and len(name) >= _SHORTEST_PART:
-        near = [n for n in known if name.casefold() in n.casefold()][:_OFFERED]
+        near = [n for n in known if name.casefold() in n.casefold()][:offered]
     return f" (did you mean {' or '.join(repr(n) for n in near)}?)" if near else ""
+
+
+def _ratio(name: str, other: str) -> float:
+    return difflib.SequenceMatcher(None, other, name).ratio()
+
+
+def _alike_at_the_ends(name: str, known: list[str]) -> list[str]:
+    """Choose those that begin and end as a name does: comparing it with each takes seconds."""
+
+    def kept(other: str) -> int:
+        return _shared(name, other) + _shared(name[::-1], other[::-1])
+
+    return heapq.nlargest(_MANY, known, key=kept)
+
+
+def _shared(one: str, other: str) -> int:
+    return len(list(takewhile(bool, map(eq, one, other))))

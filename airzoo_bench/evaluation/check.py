@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.evaluation.common import Checked
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
@@ -35,7 +35,7 @@ def check_predictions(
     Raises
     ------
     UserError
-        The file cannot be read at all, or the protocol is unknown.
+        The file is not there or is none of its kind, or no protocol is known for it.
     """
     from airzoo_bench.matching.track import check_matching
     from airzoo_bench.reconstruction.track import check_reconstruction
@@ -46,15 +46,20 @@ def check_predictions(
         "matching": check_matching,
         "reconstruction": check_reconstruction,
     }
-    check = tracks[_track(path, data, protocol, memory_bytes)]
-    return check(path, data=data, protocol=protocol, memory_bytes=memory_bytes)
+    try:
+        check = tracks[_track(path, data, protocol, memory_bytes)]
+        return check(path, data=data, protocol=protocol, memory_bytes=memory_bytes)
+    except UnreadableError:
+        raise
+    except PredictionError as fault:
+        return Checked([fault], [])
 
 
 def _track(path: Path, data: Path, protocol: str | None, memory_bytes: int) -> str:
     """Find the track of a prediction by its protocol, else by what kind of file it is."""
     name = path.name.lower()
     if path.is_file() and not name.endswith((*_OTHER_KINDS, *SUFFIXES, *ARCHIVE_SUFFIXES)):
-        raise PredictionError(
+        raise UnreadableError(
             f"no kind of file that predictions come in: {path.suffix[:20]!r}",
             where=path,
             expected="retrieval: .npz or .parquet; matching: .npz or .txt; reconstruction: a "

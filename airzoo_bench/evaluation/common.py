@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError
 from airzoo_bench.core.files import fingerprint, sha256_of_tree
-from airzoo_bench.core.ids import assign_queries, scene_of
+from airzoo_bench.core.ids import Assignment, assign_queries, scene_of
 from airzoo_bench.protocol.choice import other_benchmark
 from airzoo_bench.protocol.lookup import Protocol, load_protocol, protocol_files
 from airzoo_bench.results.comparable import other_settings
@@ -37,7 +37,6 @@ __all__ = [
     "Checked",
     "Run",
     "check_against_benchmark",
-    "common_notes",
     "concatenate",
     "make_result",
     "match_queries",
@@ -105,7 +104,7 @@ def match_queries(
     protocol: Protocol,
     data: Path,
     truths: Sequence[HasQueries],
-) -> tuple[list[NDArray[np.intp]], int]:
+) -> Assignment:
     """Find the row of the predictions that answers each query; see `ids.assign_queries`.
 
     Raises
@@ -113,11 +112,11 @@ def match_queries(
     PredictionError
         No id is a query; the message says which benchmark they look like.
     """
-    rows, extra = assign_queries(ids, [truth.queries["id"] for truth in truths])
-    if all((found < 0).all() for found in rows):
+    assigned = assign_queries(ids, [truth.queries["id"] for truth in truths])
+    if all((found < 0).all() for found in assigned.rows):
         example = str(truths[0].queries["id"].iloc[0])
         raise other_benchmark(path, ids, protocol, data, example)
-    return rows, extra
+    return assigned
 
 
 def check_against_benchmark(
@@ -151,30 +150,19 @@ def check_against_benchmark(
     except BenchmarkError as error:
         return Checked([], [f"ids were not held against the benchmark: {error.what}"])
     try:
-        rows, extra = match_queries(path, ids, protocol, data, truths)
+        assigned = match_queries(path, ids, protocol, data, truths)
     except PredictionError as error:
         return Checked([error], [])
     faults = []
-    for truth, found in zip(truths, rows, strict=True):
+    for truth, found in zip(truths, assigned.rows, strict=True):
         try:
             hold(truth, found)
         except PredictionError as error:
             faults.append(error)
-    apart = _counts_apart(protocol, [len(truth.queries) for truth in truths])
-    notes = [*namesake_notes(protocol, data), *_assignment_notes(rows, extra), *apart]
+    counts = [{"queries": len(truth.queries)} for truth in truths]
+    apart = _counts_apart(protocol, dict(zip((s.id for s in protocol.scenes), counts, strict=True)))
+    notes = [*namesake_notes(protocol, data), *assigned.notes(), *apart]
     return Checked(faults, [*notes, *(suspect(truths) if not faults else [])])
-
-
-def _assignment_notes(rows: Sequence[NDArray[np.intp]], extra: int) -> list[str]:
-    """Say how many queries the predictions lack, and how many ids are no queries."""
-    missing = sum(int((found < 0).sum()) for found in rows)
-    total = sum(len(found) for found in rows)
-    notes = []
-    if missing:
-        notes.append(f"{missing} of {total} queries are missing and will score their worst")
-    if extra:
-        notes.append(f"{extra} ids are no queries and will be left aside")
-    return notes
 
 
 def make_result(
@@ -196,7 +184,7 @@ def make_result(
     counts : dict of str to dict of str to int
         By scene.
     extra : int
-        Ids of the predictions that are no queries.
+        Ids of the predictions that are no queries, or no scenes.
     notes : sequence of str
         Of the track, after those that all tracks have.
     references : mapping of str to Reference, optional
@@ -226,7 +214,7 @@ def make_result(
         extra_queries=extra,
         notes=(
             *namesake_notes(protocol, run.benchmark.folder),
-            *common_notes(protocol, counts, extra),
+            *_counts_apart(protocol, counts),
             *notes,
         ),
         **with_summary(summarise(records, scores, [scene.id for scene in protocol.scenes])),
@@ -247,23 +235,13 @@ def namesake_notes(used: Protocol, data: Path) -> list[str]:
     return [f"the protocol is not the {used.name} that all have: {why}"]
 
 
-def common_notes(protocol: Protocol, counts: dict[str, dict[str, int]], extra: int) -> list[str]:
-    """Say what a reader of the numbers of any track must know."""
-    missing = sum(scene["missing"] for scene in counts.values())
-    notes = []
-    by_scene = protocol.track == "reconstruction"
-    if missing and not by_scene:
-        notes.append(f"{missing} queries are missing from the predictions and score their worst")
-    if extra and not by_scene:
-        notes.append(f"{extra} ids of the predictions are no queries and were left aside")
-    queries = [counts[scene.id]["queries"] for scene in protocol.scenes]
-    return [*notes, *([] if by_scene else _counts_apart(protocol, queries))]
-
-
-def _counts_apart(protocol: Protocol, queries: Sequence[int]) -> list[str]:
+def _counts_apart(protocol: Protocol, counts: dict[str, dict[str, int]]) -> list[str]:
     """Say where a scene has not as many queries as in the paper."""
+    if protocol.track == "reconstruction":  # whose scenes are what is asked
+        return []
     return [
-        f"scene {scene.title} has {found} queries here, {scene.queries} in the paper"
-        for scene, found in zip(protocol.scenes, queries, strict=True)
-        if scene.queries not in (None, found)
+        f"scene {scene.title} has {counts[scene.id]['queries']:,} queries here, "
+        f"{scene.queries:,} in the paper"
+        for scene in protocol.scenes
+        if scene.queries not in (None, counts[scene.id]["queries"])
     ]

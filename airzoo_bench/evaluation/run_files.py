@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,7 @@ class Evaluation:
     records: pd.DataFrame
 
 
-def save(evaluation: Evaluation, folder: Path, *writers: Callable[[Path], None]) -> None:
+def save(evaluation: Evaluation, folder: Path, *writers: Callable[[Path], None]) -> list[Path]:
     """Write ``result.json`` and ``records.csv`` into a folder, in place of an earlier run's files.
 
     Everything is written first, then exchanged in one step: nothing of the two runs is ever mixed.
@@ -44,6 +45,11 @@ def save(evaluation: Evaluation, folder: Path, *writers: Callable[[Path], None])
         What is not of `RUN_FILES` stays.
     writers : callables
         Each takes a folder and writes one more of `RUN_FILES` into it.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of `RUN_FILES`.
     """
     check_output_folder(folder, RESULT_FILES)
     content = evaluation.records.to_csv(index=False, lineterminator="\n").encode()
@@ -53,15 +59,21 @@ def save(evaluation: Evaluation, folder: Path, *writers: Callable[[Path], None])
         write_result(staged / "result.json", result)
         for write in writers:
             write(staged)
+        return [folder / name for name in RUN_FILES if (staged / name).exists()]
 
 
-def earlier_run(folder: Path, track: str) -> str | None:
-    """Say what a run of another track has left in a folder, which `save` will replace."""
-    try:
-        found = read_result(folder / "result.json").track
-    except ResultError:  # none, or one that nobody can read any more
-        return None
-    if found == track:
-        return None
+def earlier_run(folder: Path) -> str | None:
+    """Say which run has left its files in a folder, where `save` will replace them."""
     names = ", ".join(name for name in RUN_FILES if (folder / name).exists())
-    return f"{folder} holds a run of the {found} track; {names} will be replaced"
+    if not names:
+        return None
+    try:
+        found = read_result(folder / "result.json")
+    except ResultError:  # none, or one that nobody can read any more
+        return f"{folder} holds files of a run; {names} will be replaced"
+    written = datetime.fromtimestamp((folder / "result.json").stat().st_mtime)
+    return (
+        f"{folder} holds a run of the {found.track} track: {found.predictions.method} by "
+        f"{found.protocol.name} v{found.protocol.version}, written {written:%Y-%m-%d %H:%M}; "
+        f"{names} will be replaced"
+    )

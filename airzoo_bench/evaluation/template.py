@@ -97,7 +97,7 @@ def _arrays(
     truths = read_truths(benchmark, chosen)
     if descriptors:
         return descriptor_template(truths, seed)
-    return ranked_template(truths, max(chosen.scores.ndcg_at), seed)
+    return ranked_template(truths, chosen.scores.ranks_kept, seed)
 
 
 def _refuse_descriptors(descriptors: bool) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, Self
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.core.temporaries import temporary_folder
 
 __all__ = ["ARCHIVE_SUFFIXES", "Bundle", "Member", "open_bundle"]
@@ -148,7 +148,7 @@ def open_bundle(path: Path, limit_bytes: int) -> Bundle:
     elif path.is_file() and path.name.endswith(ARCHIVE_SUFFIXES):
         members = _tar_members(path, limit_bytes)
     else:
-        raise PredictionError(
+        raise UnreadableError(
             "no folder and no archive of predictions" if path.exists() else "no such predictions",
             where=path,
             expected=f"a folder, or an archive {', '.join(ARCHIVE_SUFFIXES)}",
@@ -277,8 +277,8 @@ def _copy(source: IO[bytes], out: IO[bytes], size: int) -> int:
     return done
 
 
-def _refused(path: Path, what: str) -> PredictionError:
-    return PredictionError(
+def _refused(path: Path, what: str) -> UnreadableError:
+    return UnreadableError(
         what,
         where=path,
         expected="plain files only, such as school.ply, each name once",

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.formats.parquet import read_columns
@@ -31,6 +31,10 @@ _BLOCK_CODES = 1 << 20
 _BYTES_OF_DOUBLE = 8
 _COPIES_OF_TEXT = 4  # that a run makes while it splits, sorts and compares ids
 _N_CODES = 0x110000
+_EXAMPLE = "ids of photos such as city/DJI_0001"
+_EXAMPLES = dict.fromkeys(
+    ("ranked_ids", "gallery_ids"), "ids of tiles such as city/512_00000_00256, from tiles.parquet"
+)
 
 
 class Arrays(Protocol):
@@ -104,12 +108,12 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     """
     kinds = ".npz or .parquet" if columns else ".npz"
     if path.is_dir():
-        raise PredictionError("a folder, not a prediction file", where=path, expected=kinds)
+        raise UnreadableError("a folder, not a prediction file", where=path, expected=kinds)
     if path.suffix == ".npz":
         return _Npz(path, limit_bytes)
     if path.suffix == ".parquet" and columns:
         return _Parquet(path, limit_bytes, columns)
-    raise PredictionError(
+    raise UnreadableError(
         f"unknown kind of prediction file {path.suffix!r}",
         where=path,
         expected=kinds,
@@ -183,7 +187,7 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
             name,
             values,
             expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
-            mend=f"np.array({name}, dtype=str), with ids such as city/DJI_0001",
+            mend=f"np.array({name}, dtype=str), with {_EXAMPLES.get(name, _EXAMPLE)}",
         )
     copies = f"field '{name}' while its ids are compared"
     arrays.budget.hold(arrays.path, copies, values.nbytes * _COPIES_OF_TEXT)
@@ -207,7 +211,7 @@ def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
         rows = np.flatnonzero(wrong.reshape(len(ids), -1).any(axis=1)).tolist()
         if rows:
             raise PredictionError(
-                f"ids with {what} in {first_of(rows, len(ids))} rows, counted from 0",
+                f"ids with {what} in {first_of(rows, len(ids), noun='rows')}, counted from 0",
                 where=f"{path}, field '{name}'",
                 expected=expected,
                 mend="take the ids from the benchmark; `airzoo-bench template` writes them",

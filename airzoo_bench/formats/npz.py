@@ -24,7 +24,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.formats.budget import Budget
 
 __all__ = ["ArrayEntry", "NpzFile"]
@@ -131,7 +131,7 @@ class NpzFile:
 
 def _entries(path: Path) -> list[ArrayEntry]:
     if not path.is_file():
-        raise PredictionError(
+        raise UnreadableError(
             "no such prediction file",
             where=path,
             expected=".npz or .parquet",
@@ -273,8 +273,8 @@ def _impression(path: Path) -> str:
     return "it is empty" if not head else f"it begins with the bytes {head.hex(' ')}"
 
 
-def _not_npz(path: Path, impression: str) -> PredictionError:
-    return PredictionError(
+def _not_npz(path: Path, impression: str) -> UnreadableError:
+    return UnreadableError(
         f"not an npz file: {impression}",
         where=path,
         expected="a file written by numpy.savez or numpy.savez_compressed",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.parquet_pages import claimed_bytes
 
@@ -51,7 +51,7 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
     import pyarrow as pa
 
     if not path.is_file():
-        raise PredictionError(
+        raise UnreadableError(
             "no such prediction file",
             where=path,
             expected=".npz or .parquet",
@@ -60,7 +60,7 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
     try:
         return _read(path, columns, budget)
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, MemoryError) as error:
-        raise PredictionError(
+        raise UnreadableError(
             f"not a readable parquet file: {(str(error) or type(error).__name__).splitlines()[0]}",
             where=path,
             expected="parquet with one row a query",
@@ -148,7 +148,8 @@ class _Piece:
             places = np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))
             rows = np.unique(places // a_row) + self.first_row
             raise PredictionError(
-                f"column '{self.name}' has nulls in {first_of(rows.tolist())} rows, counted from 0",
+                f"column '{self.name}' has nulls in {first_of(rows.tolist(), noun='rows')}, "
+                "counted from 0",
                 where=self.path,
                 expected="a value in every place",
                 mend="leave such rows out; fill the end of a shorter list with ''",

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.core.errors import counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.claims import SceneClaim
+from airzoo_bench.matching.conventions import suspect_inverted
 from airzoo_bench.matching.lifting import LiftStatus
 from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
 from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
@@ -28,6 +30,11 @@ _CORNER = 0.6
 _FAR_M = 1000.0
 # A prior that was copied went through a file at most.
 _SAME_M, _SAME_DEG = 1e-3, 1e-3
+_NOT_LIFTED = {
+    LiftStatus.OUTSIDE_MAP: "outside the map",
+    LiftStatus.OUTSIDE_DSM: "outside the surface model",
+    LiftStatus.NO_HEIGHT: "where the surface model has no height",
+}
 _DOUBTS = {
     "poses": "are they world-to-camera, and all coordinates in the scene's CRS?",
     "pairs": "poor pairs make such poses, and points that are not in the scene's CRS",
@@ -43,6 +50,7 @@ def claim_notes(
         *_scale_notes(predictions, truths),
         *_crop_notes(truths, claims),
         *_prior_notes(truths, claims),
+        *_inverted_notes(truths, claims),
     ]
 
 
@@ -62,15 +70,17 @@ def lifting_notes(
             if c.poses is not None
         )
         return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, given, "poses")]
-    totals = np.zeros(4, np.int64)
+    became = np.zeros(len(LiftStatus), np.int64)
+    blind = beyond = 0
     for truth, claim in zip(truths, claims, strict=True):
         _, status = lifted_points(truth, claim, lifting, jobs)
         for part in claim.parts():
-            lifted = int((status[part] == LiftStatus.LIFTED).sum())
-            blind = lifted == 0 and bool((status[part] == LiftStatus.NO_HEIGHT).any())
-            over = max(0, lifted - solver.max_matches)
-            totals += (part.stop - part.start, lifted, blind, over)
-    return _count_notes(*totals.tolist())
+            counts = np.bincount(status[part], minlength=len(LiftStatus))
+            blind += int(counts[LiftStatus.LIFTED] == 0 < counts[LiftStatus.NO_HEIGHT])
+            beyond += max(0, int(counts[LiftStatus.LIFTED]) - solver.max_matches)
+            became += counts
+    dropped = {why: int(became[status]) for status, why in _NOT_LIFTED.items()}
+    return _count_notes(int(became.sum()), dropped, blind, beyond)
 
 
 def scored_notes(
@@ -85,9 +95,9 @@ def scored_notes(
     notes = [f"scored from {predictions.kind}", *_failed_notes(reasons)]
     if "lifted" in records.columns:
         blind = (records["no_height"] > 0) & (records["lifted"] == 0)
-        sums = records[["matches", "lifted"]].sum()
-        beyond = int(records["beyond_limit"].sum())
-        notes += _count_notes(int(sums["matches"]), int(sums["lifted"]), int(blind.sum()), beyond)
+        sums = {name: int(records[name].sum()) for name in ("matches", "beyond_limit")}
+        dropped = {why: int(records[s.name.lower()].sum()) for s, why in _NOT_LIFTED.items()}
+        notes += _count_notes(sums["matches"], dropped, int(blind.sum()), sums["beyond_limit"])
     return [*notes, *_far_notes(truths, [scene.centres for scene in scored], predictions.kind)]
 
 
@@ -111,8 +121,8 @@ def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind:
     if not far:
         return []
     return [
-        f"{far} of {np.isfinite(away).sum()} poses lie more than {_FAR_M:g} m from the photo's GPS "
-        f"position: {_DOUBTS[kind]}"
+        f"{far:,} of {np.isfinite(away).sum():,} poses lie more than {_FAR_M:,g} m from the "
+        f"photo's GPS position: {_DOUBTS[kind]}"
     ]
 
 
@@ -120,21 +130,26 @@ def _failed_notes(reasons: dict[str, int]) -> list[str]:
     count = sum(reasons.values())
     if not count:
         return []
-    listed = ", ".join(f"{number} {reason}" for reason, number in reasons.items())
-    who = "1 answered query has" if count == 1 else f"{count} answered queries have"
+    listed = ", ".join(f"{number:,} {reason}" for reason, number in reasons.items())
+    who = counted(count, "answered query has", "answered queries have")
     return [f"{who} no pose ({listed}): infinite errors"]
 
 
-def _count_notes(given: int, lifted: int, blind: int, beyond: int) -> list[str]:
+def _count_notes(given: int, lost: dict[str, int], blind: int, beyond: int) -> list[str]:
+    """Say what became of matches before solving: how many were lost and why."""
     notes = []
-    if lifted < given:
-        notes.append(f"{given - lifted} of {given} matches could not be lifted and were dropped")
+    if dropped := sum(lost.values()):
+        reasons = ", ".join(f"{number:,} {why}" for why, number in lost.items() if number)
+        notes.append(
+            f"{dropped:,} of {given:,} matches could not be lifted and were dropped: {reasons}"
+        )
     if blind:
-        notes.append(f"the surface model has no height under any match of {blind} queries")
+        queries = counted(blind, "query", "queries")
+        notes.append(f"the surface model has no height under any match of {queries}")
     if beyond:
         notes.append(
-            f"{beyond} of {given} matches are more than the protocol solves of a query: a seeded "
-            "choice leaves them out"
+            f"{beyond:,} of {given:,} matches are more than the protocol solves of a query: a "
+            "seeded choice leaves them out"
         )
     return notes
 
@@ -144,7 +159,17 @@ def _prior_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) 
     total = sum(len(truth.queries) for truth in truths)
     if not same:
         return []
-    return [f"{same} of {total} answers equal the prior, the photo's own GPS and gimbal angles"]
+    return [f"{same:,} of {total:,} answers equal the prior, the photo's own GPS and gimbal angles"]
+
+
+def _inverted_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
+    notes = []
+    for truth, claim in zip(truths, claims, strict=True):
+        if claim.poses is not None:
+            found = np.isfinite(claim.poses.centres).all(axis=1)
+            said = suspect_inverted(claim.poses.take(found), truth.priors.take(found))
+            notes += [f"scene {truth.scene}: {said}"] if said else []
+    return notes
 
 
 def _crop_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
@@ -155,7 +180,8 @@ def _crop_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -
             crop = np.repeat(truth.crops, np.diff(claim.offsets), axis=0)
             local = claim.map_xy - crop[:, :2]
             outside += int(((local < -1) | (local > crop[:, 2:] + 1)).any(axis=1).sum())
-    return [f"{outside} map pixels lie outside their query's crop"] if outside else []
+    lying = counted(outside, "map pixel lies", "map pixels lie")
+    return [f"{lying} outside the query's crop"] if outside else []
 
 
 def _scale_notes(predictions: MatchingPredictions, truths: Sequence[MatchingTruth]) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.formats.budget import Budget
@@ -44,7 +44,7 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     """
     size = path.stat().st_size if path.is_file() else 0
     Budget(limit_bytes).hold(path, "its text", size * _BYTES_A_BYTE)
-    lines = read_text(path, PredictionError, "pose file", _LIMIT_BYTES).splitlines()
+    lines = read_text(path, UnreadableError, "pose file", _LIMIT_BYTES).splitlines()
     rows = [line.split() for line in lines if line.strip() and line.lstrip()[0] != "#"]
     _check_rows(rows, path)
     names = np.array([_without_ending(row[0]) for row in rows], dtype=str)

@@ -110,8 +110,8 @@ def evaluate_matching(
         raise fault
     benchmark = find_benchmark(chosen.benchmark, data)
     truths = read_matching_truths(benchmark, chosen)
-    rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
-    pairs = list(zip(truths, rows, strict=True))
+    assigned = match_queries(path, predictions.query_ids, chosen, data, truths)
+    pairs = list(zip(truths, assigned.rows, strict=True))
     claims = [claim_of_scene(predictions, truth, found) for truth, found in pairs]
     scored = score_claims(chosen, truths, claims, jobs=jobs, progress=progress)
     records = concatenate([scene.records for scene in scored])
@@ -128,11 +128,13 @@ def evaluate_matching(
         for truth, claim in zip(truths, claims, strict=True)
     }
     notes = [
+        *assigned.notes(),
         *scored_notes(records, predictions, truths, scored),
         *claim_notes(predictions, truths, claims),
     ]
     scores = matching_scores(chosen.scores)
-    result = make_result(run, records, scores, counts, extra, notes, _references(chosen, truths))
+    extra, references = len(assigned.strange), _references(chosen, truths)
+    result = make_result(run, records, scores, counts, extra, notes, references)
     return MatchingEvaluation(Evaluation(result, records), chosen, truths, claims, scored)
 
 

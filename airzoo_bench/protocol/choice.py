@@ -25,10 +25,10 @@ def choose_protocol(
 
     Raises
     ------
-    PredictionError
-        Neither names one, or it is of another track.
     ProtocolError
-        It is unknown.
+        Neither names one, or it is unknown.
+    PredictionError
+        It is of another track.
     """
     if named is not None:
         chosen = find_protocol(named, data)
@@ -38,7 +38,7 @@ def choose_protocol(
         except ProtocolError as error:
             raise error.inside(f"{path}, field 'protocol'") from error
     else:
-        raise PredictionError(
+        raise ProtocolError(
             "does not say which protocol it is for",
             where=path,
             expected="a field 'protocol' with the name of one",

@@ -9,6 +9,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.poses import Poses
@@ -146,10 +147,13 @@ def _true_names(names: list[str], truth: ReconstructionTruth, place: str) -> lis
     times = Counter(stems)
     known = {stem: name for stem, name in zip(stems, photos, strict=True) if times[stem] == 1}
     known |= {name: name for name in photos}
-    odd = [repr(name) for name in names if name not in known]
+    odd = [name for name in names if name not in known]
     if odd:
+        # What a mistyped name means is no image that is there already.
+        open_names = sorted(set(photos) - {known[name] for name in names if name in known})
+        shown = [repr(name[:80]) + nearest(name, open_names, 1) for name in odd[:3]]
         raise PredictionError(
-            f"image names that the benchmark lacks: {first_of(odd, len(names))}",
+            f"image names that the benchmark lacks: {first_of([*shown, *odd[3:]], len(names))}",
             where=f"{place}, field 'image_names'",
             expected=f"names such as {photos[0]!r}, with or without their ending",
             mend="name images as the photos of the scene are named, relative to their folder",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.cameras import Alignment
@@ -41,7 +42,9 @@ def listing_notes(predictions: ReconstructionPredictions, known: list[str]) -> l
     if missing:
         notes.append(f"scenes that the predictions lack, scored at their worst: {_named(missing)}")
     if unknown:
-        notes.append(f"scenes that the protocol lacks, left aside: {_named(unknown)}")
+        # What a mistyped name means is among the scenes that are missing.
+        offered = [name[:80] + nearest(name[:80], list(missing), 1) for name in unknown]
+        notes.append(f"scenes that the protocol lacks, left aside: {first_of(offered)}")
     if predictions.extra:
         notes.append(f"files that belong to no scene, left aside: {_named(predictions.extra)}")
     return notes
@@ -156,7 +159,7 @@ def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[s
     notes = _alignment_notes(placed.alignment)
     for count, what in (
         (placed.distrusted, "of too little confidence"),
-        (cloud.not_finite, "with NaN or infinite coordinates"),
+        (cloud.not_finite, "with coordinates that are NaN, infinite or too large to compute with"),
     ):
         if count:
             notes.append(f"left out: {_points(count)} {what}")
@@ -229,14 +232,16 @@ def _alignment_notes(alignment: Alignment) -> list[str]:
     if alignment.used_orientations:
         notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
     turns, apart = alignment.rotations_deg, alignment.centres
-    if turns is not None and apart is not None and turns.median > _HALF_TURN_DEG:
+    agree = 2 * alignment.inliers >= alignment.cameras
+    if turns is not None and apart is not None and agree and turns.median > _HALF_TURN_DEG:
         notes.append(
-            f"cameras look the other way, {turns.median:.0f} degrees off (median), though their "
-            "centres fit: are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's?"
+            f"cameras are turned by {turns.median:.0f} degrees (median), though their centres fit: "
+            "are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a "
+            "straight strip, the image names in reverse order?"
         )
     if not alignment.robust:
         notes.append("fewer than 3 cameras agree: aligned to all of them")
-    elif alignment.method != "none" and 2 * alignment.inliers < alignment.cameras:
+    elif alignment.method != "none" and not agree:
         notes.append(
             f"only {alignment.inliers} of {alignment.cameras} cameras agree within "
             f"{alignment.inlier_limit:.3g} m: the alignment may be that of a part"

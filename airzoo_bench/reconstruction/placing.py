@@ -220,7 +220,8 @@ def _distrusted(claim: Claim, transform: Similarity, fusion: Fusion, points: int
 def _refuse_nothing_finite(cloud: PreparedCloud) -> None:
     if cloud.not_finite and not (cloud.source.count or cloud.outside):
         raise PredictionError(
-            f"all {cloud.not_finite:,} points have a coordinate that is NaN or infinite",
+            f"all {cloud.not_finite:,} points have a coordinate that is NaN, infinite or too large "
+            "to compute with",
             expected="finite coordinates",
             mend="write the cloud again, without points that were not reconstructed",
         )

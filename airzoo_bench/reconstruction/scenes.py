@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError, UnreadableError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.temporaries import PART
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
@@ -53,7 +53,7 @@ def open_predictions(
         They are no such thing, or the protocol is unknown or of another track.
     """
     if path.is_file() and not path.name.lower().endswith((*SUFFIXES, *ARCHIVE_SUFFIXES)):
-        raise PredictionError(
+        raise UnreadableError(
             f"no kind of file that reconstructions come in: {path.suffix[:20]!r}",
             where=path,
             expected=f"a folder with an entry a scene, an archive of it "
@@ -65,7 +65,7 @@ def open_predictions(
     if protocol is None and path.is_file() and path.suffix == ".npz":
         named = protocol_name(open_arrays(path, memory_bytes))
     if protocol is None and named is None:
-        raise PredictionError(
+        raise ProtocolError(
             "does not say which protocol it is for",
             where=path,
             expected="protocol.txt in the folder or archive, or a field 'protocol' in a file alone",

@@ -11,6 +11,7 @@ import numpy as np
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.common import Checked, Run, make_result, namesake_notes
 from airzoo_bench.evaluation.run_files import Evaluation
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -206,7 +207,8 @@ def _refuse_other_scenes(
     known = [scene.id for scene in chosen.scenes]
     if not set(known) & set(predictions.scenes):
         raise PredictionError(
-            f"holds none of the scenes of {chosen.name}: {first_of(predictions.scenes)}",
+            f"holds none of the scenes of {chosen.name}: {first_of(predictions.scenes)}"
+            + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
             where=predictions.path,
             expected=f"an entry a scene: {first_of(known)}",
             mend="name files or folders by their scenes, or the right protocol with --protocol",

@@ -186,7 +186,10 @@ def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
             f"field '{name}' is {values.dtype} of shape {values.shape}",
             where=arrays.path,
             expected=f"floating point of shape ({', '.join(('N', 'H', 'W', *map(str, shape)))})",
-            mend=f"{name}.astype(np.float32), in the units of the poses",
+            mend=f"{name}.astype(np.float32), in the units of the poses"
+            + (
+                ": whole numbers are often millimetres, / 1000" if values.dtype.kind in "iu" else ""
+            ),
         )
     return values
 

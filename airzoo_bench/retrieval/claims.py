@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import scene_of, with_endings
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
@@ -102,12 +103,15 @@ def is_answered(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> ND
     return answered
 
 
-def strange_tiles(predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]) -> int:
-    """Count the described tiles that are in no gallery."""
+def strange_tiles(
+    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
+) -> NDArray[np.str_]:
+    """Return the described tiles that are in no gallery."""
     if isinstance(predictions.claim, RankedIds):
-        return 0
+        return np.zeros(0, "<U1")
+    given = predictions.claim.gallery_ids
     known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
-    return int((~np.isin(predictions.claim.gallery_ids, known)).sum())
+    return given[~np.isin(given, known)]
 
 
 @dataclass(frozen=True)
@@ -190,7 +194,8 @@ def _tile_indices(
         tile = str(ids[rows[0]][strange[rows[0]]][0])
         raise PredictionError(
             f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
-            f"{first_of(names[rows], len(names))} queries; the first is {tile}",
+            f"{first_of(names[rows], len(names), noun='queries')}; the first is {tile!r}"
+            + nearest(tile, truth.tiles["id"].tolist(), 1),
             where="field 'ranked_ids'",
             expected=f"ids such as {truth.tiles['id'].iloc[0]}",
             mend=_mend_strange_tile(tile, truth),
@@ -239,12 +244,19 @@ def _gallery_rows(claim: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]
     if lacking.size:
         raise PredictionError(
             f"lacks descriptors of tiles of scene {truth.scene}: "
-            f"{first_of(lacking, len(truth.tiles))}",
+            f"{first_of(lacking, len(truth.tiles))}{_meant(str(lacking[0]), claim, truth)}",
             where="field 'gallery_ids'",
             expected="every tile of the gallery: leaving some out would make the task easier",
             mend="describe all tiles of tiles.parquet",
         )
     return rows
+
+
+def _meant(lacking: str, claim: Descriptors, truth: RetrievalTruth) -> str:
+    """Show the id that could be a tile's that is lacking, written in another way."""
+    strange = claim.gallery_ids[~np.isin(claim.gallery_ids, truth.tiles["id"].to_numpy(str))]
+    near = nearest(lacking, strange.tolist(), 1)
+    return near.replace("did you mean", "it has") if near else ""
 
 
 def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:

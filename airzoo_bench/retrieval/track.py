@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.evaluation.common import (
     Checked,
@@ -36,6 +37,8 @@ from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
 __all__ = ["chance_level", "chance_words", "check_retrieval", "evaluate_retrieval", "read_truths"]
+
+_SHOWN_LETTERS = 80
 
 
 def evaluate_retrieval(
@@ -79,10 +82,10 @@ def evaluate_retrieval(
         raise fault
     benchmark = find_benchmark(chosen.benchmark, data)
     truths = read_truths(benchmark, chosen)
-    rows, extra = match_queries(path, predictions.query_ids, chosen, data, truths)
+    assigned = match_queries(path, predictions.query_ids, chosen, data, truths)
     scenes = [
         _ranked(predictions, truth, found, chosen, memory_bytes, jobs)
-        for truth, found in progress(zip(truths, rows, strict=True), "scenes", len(truths))
+        for truth, found in progress(zip(truths, assigned.rows, strict=True), "scenes", len(truths))
     ]
     records = concatenate(
         [score_scene(one.truth, one.ranking, one.answered, chosen.scores) for one in scenes]
@@ -96,7 +99,8 @@ def evaluate_retrieval(
         {truth.scene: truth.fingerprint for truth in truths},
     )
     counts = {one.truth.scene: _counts(one) for one in scenes}
-    scores, notes = retrieval_scores(chosen.scores), _notes(predictions, scenes, chosen)
+    scores, extra = retrieval_scores(chosen.scores), len(assigned.strange)
+    notes = [*assigned.notes(), *_notes(predictions, scenes, chosen)]
     references = {"Chance level": chance_level(truths, chosen)}
     return Evaluation(make_result(run, records, scores, counts, extra, notes, references), records)
 
@@ -113,8 +117,11 @@ def check_retrieval(path: Path, *, data: Path, protocol: str | None, memory_byte
     """
     predictions = read_retrieval(path, memory_bytes)
     chosen = choose_protocol(path, predictions.protocol, protocol, data, RetrievalProtocol)
-    metric = chosen.scores.descriptor_metric
-    found = [*faults(predictions, chosen.scores.depth), *deep_faults(predictions, metric)]
+    metric, scenes_known = chosen.scores.descriptor_metric, [scene.id for scene in chosen.scenes]
+    found = [
+        *faults(predictions, chosen.scores.depth),
+        *deep_faults(predictions, metric, scenes_known),
+    ]
     if found:
         return Checked(found, [])
     scenes: list[_Scene] = []
@@ -227,22 +234,42 @@ def _notes(
     empty = sum(count["empty_lists"] for count in counts)
     tied = sum(count["tie_dependent"] for count in counts)
     flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
-    strange = strange_tiles(predictions, [scene.truth for scene in scenes])
     dropped = sum(count["dropped_tiles"] for count in counts)
     said = (
-        (empty, "queries have an empty list, and count as missing"),
-        (tied, "queries depend on ties, which were broken against the method"),
-        (flat, "queries score all of their tiles alike: they have no ranking, and score nothing"),
-        (strange, "described tiles are in no gallery and were left aside"),
-        (dropped, "tiles of the maps are not in the galleries, since the maps are empty there"),
+        (empty, "query has", "queries have", "an empty list, scored as if it were missing"),
+        (tied, "query depends", "queries depend", "on ties, which were broken against the method"),
+        (flat, "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
+        (dropped, "tile is", "tiles are", "in no gallery, since the map is empty there"),
     )
-    return [f"{n} {what}" for n, what in said if n] + _short_lists(scenes, protocol.scores)
+    return [
+        *(f"{counted(n, one, many)} {what}" for n, one, many, what in said if n),
+        *_strange_tiles(predictions, [scene.truth for scene in scenes]),
+        *_short_lists(scenes, protocol.scores),
+    ]
+
+
+def _strange_tiles(
+    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
+) -> list[str]:
+    strange = strange_tiles(predictions, truths)
+    # Cut, since ids of a file may be long, and notes stand under tables.
+    named = first_of(name[:_SHOWN_LETTERS] for name in strange.tolist())
+    return [f"described tiles that are in no gallery, left aside: {named}"] if strange.size else []
 
 
 def _short_lists(scenes: Sequence[_Scene], scores: RetrievalScores) -> list[str]:
-    """Say which scores read ranks that lists do not have."""
+    """Say which scores read ranks that lists do not have; those of the paper do not."""
     n = sum(scene.shorter(scores.ranks_kept) for scene in scenes)
+    if not n:
+        return []
     depths = [k for k in scores.ndcg_at if any(scene.shorter(k) for scene in scenes)]
-    names = ", ".join(["mAP", "MRR", *(f"nDCG@{k}" for k in depths)])
-    text = f"{n} lists end before rank {scores.ranks_kept} without all positives, which count as "
-    return [f"{text}not found in {names}"] if n else []
+    names = _and(["mAP", "MRR", *(f"nDCG@{k}" for k in depths)])
+    read = _and([score.title for score in retrieval_scores(scores) if score.headline])
+    return [
+        f"{counted(n, 'list ends', 'lists end')} before rank {scores.ranks_kept} without all "
+        f"positives: to {names} the others are not found; {read} do not look that far"
+    ]
+
+
+def _and(names: Sequence[str]) -> str:
+    return ", ".join(names[:-1]) + f" and {names[-1]}"

@@ -250,7 +250,7 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
     ),
     "integer depth": (
         yard(depth=np.ones((6, 36, 48), np.uint16)),
-        ["yard.npz", "field 'depth' is uint16", "floating point"],
+        ["yard.npz", "field 'depth' is uint16", "floating point", "often millimetres, / 1000"],
     ),
     "intrinsics of the photos": (
         yard(intrinsics=other(matrix_of_maps() * [[10.0], [10.0], [1.0]])),
@@ -283,6 +283,10 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
     "a name that the truth lacks": (
         yard(image_names=lambda w: np.array([*w.images("yard")[:5], "IMG_7.JPG"])),
         ["scene yard, field 'image_names'", "lacks: 1 of 6 ('IMG_7.JPG')", "such as 'yard_0.jpg'"],
+    ),
+    "a mistyped name": (
+        yard(image_names=lambda w: np.array([*w.images("yard")[:5], "yrad_5.jpg"])),
+        ["lacks: 1 of 6 ('yrad_5.jpg' (did you mean 'yard_5.jpg'?))"],
     ),
     "names of another scene": (
         cameras(image_names=lambda w: np.array([f"lot_{n}.jpg" for n in range(6)])),
@@ -458,11 +462,19 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     "nothing odd": (clouds(), []),
     "NaN points": (
         clouds(yard=nan_at(slice(0, 7))),
-        ["scene yard: left out: 7 points with NaN or infinite coordinates"],
+        ["scene yard: left out: 7 points with coordinates that are NaN, infinite or too"],
     ),
     "infinite points": (
         clouds(yard=lambda p: np.concatenate([p, [[np.inf, 0.0, -np.inf]]])),
-        ["scene yard: left out: 1 point with NaN or infinite"],
+        ["scene yard: left out: 1 point with coordinates that are NaN, infinite or too large"],
+    ),
+    "points too far to compute with": (
+        clouds(yard=lambda p: np.concatenate([p, [[1e200, 0.0, -1e200]]])),
+        ["scene yard: left out: 1 point with coordinates that are NaN, infinite or too large"],
+    ),
+    "OpenGL axes": (
+        cameras(extrinsics=lambda w: np.diag((1.0, -1, -1)) @ w.cameras("yard")["extrinsics"]),
+        ["scene yard: cameras are turned by 180 degrees (median)", "OpenGL axes", "reverse order"],
     ),
     "an empty cloud": (
         clouds(yard=np.zeros((0, 3))),
@@ -496,6 +508,10 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     "a scene that the protocol lacks": (
         edited(clouds(), lambda p: shutil.copy(p / "lot.ply", p / "plaza.ply")),
         ["scenes that the protocol lacks, left aside: 1 (plaza)"],
+    ),
+    "a mistyped scene": (
+        edited(clouds(), lambda p: (p / "yard.ply").rename(p / "yrad.ply")),
+        ["left aside: 1 (yrad (did you mean 'yard'?))", "scored at their worst: 1 (yard)"],
     ),
     "files of no scene": (
         edited(clouds(), lambda p: (p / "readme.md").write_text("hi")),
@@ -544,6 +560,13 @@ def test_notes_of_eval_and_of_check(
     for note in notes.splitlines():
         # The count of missing scenes is of results only: check names them anyway.
         assert note in told or "are missing from the predictions" in note or "ids of" in note
+
+
+def test_centres_that_do_not_fit_are_not_asked_about_axes(world: World, tmp_path: Path) -> None:
+    mixed = cameras(image_names=lambda w: np.array(w.images("yard"))[[3, 0, 5, 2, 1, 4]])
+    notes = notes_of(world, mixed(world, tmp_path / "p"), tmp_path)
+    assert "cameras agree within" in notes
+    assert "OpenGL" not in notes
 
 
 def test_a_crop_that_leaves_nothing_says_so(world: World, tmp_path: Path) -> None:

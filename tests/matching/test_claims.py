@@ -16,6 +16,7 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
+from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
 from airzoo_bench.matching.reading import read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
@@ -194,6 +195,24 @@ def test_inverted_rotations_beside_right_centres(world: World, tmp_path: Path) -
         rough = true.rotation @ Rotation.from_euler("z", turn, degrees=True).as_matrix()
         claim = claimed(world, tmp_path, world.named(rotations=rough, centres=true.centres))
         assert claim.poses is not None
+
+
+@pytest.mark.parametrize("tilt", [0.0, 2.0, 5.0, 9.0])
+def test_inverted_rotations_of_photos_that_look_down_are_asked_about(tilt: float) -> None:
+    asked = 0
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        tilts, yaws = rng.normal(0, tilt + 0.01, 20), rng.uniform(0, 360, 20)
+        true = np.concatenate([looking_down(*pair) for pair in zip(tilts, yaws, strict=True)])
+        # A gimbal off by a degree all the time, by half of one each time, and by five in yaw.
+        off = tilts + rng.normal(0, 1) + rng.normal(0, 0.5, 20), yaws + rng.normal(0, 5, 20)
+        gimbal = np.concatenate([looking_down(*pair) for pair in zip(*off, strict=True)])
+        priors = Poses(rotation=gimbal, centres=np.zeros((20, 3)))
+        assert suspect_inverted(replace(priors, rotation=true), priors) is None
+        inverted = replace(priors, rotation=np.swapaxes(true, 1, 2))
+        refuse_other_conventions(inverted, priors)
+        asked += suspect_inverted(inverted, priors) is not None
+    assert asked == 0 if tilt == 0 else asked >= (45 if tilt > 4 else 30)
 
 
 def test_a_centre_beyond_measure_is_told_in_words_only(

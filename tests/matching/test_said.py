@@ -23,7 +23,7 @@ def test_poor_matches_are_not_suspected_of_a_convention(
     far = [points + np.array((50_000.0, 0, 0)) for points in world.points]
     pairs = world.correspondences(world.query_xy, points3d=far)
     said = " | ".join(evaluated(world, tmp_path, pairs).evaluation.result.notes)
-    assert "5 of 5 poses lie more than 1000 m" in said
+    assert "5 of 5 poses lie more than 1,000 m" in said
     assert "poor pairs make such poses" in said
     assert "world-to-camera" not in said
     true = world.truth.poses
@@ -47,7 +47,7 @@ def test_check_notes_what_eval_notes(
     capsys.readouterr()
     assert run_main("check", path, "--data", world.root) == 0
     said = capsys.readouterr().err
-    for part in ("could not be lifted", "smaller image", "outside their query's crop"):
+    for part in ("could not be lifted", "smaller image", "outside the query's crop"):
         assert any(part in note and note in said for note in notes)
 
 

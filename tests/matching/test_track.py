@@ -102,9 +102,10 @@ def test_failures_stay_in_median_and_denominator(
     counts = result.counts["hills"]
     assert (counts["queries"], counts["missing"], counts["failed"]) == (5, 1, 3)
     said = " | ".join(result.notes)
-    assert "1 queries are missing" in said
+    assert "queries that the predictions lack, scored at their worst: 1 of 5 (" in said
     assert "2 answered queries have no pose (2 too few matches)" in said
     assert f"{N_MATCHES} of {3 + 3 * N_MATCHES} matches could not be lifted" in said
+    assert f"were dropped: {N_MATCHES} outside the map" in said
 
 
 def test_poses_that_were_not_found_are_failures(world: World, tmp_path: Path) -> None:
@@ -229,7 +230,7 @@ def test_crop_pixels_taken_for_map_pixels_are_refused(
     # Who says that they are the map's is believed, and told.
     stated = evaluated(world, tmp_path, fields | {"map_frame": np.array("map")}).evaluation
     assert (stated.records["error_m"] > 50).all()
-    said = "map pixels lie outside their query's crop"
+    said = "map pixels lie outside the query's crop"
     assert any(said in note for note in stated.result.notes)
     path = world.write(tmp_path / "m.npz", fields | {"map_frame": np.array("map")})
     assert run_main("check", path, "--data", world.root) == 0
