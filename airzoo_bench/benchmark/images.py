@@ -5,14 +5,19 @@ from __future__ import annotations
 import struct
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.geometry.rasters import read_rgb
 
-__all__ = ["photo_size", "read_grey", "read_rgb_photo"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["photo_size", "read_grey", "read_rgb_photo", "read_tile"]
 
 _UPRIGHT = 1
 _TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
@@ -98,3 +103,9 @@ def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
 def _brief(error: Exception, path: Path) -> str:
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return text.replace(f" {str(path)!r}", "")
+
+
+def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
+    """Read one tile (height, width, 3) from its window of the map."""
+    window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
+    return read_rgb(dom, window)

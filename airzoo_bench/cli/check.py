@@ -36,19 +36,20 @@ def check(
     Needs no truth. Where the benchmark folder is there, ids are held against it and reconstructions
     are aligned, so that all is found that eval would refuse.
     """
-    from airzoo_bench.evaluation.check import check_predictions
+    from airzoo_bench.evaluation.check import check as find_errors
+    from airzoo_bench.evaluation.resources import Resources
 
-    checked = check_predictions(
+    checked = find_errors(
         predictions,
         data=resolve_data(data),
         protocol=protocol,
-        memory_bytes=memory_bytes(max_memory),
+        resources=Resources(memory_bytes(max_memory)),
     )
-    for fault in checked.faults:
-        say(str(fault))
+    for error in checked.errors:
+        say(str(error))
     for note in checked.notes:
         say(f"{predictions}: {note}")
-    if checked.faults:
+    if checked.errors:
         raise typer.Exit(1)
     if checked.notes:
         put(f"{predictions}: nothing that eval refuses was found; see the notes\n")

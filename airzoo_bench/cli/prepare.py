@@ -108,13 +108,10 @@ def photos(
     from airzoo_bench.core.settings import SAFE_NAME
     from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
-    from airzoo_bench.protocol.lookup import (
-        MatchingProtocol,
-        ReconstructionProtocol,
-        RetrievalProtocol,
-        protocol_for,
-        protocol_of_track,
-    )
+    from airzoo_bench.matching.settings import MatchingProtocol
+    from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
+    from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+    from airzoo_bench.retrieval.settings import RetrievalProtocol
 
     if not re.fullmatch(SAFE_NAME, name) or len(name) > _LONGEST_NAME:
         raise UsageError(

@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol.lookup import (
-    MatchingProtocol,
-    Protocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    find_protocol,
-)
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.results.result import score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.entries import Board
 
 if TYPE_CHECKING:

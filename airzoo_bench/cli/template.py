@@ -32,7 +32,10 @@ def template(
             show_default=False,
         ),
     ] = None,
-    kind: Annotated[Kind, typer.Option(help="What the file shall hold.")] = Kind.RANKED_IDS,
+    kind: Annotated[
+        Kind | None,
+        typer.Option(help="What a retrieval file shall hold (default: ranked-ids)."),
+    ] = None,
     data: DataOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of what is random.")] = 0,
     force: Annotated[
@@ -44,23 +47,11 @@ def template(
     Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
     """
     from airzoo_bench.evaluation.template import write_template
-    from airzoo_bench.protocol.lookup import RetrievalProtocol, find_protocol
 
-    root = resolve_data(data)
-    chosen = find_protocol(protocol, root)
-    track = chosen.track
-    target = out or Path("template" if track == "reconstruction" else "template.npz")
-    write_template(
-        protocol,
-        data=root,
-        out=target,
-        descriptors=kind is Kind.DESCRIPTORS,
-        seed=seed,
-        force=force,
+    written = write_template(
+        protocol, data=resolve_data(data), out=out, kind=kind, seed=seed, force=force
     )
-    say(f"wrote {target}: replace its arrays, which are random, by your own")
-    if isinstance(chosen, RetrievalProtocol):
-        from airzoo_bench.retrieval.track import chance_words
-
-        say(f"random tiles score by chance: {chance_words(chosen, root)}")
-    say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")
+    say(f"wrote {written.out}: replace its arrays, which are random, by your own")
+    if written.note is not None:
+        say(written.note)
+    say(f"next: airzoo-bench eval {written.track} {written.out}{with_data(data)}")

@@ -27,6 +27,7 @@ from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.mini.build import build_world
 from airzoo_bench.mini.frame_files import IMAGE_SUFFIX
 from airzoo_bench.mini.frames import render_frames
@@ -35,16 +36,13 @@ from airzoo_bench.mini.priors import PriorNoise, noisy_priors
 from airzoo_bench.mini.store import ensure_world, load_world
 from airzoo_bench.mini.truth_cloud import seen_surface
 from airzoo_bench.mini.world import CRS, REGIONS, Region
-from airzoo_bench.protocol.lookup import (
-    MatchingProtocol,
-    Protocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    protocol_of_track,
-)
+from airzoo_bench.protocol.lookup import protocol_of_track
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.prepared import grid_origin
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 __all__ = ["MiniProtocols", "PreparedMini", "make_worlds", "mini_protocols", "prepare_airzoo_mini"]
 

@@ -39,15 +39,13 @@ from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.protocol.lookup import (
-    MatchingProtocol,
-    Protocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-)
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 __all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
 

@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["read_tile", "write_crops", "write_tiles"]
-
-
-def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
-    """Read one tile (height, width, 3) from its window of the map."""
-    window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
-    return read_rgb(dom, window)
+__all__ = ["write_crops", "write_tiles"]
 
 
 def write_tiles(folder: Path, tiles: pd.DataFrame, dom: Path, progress: Progress) -> None:

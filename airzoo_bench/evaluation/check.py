@@ -1,81 +1,116 @@
-"""Checking a prediction file of whatever track, without truth."""
+"""Checking predictions of whatever track, without looking at what is true."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
-from airzoo_bench.evaluation.common import Checked
-from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
-from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.formats.clouds.formats import SUFFIXES
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, UnreadableError
+from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
+from airzoo_bench.evaluation.notes import counts_apart, namesake_notes
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.track import Assigned, Truth
 
-__all__ = ["check_predictions"]
-
-_OTHER_KINDS = (".npz", ".parquet", ".txt")
-_OF_RECONSTRUCTION = {"depth", "world_points", "points"}
+__all__ = ["Checked", "check"]
 
 
-def check_predictions(
-    path: Path, *, data: Path, protocol: str | None, memory_bytes: int
+@dataclass(frozen=True)
+class Checked:
+    """What a check found.
+
+    Attributes
+    ----------
+    errors : list of PredictionError
+        What `evaluate` would refuse.
+    notes : list of str
+        What a person may wish to know besides.
+    """
+
+    errors: list[PredictionError]
+    notes: list[str]
+
+
+def check(
+    path: Path,
+    *,
+    data: Path,
+    protocol: str | None = None,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
 ) -> Checked:
-    """Find all that is wrong with a prediction file.
+    """Find all that is wrong with predictions.
+
+    Where the benchmark folder is there, they are held against its queries, tiles, photos and
+    priors.
 
     Parameters
     ----------
     path : Path
+        A file, folder or archive.
     data : Path
         The benchmark folder, or the folder that holds it; it need not be there.
     protocol : str, optional
         Name or path; by default the file's own. It says which track the file is of.
-    memory_bytes : int
-        The most that one array of the file may take.
+    resources : Resources
 
     Raises
     ------
     UserError
         The file is not there or is none of its kind, or no protocol is known for it.
     """
-    from airzoo_bench.matching.track import check_matching
-    from airzoo_bench.reconstruction.track import check_reconstruction
-    from airzoo_bench.retrieval.track import check_retrieval
-
-    tracks = {
-        "retrieval": check_retrieval,
-        "matching": check_matching,
-        "reconstruction": check_reconstruction,
-    }
     try:
-        check = tracks[_track(path, data, protocol, memory_bytes)]
-        return check(path, data=data, protocol=protocol, memory_bytes=memory_bytes)
+        return _checked(open_predictions(path, None, protocol, data, resources), resources)
     except UnreadableError:
         raise
-    except PredictionError as fault:
-        return Checked([fault], [])
+    except PredictionError as error:
+        return Checked([error], [])
 
 
-def _track(path: Path, data: Path, protocol: str | None, memory_bytes: int) -> str:
-    """Find the track of a prediction by its protocol, else by what kind of file it is."""
-    name = path.name.lower()
-    if path.is_file() and not name.endswith((*_OTHER_KINDS, *SUFFIXES, *ARCHIVE_SUFFIXES)):
-        raise UnreadableError(
-            f"no kind of file that predictions come in: {path.suffix[:20]!r}",
-            where=path,
-            expected="retrieval: .npz or .parquet; matching: .npz or .txt; reconstruction: a "
-            f"folder, an archive, or {', '.join(SUFFIXES)}",
-            mend="`airzoo-bench template` writes an example",
-        )
-    if path.suffix == ".txt":
-        return "matching"
-    fields: set[str] = set()
-    if path.is_file() and path.suffix == ".npz":
-        arrays = open_arrays(path, memory_bytes)
-        fields = arrays.names()
-        protocol = protocol or protocol_name(arrays)
-    if protocol is not None:
-        return find_protocol(protocol, data).track
-    if fields & _OF_RECONSTRUCTION:
-        return "reconstruction"
-    is_table = path.suffix in (".npz", ".parquet") or not path.exists()
-    return "retrieval" if is_table else "reconstruction"
+def _checked(given: Given, resources: Resources) -> Checked:
+    track, predictions, protocol = given.track, given.predictions, given.protocol
+    errors = list(track.validation_errors(predictions, protocol, thorough=True))
+    if errors:
+        return Checked(errors, [])
+    track.assign(predictions, protocol, (), given.data)
+    try:
+        _, truths = read_truths(track, protocol, given.data)
+    except BenchmarkError as error:
+        return _alone(given, resources, error)
+    assigned = track.assign(predictions, protocol, truths, given.data)
+    return _held(given, truths, assigned, resources)
+
+
+def _alone(given: Given, resources: Resources, missing: BenchmarkError) -> Checked:
+    """Find what can be found without the benchmark folder."""
+    found = list(given.track.inspect_alone(given.predictions, given.protocol, resources))
+    errors = [one for one in found if isinstance(one, PredictionError)]
+    notes = [one for one in found if isinstance(one, str)]
+    told = f"predictions were not held against the benchmark: {missing.what}"
+    return Checked(errors, [*notes, told])
+
+
+def _held(
+    given: Given, truths: Sequence[Truth], assigned: Assigned, resources: Resources
+) -> Checked:
+    """Hold predictions against each scene, and go on after what is wrong."""
+    track, predictions, protocol = given.track, given.predictions, given.protocol
+    counts = {truth.scene: track.expected_counts(truth) for truth in truths}
+    notes = [
+        *namesake_notes(protocol, given.data),
+        *assigned.notes(),
+        *counts_apart(protocol, counts),
+    ]
+    errors, claims = [], []
+    every = track.claims(predictions, assigned, truths, protocol, resources)
+    for claim, truth in zip(every, truths, strict=True):
+        if isinstance(claim, PredictionError):
+            errors.append(claim)
+            continue
+        claims.append(claim)
+        try:
+            notes += track.inspect(claim, truth, protocol, resources)
+        except PredictionError as error:
+            errors.append(error)
+    if not errors:
+        notes += track.check_notes(predictions, protocol, truths, claims, resources)
+    return Checked(errors, notes)

@@ -3,38 +3,39 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_entries, check_output_folder
-from airzoo_bench.results.result import Result, read_result, write_result
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.results.result import read_result, write_result
 
-if TYPE_CHECKING:
-    import pandas as pd
+__all__ = ["check_run_folder", "earlier_run", "save"]
 
-__all__ = ["RESULT_FILES", "RUN_FILES", "Evaluation", "earlier_run", "save"]
-
-RUN_FILES = ("result.json", "records.csv", "timings.csv", "alignment.json", "figures", "clouds")
-"""What a run can leave in its folder."""
-
-RESULT_FILES = RUN_FILES[:4]
-"""Those of `RUN_FILES` that are files."""
+_ALWAYS = ("result.json", "records.csv")
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """A result and the records that it was made from."""
-
-    result: Result
-    records: pd.DataFrame
+def _run_files() -> tuple[str, ...]:
+    """Name the files that runs of any track can leave in their folder."""
+    tracks = [TRACKS.get(name) for name in TRACKS.names()]
+    return (*_ALWAYS, *dict.fromkeys(name for track in tracks for name in track.files))
 
 
-def save(evaluation: Evaluation, folder: Path, *writers: Callable[[Path], None]) -> list[Path]:
-    """Write ``result.json`` and ``records.csv`` into a folder, in place of an earlier run's files.
+def _run_entries() -> tuple[str, ...]:
+    """Name the files and folders that runs of any track can leave."""
+    options = [option for name in TRACKS.names() for option in TRACKS.get(name).options]
+    return (*_run_files(), *dict.fromkeys(one.name for one in options if one.needs_out))
+
+
+def check_run_folder(folder: Path) -> None:
+    """Refuse, before any work, a folder that a run cannot be saved in."""
+    check_output_folder(folder, _run_files())
+
+
+def save(evaluation: Evaluation, folder: Path) -> list[Path]:
+    """Write the files of a run into a folder, in place of an earlier run's.
 
     Everything is written first, then exchanged in one step: nothing of the two runs is ever mixed.
 
@@ -42,29 +43,27 @@ def save(evaluation: Evaluation, folder: Path, *writers: Callable[[Path], None])
     ----------
     evaluation : Evaluation
     folder : Path
-        What is not of `RUN_FILES` stays.
-    writers : callables
-        Each takes a folder and writes one more of `RUN_FILES` into it.
+        What is not of a run stays.
 
     Returns
     -------
     list of Path
-        The files, in the order of `RUN_FILES`.
+        The files, ``result.json`` first.
     """
-    check_output_folder(folder, RESULT_FILES)
+    check_run_folder(folder)
     content = evaluation.records.to_csv(index=False, lineterminator="\n").encode()
     result = evaluation.result.with_records(hashlib.sha256(content).hexdigest())
-    with atomic_entries(folder, RUN_FILES) as staged:
+    with atomic_entries(folder, _run_entries()) as staged:
         (staged / "records.csv").write_bytes(content)
         write_result(staged / "result.json", result)
-        for write in writers:
-            write(staged)
-        return [folder / name for name in RUN_FILES if (staged / name).exists()]
+        for name, write in evaluation.given.track.files.items():
+            write(evaluation, staged / name)
+        return [folder / name for name in _run_files() if (staged / name).exists()]
 
 
 def earlier_run(folder: Path) -> str | None:
     """Say which run has left its files in a folder, where `save` will replace them."""
-    names = ", ".join(name for name in RUN_FILES if (folder / name).exists())
+    names = ", ".join(name for name in _run_entries() if (folder / name).exists())
     if not names:
         return None
     try:

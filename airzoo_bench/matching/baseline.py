@@ -15,13 +15,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.workers import spread
+from airzoo_bench.evaluation.baseline import DOUBLED, Option
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
@@ -46,7 +47,7 @@ class SiftSettings:
     max_features, max_map_features : int
         The largest SIFT features of the photo, and of the crop, that are kept.
     peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1.
+        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
     ratio : float
         A match is kept where its distance is below this share of the second nearest's.
     max_side_px : int
@@ -55,12 +56,14 @@ class SiftSettings:
         See `sift.extract`.
     """
 
-    max_features: int
-    max_map_features: int
-    peak_threshold: float
-    ratio: float
-    max_side_px: int
-    doubled: bool
+    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
+    max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
+    peak_threshold: float = 0.02 / 3
+    ratio: Annotated[
+        float, Option("ratio", "Of the nearest to the second distance.", 0.01, 1.0)
+    ] = 0.8
+    max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
+    doubled: Annotated[bool, DOUBLED] = True
 
 
 @dataclass(frozen=True)

@@ -45,12 +45,15 @@ class ScoredScene:
         Of the matches of each query; empty where poses were given.
     seconds : (Q,) float64
         Spent in the solver. Not part of the records, which are the same for the same input.
+    counts : dict of str to int
+        What a result states of the scene.
     """
 
     records: pd.DataFrame
     centres: Floats
     inliers: list[NDArray[np.bool_]]
     seconds: Floats
+    counts: dict[str, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +102,21 @@ def score_scene(
     else:
         posed = _solved(truth, claim, lifting, solver, workers, progress)
     records = _records(truth, claim.answered, posed, settings)
-    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds)
+    counts = _result_counts(truth, records)
+    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
+
+
+def _result_counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int]:
+    counts = {
+        "queries": len(records),
+        "missing": int((~records["answered"]).sum()),
+        "failed": int(records["failed"].sum()),
+        "left_out": len(truth.excluded),
+    }
+    for name in ("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"):
+        if name in records.columns:
+            counts[name] = int(records[name].sum())
+    return counts
 
 
 def _records(

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.evaluation.common import concatenate
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.matching.track import MatchingEvaluation, score_claims
 from airzoo_bench.results.scores import Score, summarise
 
-__all__ = ["SeedSpread", "spread_over_seeds"]
+__all__ = ["SeedSpread", "seed_spreads", "spread_over_seeds"]
 
 
 @dataclass(frozen=True)
@@ -37,38 +38,41 @@ class SeedSpread:
 
 
 def spread_over_seeds(
-    evaluation: MatchingEvaluation, seeds: int, *, jobs: int, progress: Progress = silent
-) -> list[SeedSpread]:
+    evaluation: Evaluation, seeds: int, out: Path | None, resources: Resources
+) -> Iterator[str]:
     """Score the same claims with the protocol's seed and the seeds that follow it.
 
     Parameters
     ----------
-    evaluation : MatchingEvaluation
+    evaluation : Evaluation
         Made with the protocol's seed, which counts as the first.
     seeds : int
-        How many, at least 2.
-    jobs : int
-    progress : Progress
+    out : Path or None
+        Not written to.
+    resources : Resources
 
-    Returns
-    -------
-    list of SeedSpread
-        Of the headline scores, averaged over scenes.
+    Yields
+    ------
+    str
+        A heading, and a line for each headline score, averaged over scenes.
     """
-    protocol = evaluation.protocol
+    yield f"average over scenes under {seeds} seeds, of which the result has the first:"
+    for one in seed_spreads(evaluation, seeds, resources):
+        yield f"  {one}"
+
+
+def seed_spreads(evaluation: Evaluation, seeds: int, resources: Resources) -> list[SeedSpread]:
+    """Return how far each headline score, averaged over scenes, spreads over seeds."""
+    protocol, track = evaluation.protocol, evaluation.given.track
     scores = [score for score in matching_scores(protocol.scores) if score.headline]
-    averages = [evaluation.evaluation.result.overall]
+    averages = [evaluation.result.overall]
+    pairs = list(zip(evaluation.claims, evaluation.truths, strict=True))
     for step in range(1, seeds):
         solver = protocol.solver.model_copy(update={"seed": protocol.solver.seed + step})
-        scored = score_claims(
-            protocol.model_copy(update={"solver": solver}),
-            evaluation.truths,
-            evaluation.claims,
-            jobs=jobs,
-            progress=progress,
-        )
-        records = concatenate([scene.records for scene in scored])
-        averages.append(summarise(records, scores, [t.scene for t in evaluation.truths]).overall)
+        seeded = protocol.model_copy(update={"solver": solver})
+        scored = [track.score(claim, truth, seeded, resources) for claim, truth in pairs]
+        scenes = [truth.scene for _, truth in pairs]
+        averages.append(summarise(track.records(scored, seeded), scores, scenes).overall)
     return [_spread(score, [values[score.column] for values in averages]) for score in scores]
 
 

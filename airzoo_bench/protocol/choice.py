@@ -11,17 +11,32 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, ProtocolError, first_of
 from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.protocol.lookup import Protocol, find_protocol, load_protocol, protocol_files
+from airzoo_bench.protocol.lookup import find_protocol, load_protocol, protocol_files
+from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["choose_protocol", "other_benchmark", "refuse_other_track"]
+__all__ = ["IN_A_FIELD", "choose_protocol", "other_benchmark", "refuse_other_track"]
 
 P = TypeVar("P", bound=Protocol)
 
 
+IN_A_FIELD = (
+    "a field 'protocol' with the name of one",
+    "name it with --protocol, or add the field; `airzoo-bench protocols` lists them",
+)
+"""Where a file says which protocol it is for, and how to mend that it does not."""
+
+
 def choose_protocol(
-    path: Path, in_file: str | None, named: str | None, data: Path, model: type[P]
+    path: Path,
+    in_file: str | None,
+    named: str | None,
+    data: Path,
+    model: type[P],
+    says: tuple[str, str] = IN_A_FIELD,
 ) -> P:
     """Return the protocol that was named, else the one that the file names.
+
+    `says` is told where neither names one.
 
     Raises
     ------
@@ -41,8 +56,8 @@ def choose_protocol(
         raise ProtocolError(
             "does not say which protocol it is for",
             where=path,
-            expected="a field 'protocol' with the name of one",
-            mend="name it with --protocol, or add the field; `airzoo-bench protocols` lists them",
+            expected=says[0],
+            mend=says[1],
         )
     if not isinstance(chosen, model):
         raise PredictionError(

@@ -1,38 +1,19 @@
-"""Protocols: what is measured, in files that people read, write and cite.
-
-A protocol file states every value that can change a score; the models have no defaults, so nothing
-is decided in code. Its fingerprint covers all of that and nothing else: a title may be reworded
-without changing it.
-"""
+"""Finding protocol files: shipped ones, and those of prepared benchmark folders."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, TypeVar, get_args
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import ValidationError
 
 from airzoo_bench.core.errors import ProtocolError
-from airzoo_bench.core.files import fingerprint
-from airzoo_bench.core.settings import Name, Strict
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
-from airzoo_bench.matching.settings import Crop, Lift, MatchingScores, Prior, Solver
-from airzoo_bench.reconstruction.settings import (
-    Alignment,
-    Fusion,
-    Meshes,
-    Preparation,
-    ReconstructionScores,
-)
-from airzoo_bench.retrieval.settings import Gallery, GroundTruth, RetrievalScores
+from airzoo_bench.protocol.model import Protocol
 
 __all__ = [
-    "MatchingProtocol",
-    "Protocol",
-    "ProtocolScene",
-    "ReconstructionProtocol",
-    "RetrievalProtocol",
     "find_protocol",
     "load_protocol",
     "protocol_files",
@@ -41,108 +22,7 @@ __all__ = [
     "shipped_protocols",
 ]
 
-
-P = TypeVar("P", bound="Protocol")
-
-
-class ProtocolScene(Strict):
-    """A scene of the benchmark and, where it is published, its number of queries."""
-
-    id: Name
-    title: Annotated[str, Field(min_length=1, max_length=80)]
-    queries: Annotated[int, Field(ge=1)] | None = None
-
-
-class Protocol(Strict):
-    """What is measured on one track of one benchmark; a class a track adds its sections."""
-
-    # The sections that the truth in a benchmark folder is made by.
-    truth_sections: ClassVar[tuple[str, ...]] = ()
-
-    schema_version: Literal[1] = Field(alias="schema")
-    name: Name
-    version: Annotated[int, Field(ge=1, le=10**6)]
-    title: Annotated[str, Field(min_length=1, max_length=120)]
-    summary: Annotated[str, Field(min_length=1)]
-    benchmark: Name
-    track: str
-    scenes: Annotated[tuple[ProtocolScene, ...], Field(min_length=1)]
-
-    @field_validator("scenes")
-    @classmethod
-    def _scenes_differ(cls, scenes: tuple[ProtocolScene, ...]) -> tuple[ProtocolScene, ...]:
-        ids = [scene.id for scene in scenes]
-        if len(set(ids)) != len(ids):
-            raise ValueError("each scene id once")
-        return scenes
-
-    def settings(self) -> dict[str, Any]:
-        """Return everything that can change a score, ready for JSON."""
-        texts = {"title", "summary", "scenes"}
-        values = self.model_dump(mode="json", exclude=texts, by_alias=True)
-        return values | {"scenes": [scene.id for scene in self.scenes]}
-
-    def truth_settings(self) -> dict[str, dict[str, Any]]:
-        """Return the values that the truth is made by, by section and key."""
-        values = self.model_dump(mode="json", exclude_none=True)
-        return {section: values[section] for section in self.truth_sections}
-
-    @property
-    def fingerprint(self) -> str:
-        """SHA-256 over `settings`."""
-        return fingerprint(self.settings())
-
-
-class RetrievalProtocol(Protocol):
-    """A protocol of aerial image retrieval."""
-
-    truth_sections: ClassVar[tuple[str, ...]] = ("gallery", "ground_truth")
-
-    track: Literal["retrieval"]
-    gallery: Gallery
-    ground_truth: GroundTruth
-    scores: RetrievalScores
-
-
-class MatchingProtocol(Protocol):
-    """A protocol of cross-view matching."""
-
-    truth_sections: ClassVar[tuple[str, ...]] = ("crop", "prior")
-
-    track: Literal["matching"]
-    crop: Crop
-    prior: Prior
-    lift: Lift
-    solver: Solver
-    scores: MatchingScores
-
-
-class ReconstructionProtocol(Protocol):
-    """A protocol of multi-view reconstruction."""
-
-    track: Literal["reconstruction"]
-    alignment: Alignment
-    fusion: Fusion
-    meshes: Meshes
-    preparation: Preparation
-    scores: ReconstructionScores
-
-    @model_validator(mode="after")
-    def _voxels_below_scores(self) -> Self:
-        voxel, finest = self.preparation.voxel_m, self.scores.finest_m
-        if not isinstance(voxel, str) and finest < 2 * voxel:
-            raise ValueError(
-                f"scores at {finest:g} m of clouds thinned by voxels of {voxel:g} m mean nothing: "
-                "thresholds must be at least two voxels"
-            )
-        return self
-
-
-_TRACKS: dict[str, type[Protocol]] = {
-    "retrieval": RetrievalProtocol,
-    "matching": MatchingProtocol,
-    "reconstruction": ReconstructionProtocol,
-}
+P = TypeVar("P", bound=Protocol)
 
 
 def load_protocol(path: Path) -> Protocol:
@@ -156,14 +36,15 @@ def load_protocol(path: Path) -> Protocol:
     """
     data = read_toml(path, ProtocolError, "protocol file")
     track = data.get("track")
-    if not isinstance(track, str) or track not in _TRACKS:
+    if not isinstance(track, str) or track not in TRACKS.names():
         raise ProtocolError(
             "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
             where=path,
-            expected="one of " + ", ".join(_TRACKS),
+            expected="one of " + ", ".join(TRACKS.names()),
             mend="correct the protocol file",
         )
-    return validated(data, _TRACKS[track], ProtocolError, path, "protocol file")
+    model: type[Protocol] = TRACKS.get(track).protocol
+    return validated(data, model, ProtocolError, path, "protocol file")
 
 
 def shipped_protocols() -> dict[str, Path]:
@@ -173,8 +54,9 @@ def shipped_protocols() -> dict[str, Path]:
 
 def _shipped_folder() -> Path:
     # In the wheel they lie inside the package; in a checkout beside it.
-    inside = Path(__file__).parent / "protocols"
-    return inside if inside.is_dir() else Path(__file__).parent.parent / "protocols"
+    package = Path(__file__).parents[1]
+    inside = package / "protocols"
+    return inside if inside.is_dir() else package.parent / "protocols"
 
 
 def find_protocol(name: str, data_root: Path) -> Protocol:
@@ -216,7 +98,7 @@ def protocol_of_track(name: str, data_root: Path, model: type[P]) -> P:
     """
     chosen = find_protocol(name, data_root)
     if not isinstance(chosen, model):
-        wanted = next(track for track, kind in _TRACKS.items() if kind is model)
+        (wanted,) = get_args(model.model_fields["track"].annotation)
         raise ProtocolError(
             f"protocol {chosen.name} is of the {chosen.track} track",
             expected=f"one of the {wanted} track",

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import replace
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError, UnreadableError
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.temporaries import PART
-from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
-from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
+from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.source import FileCloud
-from airzoo_bench.protocol.choice import choose_protocol
-from airzoo_bench.protocol.lookup import ReconstructionProtocol
 from airzoo_bench.reconstruction.camera_names import claim_of_scene, kind_of, true_cameras
 from airzoo_bench.reconstruction.notes import (
     notes_of_digits,
@@ -29,63 +24,22 @@ from airzoo_bench.reconstruction.placing import Rules, TrueScene, Work, place_cl
 from airzoo_bench.reconstruction.reading import (
     ReconstructionPredictions,
     ScenePrediction,
-    open_reconstruction,
 )
 from airzoo_bench.reconstruction.scoring import ScoredScene, score_scene
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
-__all__ = ["SceneOutcome", "look_into", "open_predictions", "scored_scene", "work_for"]
+__all__ = ["read_through", "scored_scene"]
 
 # What a point takes in memory while distances are computed: both clouds, their order, the tree.
 _BYTES_A_POINT = 128
 _LEAST_BLOCK = 100_000
-_UNPACKED_BYTES = 1 << 40
 
 
-def open_predictions(
-    path: Path, protocol: str | None, data: Path, memory_bytes: int
-) -> tuple[ReconstructionPredictions, ReconstructionProtocol]:
-    """List predictions, and find the protocol that is named, else their own.
-
-    Raises
-    ------
-    UserError
-        They are no such thing, or the protocol is unknown or of another track.
-    """
-    if path.is_file() and not path.name.lower().endswith((*SUFFIXES, *ARCHIVE_SUFFIXES)):
-        raise UnreadableError(
-            f"no kind of file that reconstructions come in: {path.suffix[:20]!r}",
-            where=path,
-            expected=f"a folder with an entry a scene, an archive of it "
-            f"({', '.join(ARCHIVE_SUFFIXES)}), or one scene's {', '.join(SUFFIXES)}",
-            mend="`airzoo-bench template` writes an example",
-        )
-    predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
-    named = predictions.protocol
-    if protocol is None and path.is_file() and path.suffix == ".npz":
-        named = protocol_name(open_arrays(path, memory_bytes))
-    if protocol is None and named is None:
-        raise ProtocolError(
-            "does not say which protocol it is for",
-            where=path,
-            expected="protocol.txt in the folder or archive, or a field 'protocol' in a file alone",
-            mend="name it with --protocol; `airzoo-bench protocols` lists them",
-        )
-    return predictions, choose_protocol(path, named, protocol, data, ReconstructionProtocol)
-
-
-def work_for(memory_bytes: int, jobs: int, progress: Progress) -> Work:
+def _work_for(resources: Resources) -> Work:
     """Return how to work within so much memory."""
-    return Work(max(memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK), jobs, progress)
-
-
-@dataclass(frozen=True, eq=False)
-class SceneOutcome:
-    """What came of a scene's prediction, of which kind it is, and what there is to say about it."""
-
-    scored: ScoredScene
-    kind: str
-    notes: list[str]
+    block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
+    return Work(block, resources.jobs, resources.progress)
 
 
 class _TrueCloud:
@@ -124,20 +78,20 @@ def scored_scene(
     predictions: ReconstructionPredictions,
     truth: ReconstructionTruth,
     chosen: ReconstructionProtocol,
-    memory_bytes: int,
-    work: Work,
-) -> Iterator[SceneOutcome]:
+    resources: Resources,
+) -> Iterator[ScoredScene]:
     """Read a scene's prediction and score it; a fault names the scene.
 
     Its clouds may be read within the context only.
     """
     place = f"{predictions.path}, scene {truth.scene}"
+    memory_bytes, work = resources.memory_bytes, _work_for(resources)
     with _entry(predictions, truth.scene, chosen, memory_bytes) as found:
         true_cloud = _TrueCloud(truth, memory_bytes, _sampling(chosen))
         claim = claim_of_scene(found, truth, place)
         true = TrueScene(true_cloud, true_cameras(truth), truth.cameras)
-        placed = place_claim(claim, true, rules_of(chosen), work)
-        scored = score_scene(claim, placed, true.cameras, rules_of(chosen), work)
+        placed = place_claim(claim, true, _rules_of(chosen), work)
+        scored = score_scene(claim, placed, true.cameras, _rules_of(chosen), work)
         notes = [
             *notes_of_reading(found, truth, claim, chosen.alignment, chosen.fusion),
             *notes_of_digits(found, placed, chosen.scores),
@@ -145,7 +99,7 @@ def scored_scene(
             *notes_of_scored(scored, chosen.scores),
         ]
         told = [f"scene {truth.scene}: {note}" for note in notes]
-        yield SceneOutcome(scored, kind_of(found), told)
+        yield replace(scored, kind=kind_of(found), notes=tuple(told))
 
 
 @contextmanager
@@ -173,26 +127,19 @@ def _entry(
         ) from fault
 
 
-def look_into(
+def read_through(
     predictions: ReconstructionPredictions,
     scene: str,
-    truth: ReconstructionTruth | None,
     chosen: ReconstructionProtocol,
     memory_bytes: int,
 ) -> list[str]:
-    """Do all with a scene's prediction that an evaluation does; return the notes.
-
-    Where `truth` is None it is only read.
+    """Read a scene's prediction without a truth; returns what there is to say about it.
 
     Raises
     ------
     PredictionError
-        It would be refused by an evaluation too.
+        It cannot be read.
     """
-    if truth is not None:
-        work = work_for(memory_bytes, 1, silent)
-        with scored_scene(predictions, truth, chosen, memory_bytes, work) as found:
-            return found.notes
     with _entry(predictions, scene, chosen, memory_bytes) as entry:
         if isinstance(entry.geometry, FileCloud):
             # A file that is cut off is found out where it is read.
@@ -201,7 +148,7 @@ def look_into(
         return [f"scene {scene}: {note}" for note in entry.geometry.notes]
 
 
-def rules_of(chosen: ReconstructionProtocol) -> Rules:
+def _rules_of(chosen: ReconstructionProtocol) -> Rules:
     """Return what a protocol states of how a scene is scored."""
     return Rules(chosen.alignment, chosen.fusion, chosen.preparation, chosen.scores)
 

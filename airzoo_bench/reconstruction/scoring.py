@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from airzoo_bench.reconstruction.prepared import PreparedCloud, finite_pieces
 from airzoo_bench.reconstruction.scores import f1_column, share_column
 from airzoo_bench.reconstruction.settings import ReconstructionScores
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 __all__ = ["ScoredScene", "score_missing", "score_scene"]
 
 
@@ -31,12 +34,17 @@ class ScoredScene:
     record : dict
         One row of the records.
     counts : dict of str to int
+        What a result states of the scene.
     curve : Curve or None
         None where there is no prediction.
     alignment : Alignment or None
     clouds : tuple of PreparedCloud, or None
         Prediction and truth as they were compared.
     distances : CloudDistances or None
+    kind : str or None
+        What the prediction holds: ``cloud``, ``mesh``, ``depth`` or ``points``.
+    notes : tuple of str
+        What there is to say about the scene.
     """
 
     record: dict[str, Any]
@@ -45,6 +53,15 @@ class ScoredScene:
     alignment: Alignment | None = None
     clouds: tuple[PreparedCloud, PreparedCloud] | None = None
     distances: CloudDistances | None = field(default=None, repr=False)
+    kind: str | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def records(self) -> pd.DataFrame:
+        """The record, as a table of one row."""
+        import pandas as pd
+
+        return pd.DataFrame([self.record])
 
 
 def score_scene(

@@ -1,175 +1,267 @@
-"""The reconstruction track: from predictions of scenes to records and a result."""
+"""The reconstruction track: photos become a cloud."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
-from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError, first_of
+from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.common import Checked, Run, make_result, namesake_notes
-from airzoo_bench.evaluation.run_files import Evaluation
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.track import EvalOption, Track
+from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.protocol.lookup import ReconstructionProtocol
+from airzoo_bench.formats.clouds.formats import SUFFIXES
+from airzoo_bench.reconstruction.alignment.file import write_alignments
+from airzoo_bench.reconstruction.baseline_run import STRUCTURE_FROM_MOTION
 from airzoo_bench.reconstruction.notes import listing_notes
 from airzoo_bench.reconstruction.pose_scores import worst_poses
 from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions
-from airzoo_bench.reconstruction.scenes import (
-    look_into,
-    open_predictions,
-    scored_scene,
-    work_for,
-)
+from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
+from airzoo_bench.reconstruction.scenes import read_through, scored_scene
 from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.template import depth_template
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
+from airzoo_bench.results.scores import Score
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "ReconstructionEvaluation",
-    "check_reconstruction",
-    "evaluate_reconstruction",
-    "read_reconstruction_truths",
-]
+__all__ = ["TRACK", "ReconstructionTrack"]
 
 _PIECE = 1 << 20
+_UNPACKED_BYTES = 1 << 40
 
 
-@dataclass(frozen=True, eq=False)
-class ReconstructionEvaluation:
-    """An evaluation, and what pictures need beside it; by scene.
+@dataclass(frozen=True)
+class _Listed:
+    """Which scenes there are entries of."""
 
-    Clouds and distances are there where they were asked for.
-    """
+    predictions: ReconstructionPredictions
+    known: list[str]
 
-    evaluation: Evaluation
-    protocol: ReconstructionProtocol
-    scored: dict[str, ScoredScene]
+    @property
+    def strange(self) -> tuple[str, ...]:
+        return self.predictions.unknown(self.known)
+
+    def notes(self) -> list[str]:
+        return listing_notes(self.predictions, self.known)
 
 
-def evaluate_reconstruction(
-    path: Path,
-    *,
-    data: Path,
-    protocol: str | None = None,
-    method: str | None = None,
-    memory_bytes: int,
-    jobs: int = 1,
-    keep_clouds: bool = False,
-    progress: Progress = silent,
-) -> ReconstructionEvaluation:
-    """Score predictions of the reconstruction track.
+def _write_alignments(evaluation: Evaluation, path: Path) -> None:
+    scored = zip(evaluation.truths, evaluation.scored, strict=True)
+    write_alignments({t.scene: s.alignment for t, s in scored if s.alignment is not None}, path)
 
-    Parameters
-    ----------
-    path : Path
-        A folder, an archive, or one file of a scene.
-    data : Path
-        The benchmark folder, or the folder that holds it.
-    protocol : str, optional
-        Name or path; by default the predictions' own.
-    method : str, optional
-        What tables call it; by default the name of the file or folder.
-    memory_bytes : int
-        The most that one array may take, and about what distances may take.
-    jobs : int
-        Threads; the numbers do not depend on it.
-    keep_clouds : bool
-        Keep the clouds and distances of each scene, for pictures.
-    progress : Progress
 
-    Raises
-    ------
-    UserError
-        The predictions, the protocol or the benchmark folder are not as they must be.
-    """
-    predictions, chosen = open_predictions(path, protocol, data, memory_bytes)
-    _refuse_other_scenes(predictions, chosen)
-    benchmark = find_benchmark(chosen.benchmark, data)
-    truths = read_reconstruction_truths(benchmark, chosen)
-    known = [truth.scene for truth in truths]
-    work = work_for(memory_bytes, jobs, progress)
-    scored, kinds, notes = {}, set(), listing_notes(predictions, known)
-    for truth in truths:
-        if truth.scene not in predictions.scenes:
-            scored[truth.scene] = score_missing(truth.scene, chosen.scores)
-            continue
-        with scored_scene(predictions, truth, chosen, memory_bytes, work) as found:
-            scene = found.scored
-            scored[truth.scene] = _kept(scene, path) if keep_clouds else _without_clouds(scene)
-        kinds.add(found.kind)
-        notes += found.notes
-    with_poses = any("ate_m" in scene.record for scene in scored.values())
-    records = _records(scored, chosen, with_poses)
-    run = Run(
-        path,
-        method or (path.stem if path.is_file() else path.name),
-        ", ".join(sorted(kinds)),
-        chosen,
-        benchmark,
-        {truth.scene: truth.fingerprint for truth in truths},
+class ReconstructionTrack(
+    Track[
+        ReconstructionProtocol,
+        ReconstructionPredictions,
+        ReconstructionTruth,
+        _Listed,
+        ReconstructionPredictions,
+        ScoredScene,
+    ]
+):
+    """Multi-view reconstruction; see `Track`. A claim is all predictions, whose scene is opened."""
+
+    name = "reconstruction"
+    summary = (
+        "Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."
     )
-    result = make_result(
-        run,
-        records,
-        reconstruction_scores(chosen.scores, with_poses=with_poses),
-        {name: scene.counts for name, scene in scored.items()},
-        len(predictions.unknown(known)),
-        notes,
+    protocol = ReconstructionProtocol
+    kinds = f"a folder, an archive, or {', '.join(SUFFIXES)}"
+    suffixes = (*SUFFIXES, *ARCHIVE_SUFFIXES)
+    fields = ("depth", "world_points", "points")
+    folders = True
+    says_protocol = (
+        "protocol.txt in the folder or archive, or a field 'protocol' in a file alone",
+        "name it with --protocol; `airzoo-bench protocols` lists them",
     )
-    return ReconstructionEvaluation(Evaluation(result, records), chosen, scored)
+    argument = (
+        "A folder or archive with an entry a scene (cloud, mesh, or .npz of depth or point maps), "
+        "or one such file."
+    )
+    example = "clouds --out results/mymethod --figures"
+    options = (
+        EvalOption(
+            "figures",
+            "Draw curves and maps of errors into --out.",
+            "airzoo_bench.report.reconstruction_run:draw_figures",
+        ),
+        EvalOption(
+            "clouds",
+            "Write clouds coloured by their errors into --out.",
+            "airzoo_bench.report.reconstruction_run:write_clouds",
+        ),
+    )
+    files = {"alignment.json": _write_alignments}  # noqa: RUF012 - never changed
+    baseline = STRUCTURE_FROM_MOTION
+    template_out = "template"
+
+    def read(self, path: Path, memory_bytes: int) -> ReconstructionPredictions:
+        """List predictions; see `open_reconstruction`."""
+        if path.is_file() and not path.name.lower().endswith(self.suffixes):
+            raise UnreadableError(
+                f"no kind of file that reconstructions come in: {path.suffix[:20]!r}",
+                where=path,
+                expected=f"a folder with an entry a scene, an archive of it "
+                f"({', '.join(ARCHIVE_SUFFIXES)}), or one scene's {', '.join(SUFFIXES)}",
+                mend="`airzoo-bench template` writes an example",
+            )
+        predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
+        if path.is_file() and path.suffix == ".npz":
+            return replace(predictions, protocol=protocol_name(open_arrays(path, memory_bytes)))
+        return predictions
+
+    def read_truth(self, benchmark: Benchmark, scene: str) -> ReconstructionTruth:
+        """See `truth.read_truth`."""
+        return read_truth(benchmark, scene)
+
+    def assign(
+        self,
+        predictions: ReconstructionPredictions,
+        protocol: ReconstructionProtocol,
+        truths: Sequence[ReconstructionTruth],
+        data: Path,
+    ) -> _Listed:
+        """See `Track.assign`."""
+        known = [scene.id for scene in protocol.scenes]
+        if not set(known) & set(predictions.scenes):
+            raise PredictionError(
+                f"holds none of the scenes of {protocol.name}: {first_of(predictions.scenes)}"
+                + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
+                where=predictions.path,
+                expected=f"an entry a scene: {first_of(known)}",
+                mend="name files or folders by their scenes, or the right protocol with --protocol",
+            )
+        return _Listed(predictions, known)
+
+    def claims(
+        self,
+        predictions: ReconstructionPredictions,
+        assigned: _Listed,
+        truths: Sequence[ReconstructionTruth],
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> Iterator[ReconstructionPredictions | PredictionError]:
+        """Claim all for each scene: entries are opened one at a time, when they are scored."""
+        for _ in truths:
+            yield predictions
+
+    def score(
+        self,
+        claim: ReconstructionPredictions,
+        truth: ReconstructionTruth,
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> ScoredScene:
+        """See `scored_scene` and `score_missing`."""
+        if truth.scene not in claim.scenes:
+            return score_missing(truth.scene, protocol.scores)
+        with scored_scene(claim, truth, protocol, resources) as scored:
+            return _kept(scored, claim.path) if resources.keep else _without_clouds(scored)
+
+    def records(
+        self, scored: Sequence[ScoredScene], protocol: ReconstructionProtocol
+    ) -> pd.DataFrame:
+        """Put the records of scenes under each other; missing poses are the worst."""
+        import pandas as pd
+
+        records = pd.DataFrame([scene.record for scene in scored])
+        counted = {name for scene in scored for name in scene.counts} & set(records)
+        records = records.astype(dict.fromkeys(sorted(counted), "Int64"))
+        # A scene without poses, where others have some, has failed.
+        return records.fillna(worst_poses(protocol.scores)) if _with_poses(scored) else records
+
+    def scores(
+        self, protocol: ReconstructionProtocol, scored: Sequence[ScoredScene]
+    ) -> list[Score]:
+        """See `reconstruction_scores`."""
+        return reconstruction_scores(protocol.scores, with_poses=_with_poses(scored))
+
+    def kind(self, predictions: ReconstructionPredictions, scored: Sequence[ScoredScene]) -> str:
+        """See `Track.kind`."""
+        return ", ".join(sorted({scene.kind for scene in scored if scene.kind is not None}))
+
+    def method(self, path: Path) -> str:
+        """See `Track.method`."""
+        return path.stem if path.is_file() else path.name
+
+    def notes(
+        self,
+        predictions: ReconstructionPredictions,
+        protocol: ReconstructionProtocol,
+        truths: Sequence[ReconstructionTruth],
+        claims: Sequence[ReconstructionPredictions],
+        scored: Sequence[ScoredScene],
+    ) -> list[str]:
+        """See `scored_scene`."""
+        return [note for scene in scored for note in scene.notes]
+
+    def inspect(
+        self,
+        claim: ReconstructionPredictions,
+        truth: ReconstructionTruth,
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> list[str]:
+        """Score the scene, since only that finds all that scoring would refuse."""
+        return list(self.score(claim, truth, protocol, resources).notes)
+
+    def inspect_alone(
+        self,
+        predictions: ReconstructionPredictions,
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> Iterator[PredictionError | str]:
+        """See `read_through`."""
+        for scene in protocol.scenes:
+            if scene.id in predictions.scenes:
+                try:
+                    yield from read_through(predictions, scene.id, protocol, resources.memory_bytes)
+                except PredictionError as error:
+                    yield error
+
+    def check_template_path(self, out: Path, *, force: bool) -> None:
+        """See `Track.check_template_path`."""
+        if out.suffix == ".npz" or out.is_file() or (out.is_dir() and any(out.iterdir())):
+            what = "is there and not empty" if out.exists() else "is the name of a file"
+            raise UsageError(
+                f"templates of reconstruction are written as a folder, and this {what}",
+                where=out,
+                expected="a new folder, such as preds",
+                mend="name another with --out",
+            )
+
+    def write_template(
+        self,
+        out: Path,
+        protocol: ReconstructionProtocol,
+        truths: Sequence[ReconstructionTruth],
+        kind: str,
+        seed: int,
+    ) -> None:
+        """Write a folder with random depth maps of each scene."""
+        for number, truth in enumerate(truths):
+            with atomic_write(out / f"{truth.scene}.npz") as stream:
+                write_npz(stream, depth_template(truth, seed + number))
+        with atomic_write(out / "protocol.txt", "w") as text:
+            text.write(protocol.name + "\n")
 
 
-def check_reconstruction(
-    path: Path, *, data: Path, protocol: str | None, memory_bytes: int
-) -> Checked:
-    """Find all that is wrong with predictions, or odd.
-
-    Where the benchmark folder is there, they are scored too, so that all that an evaluation notes
-    is noted here.
-
-    Raises
-    ------
-    UserError
-        The predictions cannot be listed at all, or the protocol is unknown.
-    """
-    predictions, chosen = open_predictions(path, protocol, data, memory_bytes)
-    known = [scene.id for scene in chosen.scenes]
-    try:
-        _refuse_other_scenes(predictions, chosen)
-    except PredictionError as fault:
-        return Checked([fault], [])
-    notes = [*namesake_notes(chosen, data), *listing_notes(predictions, known)]
-    try:
-        truths = read_reconstruction_truths(find_benchmark(chosen.benchmark, data), chosen)
-    except BenchmarkError as error:
-        notes.append(f"predictions were not held against the benchmark: {error.what}")
-        truths = []
-    by_scene = {truth.scene: truth for truth in truths}
-    faults = []
-    for scene in known:
-        if scene in predictions.scenes:
-            try:
-                notes += look_into(predictions, scene, by_scene.get(scene), chosen, memory_bytes)
-            except PredictionError as fault:
-                faults.append(fault)
-    return Checked(faults, notes)
-
-
-def read_reconstruction_truths(
-    benchmark: Benchmark, protocol: ReconstructionProtocol
-) -> list[ReconstructionTruth]:
-    """Read the truth of every scene of a protocol, in its order."""
-    benchmark.check_fits(protocol)
-    return [read_truth(benchmark, scene.id) for scene in protocol.scenes]
+def _with_poses(scored: Sequence[ScoredScene]) -> bool:
+    return any("ate_m" in scene.record for scene in scored)
 
 
 def _without_clouds(scene: ScoredScene) -> ScoredScene:
@@ -189,27 +281,4 @@ def _in_memory(cloud: PreparedCloud) -> PreparedCloud:
     return replace(cloud, source=Held(Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))))
 
 
-def _records(
-    scored: dict[str, ScoredScene], chosen: ReconstructionProtocol, with_poses: bool
-) -> pd.DataFrame:
-    import pandas as pd
-
-    records = pd.DataFrame([scene.record for scene in scored.values()])
-    counted = {name for scene in scored.values() for name in scene.counts} & set(records)
-    records = records.astype(dict.fromkeys(sorted(counted), "Int64"))
-    # A scene without poses, where others have some, has failed.
-    return records.fillna(worst_poses(chosen.scores)) if with_poses else records
-
-
-def _refuse_other_scenes(
-    predictions: ReconstructionPredictions, chosen: ReconstructionProtocol
-) -> None:
-    known = [scene.id for scene in chosen.scenes]
-    if not set(known) & set(predictions.scenes):
-        raise PredictionError(
-            f"holds none of the scenes of {chosen.name}: {first_of(predictions.scenes)}"
-            + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
-            where=predictions.path,
-            expected=f"an entry a scene: {first_of(known)}",
-            mend="name files or folders by their scenes, or the right protocol with --protocol",
-        )
+TRACK = ReconstructionTrack()

@@ -1,21 +1,21 @@
-"""Pictures of a matching evaluation, drawn into its output folder."""
+"""Pictures of a run of the matching track."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.benchmark.images import read_rgb_photo
-from airzoo_bench.core.progress import Progress
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 from airzoo_bench.geometry.planes import change_of_plane
 from airzoo_bench.geometry.rasters import open_info, read_rgb
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.scoring import ScoredScene
-from airzoo_bench.matching.track import MatchingEvaluation
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.report.figures import save_figure
 from airzoo_bench.report.matching import draw_error_curves, draw_matches, draw_queries_on_map
@@ -26,44 +26,39 @@ _LONG_SIDE_PX = 1200
 
 
 def draw_figures(
-    evaluation: MatchingEvaluation, data: Path, folder: Path, progress: Progress
-) -> int:
-    """Draw error curves of all scenes, and for each scene a map and every query's matches.
+    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
+) -> Iterator[str]:
+    """Draw error curves of all scenes, and of each a map and every query's matches.
 
     Parameters
     ----------
-    evaluation : MatchingEvaluation
-    data : Path
-        Where the benchmark is found.
-    folder : Path
-        Made where it is missing.
-    progress : Progress
-
-    Returns
-    -------
-    int
-        The number of pictures.
+    evaluation : Evaluation
+    wanted : bool
+    out : Path or None
+        The folder of the run; pictures go into its ``figures``.
+    resources : Resources
 
     Raises
     ------
     BenchmarkError
         A photo is not there.
     """
-    protocol, records = evaluation.protocol, evaluation.evaluation.records
+    if not wanted or out is None:
+        return
+    folder, protocol = out / "figures", evaluation.protocol
     titles = {scene.id: scene.title for scene in protocol.scenes}
     limits = protocol.scores.translation_below_m
-    save_figure(draw_error_curves(records, titles, limits), folder / "errors.png")
-    drawn = 1
-    benchmark = find_benchmark(protocol.benchmark, data)
+    save_figure(draw_error_curves(evaluation.records, titles, limits), folder / "errors.png")
+    drawn, benchmark = 1, evaluation.benchmark
     parts = zip(evaluation.truths, evaluation.claims, evaluation.scored, strict=True)
     for truth, claim, scored in parts:
         _draw_map(truth, scored, titles[truth.scene], folder / f"{truth.scene}_map.png")
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
         rows = range(len(truth.queries) if claim.map_xy is not None else 0)
-        for row in progress(rows, "pictures", len(rows)):
+        for row in resources.progress(rows, "pictures", len(rows)):
             _draw_query(truth, claim, scored, row, images, folder)
         drawn += 1 + len(rows)
-    return drawn
+    yield f"drew {drawn} pictures into {folder}"
 
 
 def _draw_map(truth: MatchingTruth, scored: ScoredScene, title: str, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Score", "Summary", "summarise"]
+__all__ = ["Score", "Summary", "concatenate", "summarise"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,13 @@ class Summary:
     scenes: dict[str, dict[str, float]]
     overall: dict[str, float]
     pooled: dict[str, float]
+
+
+def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Put the records of scenes under each other."""
+    import pandas as pd
+
+    return pd.concat(parts, ignore_index=True)
 
 
 def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> Summary:

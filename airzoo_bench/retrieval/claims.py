@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.core.validation import nearest
+from airzoo_bench.retrieval.hits import hit_matrix
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
@@ -23,9 +24,60 @@ from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["is_answered", "rank_scene", "strange_tiles"]
+__all__ = ["RankedScene", "rank_scene", "strange_tiles"]
 
 _CELLS = 1 << 20  # ranks at a time
+
+
+@dataclass(frozen=True)
+class RankedScene:
+    """What predictions claim of a scene with Q queries.
+
+    Attributes
+    ----------
+    truth : RetrievalTruth
+    ranking : Ranking
+        Q rows; those of missing queries hold no tile.
+    answered : (Q,) bool
+        Which queries have a list that is not empty.
+    given : (Q,) bool
+        Which queries have a list.
+    """
+
+    truth: RetrievalTruth
+    ranking: Ranking
+    answered: NDArray[np.bool_]
+    given: NDArray[np.bool_]
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """How many ranks each query has a tile at."""
+        lengths: NDArray[np.int64] = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
+        return lengths
+
+    def shorter(self, depth: int) -> int:
+        """Count the lists that end before a rank, and not all of whose positives they hold."""
+        positives = self.truth.positives
+        hits = hit_matrix(
+            self.ranking.tiles, positives.offsets, positives.tiles, len(self.truth.tiles)
+        )
+        short = (self.lengths > 0) & (self.lengths < min(depth, len(self.truth.tiles)))
+        return int((short & (np.count_nonzero(hits, axis=1) < positives.counts)).sum())
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What a result states of the scene."""
+        truth = self.truth
+        return {
+            "queries": len(truth.queries),
+            "tiles": len(truth.tiles),
+            "missing": int((~self.answered).sum()),
+            "empty_lists": int((self.given & ~self.answered).sum()),
+            "tie_dependent": int(self.ranking.tie_dependent.sum()),
+            "without_positive": len(truth.excluded) + int((truth.positives.counts == 0).sum()),
+            "without_ground_point": truth.without_ground_point,
+            "dropped_tiles": len(truth.dropped_tiles),
+        }
 
 
 def rank_scene(
@@ -36,7 +88,7 @@ def rank_scene(
     *,
     memory_bytes: int,
     workers: int,
-) -> Ranking:
+) -> RankedScene:
     """Rank the gallery of one scene for each of its queries, as the claim has it.
 
     Parameters
@@ -50,11 +102,6 @@ def rank_scene(
         The protocol's.
     memory_bytes, workers : int
         For ranking descriptors.
-
-    Returns
-    -------
-    Ranking
-        Q rows; those of missing queries hold no tile.
 
     Raises
     ------
@@ -85,18 +132,12 @@ def rank_scene(
                 )
     except PredictionError as error:
         raise error.inside(predictions.path) from error
-    return _spread(ranking, answered, len(rows))
+    every = _spread(ranking, answered, len(rows))
+    return RankedScene(truth, every, _is_answered(predictions, rows), rows >= 0)
 
 
-def is_answered(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Tell which queries have an answer: a row in the file, whose list is not empty.
-
-    Parameters
-    ----------
-    predictions : RetrievalPredictions
-    rows : (Q,) int
-        From `ids.assign_queries`.
-    """
+def _is_answered(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Tell which queries have a row in the file, whose list is not empty."""
     claim, answered = predictions.claim, rows >= 0
     if isinstance(claim, RankedIds):
         answered = answered & (claim.ids[rows] != "").any(axis=1)

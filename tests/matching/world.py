@@ -20,8 +20,9 @@ from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
-from airzoo_bench.protocol.lookup import MatchingProtocol, load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from tests.geometry.support import looking_down
 from tests.support import PLACE_CRS, write_raster
 

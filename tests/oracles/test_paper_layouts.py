@@ -17,15 +17,12 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol.lookup import (
-    MatchingProtocol,
-    RetrievalProtocol,
-    load_protocol,
-    shipped_protocols,
-)
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.latex import LatexStyle, latex

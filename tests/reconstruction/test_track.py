@@ -18,7 +18,7 @@ from airzoo_bench.core.open3d_loader import load_open3d
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.protocol.lookup import ReconstructionProtocol, load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.alignment.similarity import umeyama
 from airzoo_bench.reconstruction.observed import observed_cells
@@ -26,6 +26,7 @@ from airzoo_bench.reconstruction.placing import Claim, Rules, TrueScene, Work, p
 from airzoo_bench.reconstruction.prepared import Held
 from airzoo_bench.reconstruction.regions import bounding_box
 from airzoo_bench.reconstruction.scoring import ScoredScene, score_scene
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import all_pairs
 from tests.reconstruction.world import (

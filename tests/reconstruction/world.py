@@ -19,7 +19,8 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.protocol.lookup import ReconstructionProtocol, load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.track import ReconstructionEvaluation, evaluate_reconstruction
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, write_truth
 from tests.geometry.support import looking_down

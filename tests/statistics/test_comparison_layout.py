@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol.lookup import (
-    MatchingProtocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    load_protocol,
-    shipped_protocols,
-)
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.comparison import Comparison, Pair, compare
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.evaluation.baseline import DOUBLED, Option
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.sift import extract, mutual_nearest
 from airzoo_bench.reconstruction.sfm.model import Lens, Model, model_arrays, model_from_arrays
@@ -53,7 +54,7 @@ class SfmSettings:
     max_features : int
         The largest SIFT features of a photo that are kept.
     peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1.
+        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
     doubled : bool
         See `sift.extract`.
     ratio : float
@@ -68,15 +69,17 @@ class SfmSettings:
     seed : int
     """
 
-    long_side_px: int
-    max_features: int
-    peak_threshold: float
-    doubled: bool
-    ratio: float
-    neighbours: int | None
-    least_inliers: int
-    max_error_px: float
-    seed: int
+    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1600
+    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 100)] = 4096
+    peak_threshold: float = 0.02 / 3
+    doubled: Annotated[bool, DOUBLED] = True
+    ratio: float = 0.8
+    neighbours: Annotated[
+        int | None, Option("neighbours", "Each photo is matched with so many, by GPS.", 2)
+    ] = 12
+    least_inliers: int = 15
+    max_error_px: float = 4.0
+    seed: Annotated[int, Option("seed", "Of every random choice.", 0)] = 0
 
 
 class Photo(NamedTuple):
