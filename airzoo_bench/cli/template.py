@@ -49,7 +49,7 @@ def template(
     from airzoo_bench.evaluation.template import write_template
 
     written = write_template(
-        protocol, data=resolve_data(data), out=out, kind=kind, seed=seed, force=force
+        protocol, data=resolve_data(data), out=out, kind=kind and kind.value, seed=seed, force=force
     )
     say(f"wrote {written.out}: replace its arrays, which are random, by your own")
     if written.note is not None:

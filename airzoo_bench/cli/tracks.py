@@ -32,6 +32,11 @@ class TrackGroup(TyperGroup):
         """Return the names of the tracks."""
         return TRACKS.names()
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the subcommand that is meant, or name what may be."""
+        self.commands = dict.fromkeys(self.list_commands(ctx))  # type: ignore[assignment]
+        return super().resolve_command(ctx, args)
+
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a track's subcommand."""
         if cmd_name not in TRACKS.names():

@@ -81,8 +81,9 @@ def _step(command: str) -> str:
     lines = [f"$ {command}", *printed.splitlines()]
     lines += [f"[stderr] {line}" for line in said.splitlines()]
     lines += [f"[exit {code}]"] if code else []
-    lines += _checksums(changed) + [f"[removed {name}]" for name in gone]
-    return "".join(f"{line.rstrip()}\n" for line in lines)
+    if not command.startswith("make "):
+        lines += _checksums(changed) + [f"[removed {name}]" for name in gone]
+    return "".join(f"{line.rstrip()}\n" for line in lines).replace(str(Path.cwd()), "HOME")
 
 
 def _run(words: list[str]) -> tuple[str, str, int]:
@@ -128,7 +129,8 @@ def _checksums(changed: dict[str, object]) -> list[str]:
 def _checksum(path: Path) -> str:
     if path.name in UNLIKE_EACH_TIME:
         return "-"
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    content = path.read_bytes().replace(str(Path.cwd()).encode(), b"HOME")
+    return hashlib.sha256(content).hexdigest()[:12]
 
 
 def main() -> None:
