@@ -6,7 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError, UnreadableError
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    CameraError,
+    PredictionError,
+    UnreadableError,
+    UserError,
+)
 from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
 from airzoo_bench.evaluation.notes import counts_apart, namesake_notes
 from airzoo_bench.evaluation.resources import Resources
@@ -21,13 +27,13 @@ class Checked:
 
     Attributes
     ----------
-    errors : list of PredictionError
+    errors : sequence of UserError
         What `evaluate` would refuse.
     notes : list of str
         What a person may wish to know besides.
     """
 
-    errors: list[PredictionError]
+    errors: Sequence[UserError]
     notes: list[str]
 
 
@@ -62,7 +68,7 @@ def check(
         return _checked(open_predictions(path, None, protocol, data, resources), resources)
     except UnreadableError:
         raise
-    except PredictionError as error:
+    except (PredictionError, CameraError) as error:
         return Checked([error], [])
 
 

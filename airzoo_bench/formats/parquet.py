@@ -148,8 +148,8 @@ class _Piece:
             places = np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))
             rows = np.unique(places // a_row) + self.first_row
             raise PredictionError(
-                f"column '{self.name}' has nulls in {first_of(rows.tolist(), noun='rows')}, "
-                "counted from 0",
+                f"column '{self.name}' has nulls in rows, counted from 0: "
+                f"{first_of(rows.tolist())}",
                 where=self.path,
                 expected="a value in every place",
                 mend="leave such rows out; fill the end of a shorter list with ''",

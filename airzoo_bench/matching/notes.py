@@ -13,7 +13,7 @@ from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.conventions import suspect_inverted
 from airzoo_bench.matching.lifting import LiftStatus
-from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
+from airzoo_bench.matching.predictions import MatchingPredictions
 from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
 from airzoo_bench.matching.settings import Lift, Solver
 from airzoo_bench.matching.truth import MatchingTruth
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["claim_notes", "equal_to_prior", "lifting_notes", "scored_notes"]
 
 # Pixels that all lie within this share of the photo are suspected, if there are enough of them.
-_ENOUGH_MATCHES = 100
-_CORNER = 0.6
+_ENOUGH_MATCHES, _MANY_MATCHES = 100, 2000
+_CORNER, _CORNER_OF_MANY = 0.6, 0.9
 # Beyond any error of GPS, and of poses that mean the right place.
 _FAR_M = 1000.0
 # A prior that was copied went through a file at most.
@@ -42,12 +42,10 @@ _DOUBTS = {
 }
 
 
-def claim_notes(
-    predictions: MatchingPredictions, truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]
-) -> list[str]:
+def claim_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
     """Say what can be seen of claims without solving them: what `check` and `eval` both note."""
     return [
-        *_scale_notes(predictions, truths),
+        *_scale_notes(truths, claims),
         *_crop_notes(truths, claims),
         *_prior_notes(truths, claims),
         *_inverted_notes(truths, claims),
@@ -184,16 +182,19 @@ def _crop_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -
     return [f"{lying} outside the query's crop"] if outside else []
 
 
-def _scale_notes(predictions: MatchingPredictions, truths: Sequence[MatchingTruth]) -> list[str]:
-    """Suspect pixels of a smaller image: they would all lie in a corner of the photo."""
-    claim = predictions.claim
-    if isinstance(claim, PoseClaim) or len(claim.query_xy) < _ENOUGH_MATCHES:
-        return []
-    size = np.array([[t.cameras.width.max(), t.cameras.height.max()] for t in truths]).max(axis=0)
-    reach = claim.query_xy.max(axis=0)
-    if (reach < _CORNER * size).all():
-        return [
-            f"no query pixel lies beyond ({reach[0]:.0f}, {reach[1]:.0f}) in photos of "
-            f"{size[0]}x{size[1]} px: are the matches in the size of a smaller image?"
-        ]
-    return []
+def _scale_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
+    """Suspect pixels of a smaller image: they would all lie in a corner of the photos."""
+    notes = []
+    for truth, claim in zip(truths, claims, strict=True):
+        count = len(claim.query_xy)
+        if count < _ENOUGH_MATCHES:
+            continue
+        size = np.stack([truth.cameras.width, truth.cameras.height], axis=1)
+        reach = (claim.query_xy / np.repeat(size, np.diff(claim.offsets), axis=0)).max(axis=0)
+        if (reach < (_CORNER if count < _MANY_MATCHES else _CORNER_OF_MANY)).all():
+            notes.append(
+                f"scene {truth.scene}: no match lies beyond {reach[0]:.0%} of the photos' width "
+                f"and {reach[1]:.0%} of their height: are the matches in the size of a smaller "
+                "image?"
+            )
+    return notes

@@ -18,6 +18,7 @@ from typing import NamedTuple, TypedDict, Unpack
 import numpy as np
 
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.solvers import Ransac, Solver, check_settings, find_pose
@@ -245,6 +246,7 @@ def solve_poses(
         estimate = solve_pose(*problem, **settings)
         return replace(estimate, seconds=perf_counter() - begin)
 
+    load_pycolmap()  # here, since signals that it takes are given back in the main thread only
     return list(progress(_threaded(solve, problems, workers), "poses", len(problems)))
 
 

@@ -144,7 +144,7 @@ class MatchingTrack(
         """See `scored_notes` and `claim_notes`."""
         return [
             *scored_notes(self.records(scored, protocol), predictions, truths, scored),
-            *claim_notes(predictions, truths, claims),
+            *claim_notes(truths, claims),
         ]
 
     def inspect_alone(
@@ -168,7 +168,7 @@ class MatchingTrack(
         """See `lifting_notes` and `claim_notes`."""
         return [
             *lifting_notes(truths, claims, protocol.lift, protocol.solver, resources.jobs),
-            *claim_notes(predictions, truths, claims),
+            *claim_notes(truths, claims),
         ]
 
     def references(

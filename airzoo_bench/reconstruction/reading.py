@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
 from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
@@ -221,11 +221,11 @@ def _protocol(bundle: Bundle, member: Member) -> str:
     return name
 
 
-def _no_entries(path: Path, extra: list[str]) -> PredictionError:
+def _no_entries(path: Path, extra: list[str]) -> UnreadableError:
     there = f" (there are {first_of(extra)})" if extra else ""
     endings = sorted({PurePosixPath(name).suffix[:20] for name in extra} - {"", *SUFFIXES})
     unread = [f"endings such as {one!r} are not read: write a cloud as .ply" for one in endings]
-    return PredictionError(
+    return UnreadableError(
         f"holds no cloud, mesh or npz{there}",
         where=path,
         expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "

@@ -20,13 +20,7 @@ from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.retrieval.descriptor_rows import as_float32
 from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 
-__all__ = [
-    "Descriptors",
-    "RankedIds",
-    "RetrievalPredictions",
-    "deep_faults",
-    "faults",
-]
+__all__ = ["Descriptors", "RankedIds", "RetrievalPredictions", "deep_faults", "faults"]
 
 Texts = NDArray[np.str_]
 Bools = NDArray[np.bool_]

@@ -351,7 +351,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "parquet: null": (
         parquet(query_ids=["east/q00000", None, None, None, None] + ["east/q00001"] * 5),
-        ["column 'query_ids' has nulls in 4 rows (first 3: 1, 2, 3)"],
+        ["column 'query_ids' has nulls in rows, counted from 0: 4 (first 3: 1, 2, 3)"],
     ),
     "parquet: no ranks": (parquet(ranked_ids=None), ["lacks the field ranked_ids"]),
     "parquet: numbers as ids": (

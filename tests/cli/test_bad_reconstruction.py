@@ -562,13 +562,6 @@ def test_notes_of_eval_and_of_check(
         assert note in told or "are missing from the predictions" in note or "ids of" in note
 
 
-def test_centres_that_do_not_fit_are_not_asked_about_axes(world: World, tmp_path: Path) -> None:
-    mixed = cameras(image_names=lambda w: np.array(w.images("yard"))[[3, 0, 5, 2, 1, 4]])
-    notes = notes_of(world, mixed(world, tmp_path / "p"), tmp_path)
-    assert "cameras agree within" in notes
-    assert "OpenGL" not in notes
-
-
 def test_a_crop_that_leaves_nothing_says_so(world: World, tmp_path: Path) -> None:
     path = clouds(cameras=False, yard=lambda p: p * 1000.0)(world, tmp_path / "p")
     chosen = world.protocol(tmp_path / "c.toml", preparation={"crop": "box", "crop_margin_m": 5.0})

@@ -71,13 +71,19 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"query_ids": IDS, "__index_level_0__": [3, 4]},
         r"'__index_level_0__'[\s\S]*index=False",
     ),
-    "null": ({"query_ids": ["e/a", None]}, r"'query_ids' has nulls in 1 \(1\) rows"),
-    "null list": ({"ranked_ids": [["a"], None]}, r"'ranked_ids' has nulls in 1 \(1\) rows"),
+    "null": (
+        {"query_ids": ["e/a", None]},
+        r"'query_ids' has nulls in rows, counted from 0: 1 \(1\)",
+    ),
+    "null list": (
+        {"ranked_ids": [["a"], None]},
+        r"'ranked_ids' has nulls in rows, counted from 0: 1 \(1\)",
+    ),
     "null in a list": (
         {"ranked_ids": [["a", "b"], ["c", None]]},
-        r"'ranked_ids' has nulls in 1 \(1\) rows",
+        r"'ranked_ids' has nulls in rows, counted from 0: 1 \(1\)",
     ),
-    "all null": ({"query_ids": [None, None]}, r"nulls in 2 \(0, 1\) rows"),
+    "all null": ({"query_ids": [None, None]}, r"nulls in rows, counted from 0: 2 \(0, 1\)"),
     "ragged": ({"ranked_ids": [["a"], ["b", "c"]]}, "lists of 1 to 2 entries"),
     "nested": ({"ranked_ids": [[["a"]], [["b"]]]}, "'ranked_ids' has values of type list<"),
     "struct": ({"query_ids": [{"a": 1}, {"a": 2}]}, "'query_ids' has values of type struct"),

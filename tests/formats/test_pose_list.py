@@ -96,9 +96,12 @@ def test_not_text(tmp_path: Path) -> None:
 
 def test_the_command_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = written(tmp_path, "hills/a 2 0 0 0 1 2 3\n")
-    for command in (("eval", "matching"), ("check",)):
-        assert run_main(*command, path, "--protocol", "photos-matching", "--data", tmp_path) == 2
+    ask = ("--protocol", "photos-matching", "--data", tmp_path)
+    for command, code in ((("eval", "matching"), 2), (("check",), 1)):
+        assert run_main(*command, path, *ask) == code
         assert "not of unit length" in capsys.readouterr().err
+    far = written(tmp_path, f"hills/a {TURN.rsplit(' ', 1)[0]} 1e200\n")
+    assert run_main("check", far, *ask) == 1
     path = written(tmp_path, f"a {TURN}\nphotos/a {TURN}\nphotos/a {TURN}\n")
     assert run_main("check", path, "--protocol", "photos-matching", "--data", tmp_path) == 1
 

@@ -17,6 +17,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
 from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
+from airzoo_bench.matching.notes import claim_notes
 from airzoo_bench.matching.reading import read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
@@ -213,6 +214,15 @@ def test_inverted_rotations_of_photos_that_look_down_are_asked_about(tilt: float
         refuse_other_conventions(inverted, priors)
         asked += suspect_inverted(inverted, priors) is not None
     assert asked == 0 if tilt == 0 else asked >= (45 if tilt > 4 else 30)
+
+
+def test_many_pixels_of_a_little_smaller_image_are_suspected(world: World, tmp_path: Path) -> None:
+    for factor, repeats, asked in ((1.0, 10, False), (0.8, 10, True), (0.8, 1, False)):
+        query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
+        map_xy = [np.tile(xy, (repeats, 1)) for xy in world.map_xy]
+        claim = claimed(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
+        said = " | ".join(claim_notes([world.truth], [claim]))
+        assert ("scene hills: no match lies beyond" in said) == asked, factor
 
 
 def test_a_centre_beyond_measure_is_told_in_words_only(
