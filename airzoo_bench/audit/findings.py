@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.printed.cells import Printed
 
@@ -139,7 +140,7 @@ class Audit:
         """All in one line."""
         counts = ", ".join(f"{self.count(grade)} {grade.value}" for grade in Grade)
         if self.checked == self.cells:
-            return f"{self.source}: {counts}, in {self.cells} values"
+            return f"{self.source}: {counts}, in {counted(self.cells, 'value')}"
         told = f"only {self.checked} of {self.cells}" if self.checked else f"none of {self.cells}"
         return f"{self.source}: {counts}; {told} values could be checked, apart from their range"
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.tables.printed.cells import Printed, Published, grouped
 from airzoo_bench.tables.printed.numbers import Rounded, decimal_text
 
@@ -148,9 +149,10 @@ def _explaining(gain: _Gain, column: Sequence[Printed]) -> set[str]:
 
 def _gains_text(base: str | None, gains: Sequence[_Gain]) -> str:
     if base is None:
-        return f"no method of the table explains more than half of {len(gains)} gains"
+        return f"no method of the table explains more than half of {counted(len(gains), 'gain')}"
     explained = sum(gain.is_explained for gain in gains)
-    return f"gains are over {base}: {explained} of {len(gains)} are right up to the last digit"
+    are = agreeing(explained, "is", "are")
+    return f"gains are over {base}: {explained} of {len(gains)} {are} right up to the last digit"
 
 
 def _judge(gain: _Gain, base: str) -> Finding | None:
@@ -199,9 +201,11 @@ def check_bold(published: Published) -> Outcome:
     if plain:
         places = list(dict.fromkeys(f"{c[0].score.name} of {c[0].place}" for c in plain))
         shown = ", ".join(places[:3]) + (" ..." if len(places) > 3 else "")
-        left.append(f"{len(plain)} columns in which nothing is bold ({shown})")
+        left.append(f"{counted(len(plain), 'column')} in which nothing is bold ({shown})")
     if len(races) < len(columns):
-        left.append(f"{len(columns) - len(races)} columns of one method or an unknown score")
+        left.append(
+            f"{counted(len(columns) - len(races), 'column')} of one method or an unknown score"
+        )
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
     tables: dict[str, list[list[Printed]]] = {}

@@ -7,6 +7,7 @@ from fractions import Fraction
 from itertools import permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.printed.cells import Printed, Published, grouped
 from airzoo_bench.tables.printed.scores import Family, at_most
 
@@ -35,7 +36,7 @@ def check_ranges(published: Published) -> Outcome:
             findings.append(Finding(Grade.IMPOSSIBLE, "range", cell, why))
     what = "values, whether shares lie within 0 to 100 % and distances are not negative"
     unknown = len(published.cells) - len(known)
-    left = f"{unknown} values of scores that are not known" if unknown else ""
+    left = f"{counted(unknown, 'value')} of scores that are not known" if unknown else ""
     return Outcome("range", len(known), what, left, tuple(findings))
 
 

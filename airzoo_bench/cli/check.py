@@ -11,13 +11,16 @@ from airzoo_bench.cli.common import (
     DataOption,
     MemoryOption,
     ProtocolOption,
+    examples,
     memory_bytes,
     put,
     resolve_data,
     say,
 )
 
-__all__ = ["check"]
+__all__ = ["EXAMPLES", "check"]
+
+EXAMPLES = examples("check preds.npz")
 
 
 def check(

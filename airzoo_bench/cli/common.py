@@ -31,6 +31,7 @@ __all__ = [
     "MemoryOption",
     "ProtocolOption",
     "check_output",
+    "examples",
     "memory_bytes",
     "printable",
     "progress",
@@ -76,6 +77,11 @@ MemoryOption = Annotated[
     str, typer.Option("--max-memory", help="Memory for all of a file, such as 512M or 4G.")
 ]
 JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Threads to work with.")]
+
+
+def examples(*calls: str) -> str:
+    """Return what stands at the end of a command's help, where who has read it looks."""
+    return "\n\n".join(f"Example: airzoo-bench {call}" for call in calls)
 
 
 def resolve_data(data: Path | None) -> Path:

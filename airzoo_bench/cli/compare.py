@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, show
+from airzoo_bench.cli.common import Format, FormatOption, examples, show
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,7 +18,13 @@ if TYPE_CHECKING:
     from airzoo_bench.statistics.samples import Plan
     from airzoo_bench.tables.model import Table
 
-__all__ = ["compare"]
+__all__ = ["EXAMPLES", "compare"]
+
+EXAMPLES = examples(
+    "compare results/mine/result.json results/theirs/result.json",
+    "compare results/*/result.json --method Mine",
+    "compare --printed 96.21 94.32 --queries 264",
+)
 
 
 class IntervalMethod(StrEnum):
@@ -45,7 +51,9 @@ class _Request:
 def compare(
     results: Annotated[
         list[Path] | None,
-        typer.Argument(help="Two or more result.json; of one, its intervals are printed."),
+        typer.Argument(
+            help="Two or more result.json, or their folders; of one, its intervals are printed."
+        ),
     ] = None,
     form: FormatOption = Format.TERMINAL,
     score: Annotated[
@@ -94,14 +102,7 @@ def compare(
         int | None, typer.Option(min=1, help="With --printed: on how many queries.")
     ] = None,
 ) -> None:
-    """Compare methods query by query: differences, intervals, tests, a verdict in words.
-
-    Example: airzoo-bench compare results/mine/result.json results/theirs/result.json
-
-    Example: airzoo-bench compare results/*/result.json --method Mine
-
-    Example: airzoo-bench compare --printed 96.21 94.32 --queries 264
-    """
+    """Compare methods query by query: differences, intervals, tests, a verdict in words."""
     from airzoo_bench.statistics.samples import Plan
 
     if printed is not None or queries is not None:

@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, JobsOption, progress, put, say, show
+from airzoo_bench.cli.common import Format, JobsOption, examples, progress, put, say, show
 
-__all__ = ["demo"]
+__all__ = ["EXAMPLES", "demo"]
+
+EXAMPLES = examples("demo")
 
 
 def demo(
@@ -22,8 +24,6 @@ def demo(
     """Make a world, run a plain method on every track, and print the tables. Needs no data.
 
     The world and its photos are kept in the data root. A run that was stopped goes on.
-
-    Example: airzoo-bench demo
     """
     from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.core.files import check_output_folder

@@ -52,19 +52,21 @@ app = typer.Typer(
 app.add_typer(evaluate.app, name="eval")
 app.add_typer(prepare.app, name="prepare")
 app.add_typer(baseline.app, name="baseline")
-app.command("check")(check.check)
-app.command("check-geometry")(check_geometry.check_geometry)
-app.command("check-split")(check_geometry.check_split)
-app.command("template")(template.template)
-app.command("table")(table.table)
-app.command("compare")(compare.compare)
-app.command("audit")(audit.audit)
-app.command("breakdown")(breakdown.breakdown)
+app.command("check", epilog=check.EXAMPLES)(check.check)
+app.command("check-geometry", epilog=check_geometry.GEOMETRY_EXAMPLES)(
+    check_geometry.check_geometry
+)
+app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES)(check_geometry.check_split)
+app.command("template", epilog=template.EXAMPLES)(template.template)
+app.command("table", epilog=table.EXAMPLES)(table.table)
+app.command("compare", epilog=compare.EXAMPLES)(compare.compare)
+app.command("audit", epilog=audit.EXAMPLES)(audit.audit)
+app.command("breakdown", epilog=breakdown.EXAMPLES)(breakdown.breakdown)
 app.add_typer(plot.app, name="plot")
-app.command("report")(report.report)
-app.command("demo")(demo.demo)
+app.command("report", epilog=report.EXAMPLES)(report.report)
+app.command("demo", epilog=demo.EXAMPLES)(demo.demo)
 app.add_typer(mini.app, name="mini")
-app.command("protocols")(protocols.protocols)
+app.command("protocols", epilog=protocols.EXAMPLES)(protocols.protocols)
 
 
 def _print_version(wanted: bool) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, progress, put, say
+from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
+from airzoo_bench.core.plurals import agreeing, counted
 
 if TYPE_CHECKING:
     from airzoo_bench.mini.world import World
@@ -45,7 +46,7 @@ def _group() -> None:
     """AirZoo-Mini: make its world, plan flights, and render photos of your own flight."""
 
 
-@app.command(epilog="Example: airzoo-bench mini world")
+@app.command(epilog=examples("mini world"))
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
     from airzoo_bench.benchmark.folder import data_root
@@ -62,7 +63,7 @@ def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
             put(f"  {folder / name}.tif\n")
 
 
-@app.command(epilog="Example: airzoo-bench mini trajectory --region city --out my.csv")
+@app.command(epilog=examples("mini trajectory --region city --out my.csv"))
 def trajectory(
     out: Annotated[Path, typer.Option("--out", "-o", help="The .csv or .json to write.")],
     region: RegionOption = RegionName.CITY,
@@ -89,14 +90,14 @@ def trajectory(
     if overlap is not None:
         flown = flown.take(key_frames(flown, default_camera(), airspace.ground_m, overlap))
     write_trajectory(out, flown)
-    say(f"wrote {len(flown)} frames to {out}")
+    say(f"wrote {counted(len(flown), 'frame')} to {out}")
     if picture is not None:
         draw_flight(flown, made.region, picture, f"{flight}, {region}")
         say(f"wrote {picture}")
     say(f"next: airzoo-bench mini render --trajectory {out} --region {region} --out frames")
 
 
-@app.command(epilog="Example: airzoo-bench mini render --trajectory my.csv --region city -o frames")
+@app.command(epilog=examples("mini render --trajectory my.csv --region city -o frames"))
 def render(
     trajectory: Annotated[Path, typer.Option(help="A .csv or .json; see `mini trajectory`.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write into.")],
@@ -145,12 +146,13 @@ def render(
     counts = render_frames(
         frames, partial(load_world, folder), out, workers=jobs, progress=progress
     )
-    kept = f", {counts.kept} were there already" if counts.kept else ""
-    say(f"rendered {counts.rendered} frames into {out}{kept}")
+    were = agreeing(counts.kept, "was", "were")
+    kept = f", {counts.kept} {were} there already" if counts.kept else ""
+    say(f"rendered {counted(counts.rendered, 'frame')} into {out}{kept}")
     put(f"{out / 'frames.csv'}\n{out / 'images'}\n{out / 'depth'}\n{out / 'colmap'}\n")
 
 
-@app.command(epilog="Example: airzoo-bench mini pictures --out pictures")
+@app.command(epilog=examples("mini pictures --out pictures"))
 def pictures(
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to draw into.")],
     seed: SeedOption = 0,

@@ -37,7 +37,7 @@ _LETTERS_SAID = 10
 
 ResultsArgument = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="RESULTS", help="One or more result.json, or their folders."),
+    typer.Argument(metavar="RESULTS", help="One or more result.json, or their folders; required."),
 ]
 OutOption = Annotated[
     Path | None,

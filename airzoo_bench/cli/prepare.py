@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, progress, put, say
+from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
+from airzoo_bench.core.plurals import agreeing, counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,8 +46,10 @@ def _group() -> None:
 
 
 @app.command(
-    epilog="Example: airzoo-bench prepare photos --name park --images photos --poses poses.json "
-    "--dom dom.tif --dsm dsm.tif --tile-size 256 --tile-size 128"
+    epilog=examples(
+        "prepare photos --name park --images photos --poses poses.json --dom dom.tif --dsm dsm.tif "
+        "--tile-size 256 --tile-size 128"
+    )
 )
 def photos(
     name: Annotated[str, typer.Option(help="Of the benchmark and its scene.")],
@@ -85,7 +88,8 @@ def photos(
     ] = None,
     iou_above: Annotated[float | None, typer.Option(help="With --rule iou.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The folder to make (default: NAME in the data root).")
+        Path | None,
+        typer.Option("--out", "-o", help="The folder to make (default: NAME in the data root)."),
     ] = None,
     tiles: Annotated[
         Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
@@ -148,13 +152,14 @@ def photos(
     _report(prepared, out)
 
 
-@app.command("airzoo-mini", epilog="Example: airzoo-bench prepare airzoo-mini")
+@app.command("airzoo-mini", epilog=examples("prepare airzoo-mini"))
 def airzoo_mini(
     seed: Annotated[
         int, typer.Option(min=0, help="Another seed is another place, and another benchmark.")
     ] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="The folder to make (default: in the data root).")
+        Path | None,
+        typer.Option("--out", "-o", help="The folder to make (default: in the data root)."),
     ] = None,
     copy: Annotated[
         bool, typer.Option("--copy", help="Copy photos, maps and clouds into the folder.")
@@ -184,7 +189,7 @@ def airzoo_mini(
     )
     put(f"{prepared.folder}\n")
     for name, truths in prepared.scenes.items():
-        put(f"{name}, {len(truths.photos)} photos\n")
+        put(f"{name}, {counted(len(truths.photos), 'photo')}\n")
         _report_tracks(truths)
     _suggest([protocol.name for protocol in protocols.every], out and prepared.folder)
 
@@ -206,7 +211,9 @@ def _report(prepared: Prepared, out: Path | None) -> None:
     for sentence in suspicions(prepared.facts):
         say(f"warning: {sentence}")
     if prepared.without_pose:
-        say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
+        lost = prepared.without_pose
+        have = agreeing(len(lost), "has", "have")
+        say(f"{counted(len(lost), 'photo')} {have} no pose, such as {lost[0]}")
     _suggest(prepared.protocols, out and prepared.folder)
 
 
@@ -214,16 +221,18 @@ def _report_tracks(truths: SceneTruths) -> None:
     if truths.retrieval is not None:
         truth = truths.retrieval.truth
         counts = truth.positives.counts
-        put(f"  retrieval       {len(truth.queries)} queries, {len(truth.tiles)} tiles, ")
+        put(f"  retrieval       {counted(len(truth.queries), 'query')}, ")
+        put(f"{counted(len(truth.tiles), 'tile')}, ")
         put(f"{counts.min()} to {counts.max()} positives a query, mean {counts.mean():.1f}\n")
         _report_left_out(len(truth.excluded))
     if truths.matching is not None:
-        put(f"  matching        {len(truths.matching.queries)} queries with a prior\n")
+        put(f"  matching        {counted(len(truths.matching.queries), 'query')} with a prior\n")
         _report_left_out(len(truths.matching.excluded))
     else:
         put("  matching        no: no photo has GPS position and gimbal angles (--priors)\n")
     if truths.reconstruction is not None:
-        put(f"  reconstruction  {len(truths.reconstruction.photos)} photos, a true cloud\n")
+        photos = counted(len(truths.reconstruction.photos), "photo")
+        put(f"  reconstruction  {photos}, a true cloud\n")
     else:
         put("  reconstruction  no: no true cloud was given (--cloud)\n")
 
@@ -238,4 +247,4 @@ def _suggest(protocols: Sequence[str], folder: Path | None) -> None:
 
 def _report_left_out(count: int) -> None:
     if count:
-        put(f"                  {count} photos left out; excluded.csv says why\n")
+        put(f"                  {counted(count, 'photo')} left out; excluded.csv says why\n")

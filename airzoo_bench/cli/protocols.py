@@ -7,9 +7,19 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, Format, FormatOption, put, resolve_data, show
+from airzoo_bench.cli.common import (
+    DataOption,
+    Format,
+    FormatOption,
+    examples,
+    put,
+    resolve_data,
+    show,
+)
 
-__all__ = ["protocols"]
+__all__ = ["EXAMPLES", "protocols"]
+
+EXAMPLES = examples("protocols uav-visloc-retrieval")
 
 
 def protocols(

@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, resolve_data, say, with_data
+from airzoo_bench.cli.common import DataOption, examples, resolve_data, say, with_data
 
-__all__ = ["template"]
+__all__ = ["EXAMPLES", "template"]
+
+EXAMPLES = examples("template uav-visloc-retrieval --out preds.npz")
 
 
 class Kind(StrEnum):
@@ -42,10 +44,7 @@ def template(
         bool, typer.Option("--force", help="Write over a file that is there.")
     ] = False,
 ) -> None:
-    """Write an example prediction: every query, with random tiles, matches or depth maps.
-
-    Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
-    """
+    """Write an example prediction: every query, with random tiles, matches or depth maps."""
     from airzoo_bench.evaluation.template import write_template
 
     written = write_template(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from airzoo_bench.cli.common import examples
 from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ class TrackGroup(TyperGroup):
             return None
         function, example = self.command_of(TRACKS.get(cmd_name))
         app = typer.Typer(add_completion=False)
-        app.command(name=cmd_name, epilog=f"Example: airzoo-bench {example}")(function)
+        app.command(name=cmd_name, epilog=examples(example))(function)
         return typer.main.get_command(app)
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Self
 
+from airzoo_bench.core.plurals import counted
+
 __all__ = [
     "BenchmarkError",
     "CameraError",
@@ -20,7 +22,6 @@ __all__ = [
     "UnreadableError",
     "UsageError",
     "UserError",
-    "counted",
     "first_of",
 ]
 
@@ -101,11 +102,6 @@ class CameraError(UserError):
     """A camera or pose is not one: singular intrinsics, a rotation that does not rotate."""
 
 
-def counted(count: int, one: str, many: str) -> str:
-    """Put a number before what it counts, such as ``"1 query has"`` or ``"1,200 queries have"``."""
-    return f"{count:,} {one if count == 1 else many}"
-
-
 def first_of(
     names: Iterable[object], total: int | None = None, shown: int = 3, noun: str = ""
 ) -> str:
@@ -120,15 +116,18 @@ def first_of(
     shown : int
         How many to show.
     noun : str
-        What they are, in the plural.
+        What they are, in the singular.
 
     Returns
     -------
     str
-        Such as ``"12 of 161 queries (first 3: a, b, c)"``.
+        Such as ``"12 of 161 (first 3: a, b, c)"``, or ``"1 query (a)"``.
     """
     listed = [str(name) for name in names]
-    count = f"{len(listed):,}" if total is None else f"{len(listed):,} of {total:,}"
+    known = len(listed) if total is None else total
+    count = counted(known, noun) if noun else f"{known:,}"
+    if total is not None:
+        count = f"{len(listed):,} of {count}"
     head = ", ".join(listed[:shown])
     label = f"first {shown}: " if len(listed) > shown else ""
-    return f"{count} {noun} ({label}{head})" if noun else f"{count} ({label}{head})"
+    return f"{count} ({label}{head})"

@@ -11,6 +11,7 @@ from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
 from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.core.files import atomic_folder, sha256_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
@@ -245,7 +246,7 @@ def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources, read: _Read)
     tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "
     excluded = prepared.truth.excluded
     reasons = excluded["reason"].value_counts()
-    listed = "; ".join(f"{count} photos: {reason}" for reason, count in reasons.items())
+    listed = "; ".join(f"{counted(count, 'photo')}: {reason}" for reason, count in reasons.items())
     return BenchmarkError(
         f"no photo has a tile that answers it ({listed}); cameras are about "
         f"({centres['x']:.0f}, {centres['y']:.0f}, {centres['z']:.0f}), the surface model is "

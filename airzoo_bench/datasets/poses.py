@@ -22,6 +22,7 @@ from pydantic.fields import FieldInfo
 
 from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.core.files import read_text
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.core.validation import validation_message
 from airzoo_bench.geometry.cameras import Cameras
@@ -261,7 +262,7 @@ def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> 
         raise CameraError("has no image with a pose", where=path, mend="register images first")
     if not names:
         raise CameraError(
-            f"none of its {len(posed)} images is among the {len(sizes)} photos",
+            f"none of its {counted(len(posed), 'image')} is among {counted(len(sizes), 'photo')}",
             where=path,
             expected=f"names such as {next(iter(sorted(sizes)))}",
             mend=f"it has names such as {posed[0]!r}; rename one or the other",

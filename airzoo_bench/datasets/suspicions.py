@@ -11,6 +11,7 @@ import numpy as np
 from airzoo_bench.benchmark.queries import poses_of
 from airzoo_bench.benchmark.scene_inputs import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, RasterError, first_of
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.datasets.scene_facts import (
     Cameras3D,
     GpsFacts,
@@ -58,7 +59,7 @@ def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
             "with gdal_edit.py -units ft"
         )
     raise BenchmarkError(
-        f"all {int(known.sum())} cameras are below the surface: they are at {centre:.1f} m, the "
+        f"every camera is below the surface: they are at {centre:.1f} m, the "
         f"surface below them is at {surface:.1f} m (medians)",
         where=dsm,
         expected="cameras above the surface model, both in the same vertical unit and datum",
@@ -145,12 +146,13 @@ def _of_heights(cameras: Cameras3D, gps: GpsFacts | None) -> Iterator[str]:
     nowhere = int(np.isnan(cameras.heights_m).sum())
     if nowhere:
         yield (
-            f"the surface model has no height near {nowhere} of {len(cameras.heights_m)} cameras: "
-            "look at its nodata value and its extent"
+            f"the surface model has no height near {nowhere} of "
+            f"{counted(len(cameras.heights_m), 'camera')}: look at its nodata value and its extent"
         )
     if cameras.below:
         yield (
-            f"{cameras.below} of {len(cameras.heights_m)} cameras are below the surface model: "
+            f"{cameras.below} of {counted(len(cameras.heights_m), 'camera')} "
+            f"{agreeing(cameras.below, 'is', 'are')} below the surface model: "
             "look at its vertical datum and unit, and at heights that are none"
         )
     difference = np.array(cameras.heights_m - cameras.relative_m)
@@ -196,9 +198,10 @@ def _of_gps(gps: GpsFacts, photos: int) -> Iterator[str]:
             "may have different vertical datums (ellipsoid and geoid), and priors are so far off"
         )
     if gps.with_angles < gps.photos:
+        bare = gps.photos - gps.with_angles
         yield (
-            f"{gps.photos - gps.with_angles} of {photos} photos have a GPS position but no "
-            "altitude or gimbal angles, and so no prior: give these by --priors FILE "
+            f"{bare} of {counted(photos, 'photo')} {agreeing(bare, 'has', 'have')} a GPS position "
+            "but no altitude or gimbal angles, and so no prior: give these by --priors FILE "
             "(docs/benchmark-folder.md)"
         )
 

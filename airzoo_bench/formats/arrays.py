@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.formats.parquet import read_columns
@@ -269,7 +270,7 @@ def check_length(arrays: Arrays, name: str, values: NDArray[Any], rows: int) -> 
     if len(values) != rows:
         ids = "gallery_ids" if name.startswith("gallery") else "query_ids"
         raise PredictionError(
-            f"field '{name}' has {len(values):,} rows, '{ids}' has {rows:,}",
+            f"field '{name}' has {counted(len(values), 'row')}, '{ids}' has {rows:,}",
             where=arrays.path,
             expected="a row an id, in the same order",
             mend="write the rows and their ids together",

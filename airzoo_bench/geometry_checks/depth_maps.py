@@ -22,6 +22,7 @@ from airzoo_bench.core.errors import (
     UsageError,
     first_of,
 )
+from airzoo_bench.core.plurals import counted
 
 if TYPE_CHECKING:
     from airzoo_bench.formats.npz import NpzFile
@@ -96,7 +97,7 @@ def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
         )
     if not any(found):
         raise BenchmarkError(
-            f"holds no depth map of any of the {len(images)} photos",
+            f"holds no depth map of any of {counted(len(images), 'photo')}",
             where=folder,
             expected=f"such as {Path(images[0]).with_suffix('').as_posix()}.tif "
             f"({', '.join(SUFFIXES)})",

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
@@ -249,4 +250,4 @@ def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.i
 
 
 def _named(truth: MatchingTruth, rows: NDArray[np.intp]) -> str:
-    return first_of(truth.queries["id"].iloc[rows], len(truth.queries), noun="queries")
+    return first_of(truth.queries["id"].iloc[rows], len(truth.queries), noun="query")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.errors import counted
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.claims import SceneClaim

@@ -15,8 +15,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M
 
@@ -201,4 +202,4 @@ def _check_finite(predictions: MatchingPredictions, claim: Correspondences) -> N
 
 
 def _queries(some: NDArray[np.str_], every: NDArray[np.str_]) -> str:
-    return first_of(some, len(every), noun="queries")
+    return first_of(some, len(every), noun="query")

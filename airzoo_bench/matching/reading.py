@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.formats.arrays import (
     Arrays,
     check_fields,
@@ -85,7 +86,8 @@ def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
     offsets = _integers(arrays, "offsets", (None,))
     if len(offsets) != n_queries + 1:
         raise PredictionError(
-            f"field 'offsets' has {len(offsets):,} entries for {n_queries:,} queries",
+            f"field 'offsets' has {counted(len(offsets), 'entry')} "
+            f"for {counted(n_queries, 'query')}",
             where=arrays.path,
             expected=f"{n_queries + 1:,}, one more than there are queries",
             mend="np.concatenate([[0], np.cumsum(number of matches of each query)])",
@@ -99,7 +101,8 @@ def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
     for name, values in (("map_xy", map_xy), ("points3d", points)):
         if values is not None and len(values) != len(query_xy):
             raise PredictionError(
-                f"field '{name}' has {len(values):,} rows, 'query_xy' has {len(query_xy):,}",
+                f"field '{name}' has {counted(len(values), 'row')}, "
+                f"'query_xy' has {len(query_xy):,}",
                 where=arrays.path,
                 expected="a row a match in both",
                 mend="write the two together",
@@ -158,10 +161,10 @@ def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
 
 def _found(arrays: Arrays, name: str, values: NDArray[np.float64]) -> NDArray[np.bool_]:
     found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=(1, 2)))
-    half = ~found & np.isfinite(values).any(axis=(1, 2))
-    if half.any():
+    half = int((~found & np.isfinite(values).any(axis=(1, 2))).sum())
+    if half:
         raise PredictionError(
-            f"{int(half.sum())} poses are NaN or infinite in part",
+            f"{counted(half, 'pose')} {agreeing(half, 'is', 'are')} NaN or infinite in part",
             where=f"{arrays.path}, field '{name}'",
             expected="a whole pose, or NaN in all of it where there is none",
         )

@@ -9,6 +9,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.formats.clouds.source import FileCloud
@@ -107,8 +108,8 @@ def _names_by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) 
     photos = sorted(truth.photos["image"])
     if len(images.names) != len(photos):
         raise _nameless(
-            f"has no image_names, and its {len(images.names)} views are not the {len(photos)} "
-            "photos of the scene",
+            f"has no image_names, and {counted(len(images.names), 'view')} for "
+            f"{counted(len(photos), 'photo')} of the scene",
             place,
         )
     rows = np.flatnonzero(images.found)

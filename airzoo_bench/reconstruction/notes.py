@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.poses import Poses
@@ -147,8 +148,8 @@ def notes_of_scored(scored: ScoredScene, scores: ReconstructionScores) -> list[s
         if share > _SHARE:
             notes.append(
                 f"{len(far):,} of {len(distances):,} {whose} points, up to {distances.max():.4g} m "
-                f"away, make {share:.0%} of the mean distance: {mean} and Chamfer tell of them "
-                "alone"
+                f"away, {agreeing(len(far), 'makes', 'make')} {share:.0%} of the mean distance: "
+                f"{mean} and Chamfer tell of {agreeing(len(far), 'it', 'them')} alone"
             )
     return notes
 
@@ -162,7 +163,7 @@ def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[s
         (cloud.not_finite, "with coordinates that are NaN, infinite or too large to compute with"),
     ):
         if count:
-            notes.append(f"left out: {_points(count)} {what}")
+            notes.append(f"left out: {counted(count, 'point')} {what}")
     odd = suspicions(cloud.bounds, placed.truth.bounds)
     mirrored = mirror_suspicion(
         cloud.sample, placed.truth.sample, placed.alignment.transform, scores.f1_below_m
@@ -171,13 +172,9 @@ def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[s
     if not cloud.source.count:
         if not cloud.outside and not cloud.not_finite and not placed.distrusted:
             notes.append("the prediction holds no point, or no depth within the protocol's range")
-        cropped = f" ({_points(cloud.outside)} outside the crop)" if cloud.outside else ""
+        cropped = f" ({counted(cloud.outside, 'point')} outside the crop)" if cloud.outside else ""
         notes.append(f"no point is left to compare{cropped}: it scores 0 and infinite distances")
     return notes
-
-
-def _points(count: int) -> str:
-    return f"{count:,} point{'s' * (count != 1)}"
 
 
 def _named(names: tuple[str, ...]) -> str:
@@ -196,7 +193,8 @@ def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list
     notes += _far_depth(views, fusion)
     if views.depth is not None and views.images is not None and not views.images.found.all():
         lost = int(np.count_nonzero(~views.images.found))
-        notes.append(f"{lost} of {len(views.images.found)} depth maps have no pose: left out")
+        maps = counted(len(views.images.found), "depth map")
+        notes.append(f"{lost} of {maps} {agreeing(lost, 'has', 'have')} no pose: left out")
     if fusion.least_confidence is not None and views.confidence is None:
         notes.append("has no confidence: all of it was taken")
     return notes
@@ -243,12 +241,14 @@ def _alignment_notes(alignment: Alignment) -> list[str]:
         notes.append("fewer than 3 cameras agree: aligned to all of them")
     elif alignment.method != "none" and not agree:
         notes.append(
-            f"only {alignment.inliers} of {alignment.cameras} cameras agree within "
+            f"only {alignment.inliers} of {counted(alignment.cameras, 'camera')} "
+            f"{agreeing(alignment.inliers, 'agrees', 'agree')} within "
             f"{alignment.inlier_limit:.3g} m: the alignment may be that of a part"
         )
     if alignment.icp_failure is not None:
         notes.append(f"{alignment.icp_failure}: aligned by cameras only")
     if alignment.method != "none" and alignment.missing:
-        total = alignment.cameras + alignment.missing
-        notes.append(f"{alignment.missing} of {total} photos have no pose in the prediction")
+        photos = counted(alignment.cameras + alignment.missing, "photo")
+        have = agreeing(alignment.missing, "has", "have")
+        notes.append(f"{alignment.missing} of {photos} {have} no pose in the prediction")
     return notes

@@ -92,7 +92,7 @@ def finite_points(cloud: Cloud, *, where: object, kind: type[E]) -> tuple[Cloud,
         return cloud, 0
     if dropped == len(cloud):
         raise kind(
-            f"all {dropped:,} points have a coordinate that is NaN or infinite",
+            "every point has a coordinate that is NaN or infinite",
             where=where,
             expected="finite coordinates",
             mend="write the cloud again, without points that were not reconstructed",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.curves import (
@@ -31,7 +32,7 @@ from airzoo_bench.statistics.samples import Plan, Sample
 from airzoo_bench.statistics.significance import is_share
 from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
 from airzoo_bench.tables.breakdown_layout import group_intervals
-from airzoo_bench.tables.wording import intervals_made, plural, resampled
+from airzoo_bench.tables.wording import intervals_made, resampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -80,7 +80,9 @@ def _note(
         return f"no intervals: {why}"
     others = "; of the other scores they would take too long"
     lacking = others if len(scores) < len(section.headline) else ""
-    return f"{made}{lacking}{f'; none where {why}' if why else ''}"
+    has_pooled = section.by_query and len(section.first.scenes) > 1
+    pooled = "; of scenes and of the average over scenes, none of pooled values" * has_pooled
+    return f"{made}{lacking}{f'; none where {why}' if why else ''}{pooled}"
 
 
 def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:

@@ -21,8 +21,6 @@ from airzoo_bench.tables.wording import score_cell, score_title
 
 __all__ = ["compared_pairs"]
 
-_UNTOLD = {"unclear": "not told apart", "too few": "not told apart: too few differ"}
-
 
 def compared_pairs(section: Section, blobs: Blobs) -> dict[str, Any] | None:
     """Pack the paired tests of every two methods by the paper's scores; None with one method.
@@ -91,6 +89,6 @@ def _shown(pair: Pair, plan: Plan) -> dict[str, Any]:
         or f"none: {pair.interval.reason}",
         "p": Cell(pair.test.p_value, least=LEAST_P).text(4),
         "pHolm": Cell(pair.p_holm, least=LEAST_P).text(4),
-        "verdict": _UNTOLD.get(verdict(pair), verdict(pair)),
+        "verdict": verdict(pair),
         "sentence": sentence(pair, plan),
     }

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
-from airzoo_bench.core.errors import ResultError
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.results.result import Result
+from airzoo_bench.results.result import Result, ScoreColumn
 
-__all__ = ["check_comparable", "find_scene", "first_names", "other_settings", "version_notes"]
+__all__ = [
+    "check_comparable",
+    "check_score",
+    "find_scene",
+    "first_names",
+    "named_scores",
+    "other_settings",
+    "version_notes",
+]
 
 _SHOWN = 3
 _LONGEST = 60
@@ -29,9 +38,25 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
     ------
     ResultError
         Protocol or truth of one differ from those of the first; it says in what, and how many do.
+        Or a score is another thing in one than in another.
     """
     _check(names, results, "protocol")
     _check(names, results, "truth")
+    _check_meanings(names, results)
+
+
+def _check_meanings(names: Sequence[str], results: Sequence[Result]) -> None:
+    """Refuse scores of one key that are called, counted or averaged differently."""
+    known: dict[str, tuple[str, ScoreColumn]] = {}
+    for name, result in zip(names, results, strict=True):
+        for column in result.columns:
+            whose, first = known.setdefault(column.key, (name, column))
+            if column.model_copy(update={"headline": first.headline}) != first:
+                raise ResultError(
+                    f"{whose} and {name} mean different things by the score {column.key}",
+                    expected="the same title, unit, direction and average, as one protocol gives",
+                    mend="score all predictions again with the same version",
+                )
 
 
 def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
@@ -76,6 +101,43 @@ def find_scene(titles: Mapping[str, str], wanted: str) -> str:
             f"{len(found)} scenes have the title {wanted!r}", expected="one of " + ", ".join(found)
         )
     return found[0]
+
+
+def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
+    """Return scores by key and by title, as people name them."""
+    listed = list(scores)
+    return {score.key: score for score in listed} | {score.title: score for score in listed}
+
+
+def check_score(name: str, scores: Sequence[ScoreColumn], option: str, mend: str = "") -> None:
+    """Refuse the name of a score that is none of these.
+
+    Parameters
+    ----------
+    name : str
+        Key or title.
+    scores : sequence of ScoreColumn
+        Those that there are.
+    option : str
+        The one that named it.
+    mend : str
+        How it can be had, if it can.
+
+    Raises
+    ------
+    UsageError
+        None has that name; it says which there are, and the nearest.
+    """
+    known = named_scores(scores)
+    if name not in known:
+        # Titles hold commas, such as @1m,1°.
+        titles = "; ".join(dict.fromkeys(score.title for score in scores))
+        raise UsageError(
+            f"no score here is called {name[:80]!r}{nearest(name[:80], list(known))}",
+            where=option,
+            expected=f"one of: {titles}",
+            mend=mend or None,
+        )
 
 
 def first_names(names: Sequence[str], shown: int = _SHOWN) -> str:
@@ -141,7 +203,9 @@ def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
 
 def _some_of(found: Sequence[str]) -> str:
     more = len(found) - _SHOWN
-    return "; ".join(found[:_SHOWN]) + (f"; and {more} more settings" if more > 0 else "")
+    return "; ".join(found[:_SHOWN]) + (
+        f"; and {counted(more, 'more setting')}" if more > 0 else ""
+    )
 
 
 def _different(one: Any, two: Any, key: str = "") -> Iterator[str]:
@@ -162,9 +226,10 @@ def _short(value: Any) -> str:
 def _other_truth(first: Result, other: Result) -> str:
     one, two = first.truth, other.truth
     names = [f"{truth.benchmark} v{truth.version}" for truth in (one, two)]
-    why = f"{names[0]} against {names[1]}" if names[0] != names[1] else f"{names[0]}, prepared anew"
+    differ = names[0] != names[1]
+    why = f"benchmark {names[0]}" + (f" against {names[1]}" if differ else ", prepared anew")
     for scene in one.scene_titles:
-        counts = [r.counts.get(scene, {}).get("queries") for r in (first, other)]
-        if None not in counts and counts[0] != counts[1]:
-            return f"{why}; scene {scene}: {counts[0]} against {counts[1]} queries"
+        counts = [r.counts[scene]["queries"] for r in (first, other) if scene in r.counts]
+        if len(set(counts)) > 1:
+            return f"{why}; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
     return why

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.core.errors import ResultError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result
 from airzoo_bench.results.scores import Score, Summary, summarise
@@ -271,7 +272,7 @@ def _check_sums(
     for scene, count in zip(found, np.bincount(rows).tolist(), strict=True):
         expected = result.counts[scene]["queries"]
         if count != expected:
-            raise _unlike(f"scene {scene} has {count} queries", expected, file)
+            raise _unlike(f"scene {scene} has {counted(count, 'query')}", expected, file)
     # Numbers in place of names: a scene's rows are found much faster.
     scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
     numbered = records[[column.key for column in columns]].assign(scene=rows)

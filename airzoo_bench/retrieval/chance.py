@@ -80,8 +80,7 @@ def chance_level(truths: Sequence[RetrievalTruth], settings: RetrievalScores) ->
     scores = [score for score in retrieval_scores(settings) if score.column in tables[0]]
     summary = summarise(concatenate(tables), scores, [truth.scene for truth in truths])
     return Reference(
-        meaning="expected of tiles in random order, exactly, from each query's number of positives "
-        "and the size of its gallery",
+        meaning="what tiles in random order score on average, computed exactly",
         **with_summary(summary),
     )
 

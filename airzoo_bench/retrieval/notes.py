@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from airzoo_bench.core.errors import counted, first_of
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.retrieval.claims import RankedScene, strange_tiles
 from airzoo_bench.retrieval.predictions import RetrievalPredictions
 from airzoo_bench.retrieval.scores import retrieval_scores

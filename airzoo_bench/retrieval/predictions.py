@@ -287,7 +287,7 @@ def _check_descriptors(predictions: RetrievalPredictions, claim: Descriptors) ->
 
 def _rows(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> str:
     ids = predictions.query_ids
-    return first_of(ids[rows], len(ids), noun="queries")
+    return first_of(ids[rows], len(ids), noun="query")
 
 
 def _rows_where(claim: RankedIds, test: Callable[[slice], Bools]) -> NDArray[np.intp]:

@@ -18,6 +18,7 @@ from airzoo_bench.benchmark.queries import conditions_of, read_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import write_npz
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.retrieval.pairs import Positives
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
         )
     if queries.empty:
         raise BenchmarkError(
-            f"scene {scene} has no query: {len(excluded)} photos are excluded",
+            f"scene {scene} has no query: {counted(len(excluded), 'photo')} excluded",
             where=home / "excluded.csv",
             expected="at least one photo that a tile answers",
             mend="prepare the benchmark again with other photos, or leave the scene out of the "

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import FEWEST, Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import Plan, Sample, plural
+from airzoo_bench.statistics.samples import Plan, Sample
 from airzoo_bench.statistics.significance import is_share
 from airzoo_bench.tables.breakdown import (
     Grouping,

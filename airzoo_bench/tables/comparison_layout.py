@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
+from airzoo_bench.core.plurals import agreeing, counted, plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.statistics.comparison import Comparison, Pair
 from airzoo_bench.statistics.corrections import LEVEL
@@ -13,15 +14,12 @@ from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.verdicts import (
     LEAST_P,
     disagreement,
-    is_decidable,
     sentence,
     verdict,
 )
 from airzoo_bench.tables.wording import (
     brackets_note,
     by_reason,
-    counted,
-    plural,
     resampled,
     score_cell,
     score_title,
@@ -125,7 +123,7 @@ def _has_sentences(pairs: Sequence[Pair]) -> bool:
 def _findings(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say what was found, as far as it can be decided."""
     scores = list(dict.fromkeys(pair.score for pair in pairs))
-    decidable = [pair for pair in pairs if is_decidable(pair)]
+    decidable = [pair for pair in pairs if verdict(pair) != "too few"]
     if _has_sentences(pairs):
         return [sentence(pair, comparison.plan) for pair in decidable]
     if len(pairs) == len(scores):
@@ -180,13 +178,13 @@ def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]
     """Say where too few units differ for any test."""
 
     def why(pair: Pair) -> str:
-        if is_decidable(pair):
+        if verdict(pair) != "too few":
             return ""
         if not pair.test.patterns:
             return f"{pair.interval.reason}, and medians are tested by theirs"
         count = pair.wins + pair.losses
-        differ = f"only {counted(count, comparison.unit)} {'differs' if count == 1 else 'differ'}"
-        return f"{differ}, so p {'is' if count == 1 else 'cannot be below'} {pair.p_floor:g}"
+        differ = f"only {counted(count, comparison.unit)} {agreeing(count, 'differs', 'differ')}"
+        return f"{differ}, so p {agreeing(count, 'is', 'cannot be below')} {pair.p_floor:g}"
 
     entries = ((why(pair), pair.score, comparison.other(pair)) for pair in pairs)
     for reason, names in by_reason(entries, _linked(comparison)).items():

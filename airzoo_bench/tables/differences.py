@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
@@ -15,7 +16,7 @@ from airzoo_bench.statistics.samples import gap
 from airzoo_bench.tables.breakdown import condition_names, condition_title, number_texts
 from airzoo_bench.tables.entries import UNITS
 from airzoo_bench.tables.model import Cell, Column, Row, Table
-from airzoo_bench.tables.wording import counted, score_cell
+from airzoo_bench.tables.wording import score_cell
 
 __all__ = ["differences_table"]
 
@@ -94,8 +95,8 @@ def _conditions(method: Scored, rows: NDArray[np.intp]) -> list[_Filled]:
 
 def _how_many(spread: Floats, score: ScoreColumn, unit: str) -> str:
     found = int((spread > 0).sum())
-    verb = "differs" if found == 1 else "differ"
-    return f"{found} of {counted(len(spread), unit)} {verb} on {score.title}"
+    differ = agreeing(found, "differs", "differ")
+    return f"{found} of {counted(len(spread), unit)} {differ} on {score.title}"
 
 
 def _rows_in_order(method: Scored, scene: str | None, *, by_query: bool) -> NDArray[np.intp]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.significance import mcnemar
 from airzoo_bench.tables.printed.counts import count_text, possible_counts
@@ -96,7 +97,7 @@ def hits_that_print(text: str, queries: int) -> range:
     counts = possible_counts(number, queries)
     if not counts:
         raise UsageError(
-            f"no number of hits among {queries} queries is {text} %: the nearest are "
+            f"no number of hits among {counted(queries, 'query')} is {text} %: the nearest are "
             f"{count_text(number, queries, digits=4)}",
             mend=_mend(number),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals
@@ -121,7 +122,7 @@ def bounds_table(first: str, second: str, bounds: Bounds) -> Table:
         Row((Cell(name), Cell(one), Cell(other), Cell(p, least=LEAST_P)))
         for name, (one, other, p) in cases
     )
-    title = f"{first} % against {second} % on {bounds.queries} queries"
+    title = f"{first} % against {second} % on {counted(bounds.queries, 'query')}"
     rates = [
         _rate(text, counts, bounds.queries)
         for text, counts in zip((first, second), bounds.counts, strict=True)

@@ -16,7 +16,6 @@ __all__ = [
     "LEAST_P",
     "bounds_verdict",
     "disagreement",
-    "is_decidable",
     "sentence",
     "verdict",
 ]
@@ -28,53 +27,56 @@ LEAST_P = 1e-4
 _OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
 
 
-def is_decidable(pair: Pair) -> bool:
-    """Whether enough units differ for any p-value to be a finding."""
-    if pair.wins + pair.losses == 0:
-        return True
-    return pair.test.patterns > 0 and pair.p_floor <= LEVEL
-
-
 def verdict(pair: Pair) -> str:
     """Say what a pair shows in a word, at a level of 5 % after Holm's correction.
+
+    Whatever else is said of a pair, in tables, lines and reports, goes by this word.
 
     Returns
     -------
     str
-        "better" or "worse" than the reference; "equal" where both have the same value; "too few"
-        where too few units differ for a finding whatever their values; else "unclear".
+        "equal" where no unit differs; "too few" where too few do for a finding whatever their
+        values; "better" or "worse" than the reference; else "unclear", of two averages that happen
+        to be the same too.
     """
-    if not pair.difference:
+    if pair.wins == pair.losses == 0:
         return "equal"
-    if not is_decidable(pair):
+    if not pair.test.patterns or pair.p_floor > LEVEL:
         return "too few"
-    if pair.p_holm > LEVEL:
+    if not pair.difference or pair.p_holm > LEVEL:
         return "unclear"
     return "better" if pair.is_better else "worse"
 
 
 def sentence(pair: Pair, plan: Plan) -> str:
     """Say what a pair shows, with its numbers, at a level of 5 % after Holm's correction."""
-    score = pair.score
+    word, title = verdict(pair), pair.score.title
+    if word == "equal":
+        infinite = ", and both infinite" * (pair.difference is None)
+        return f"{pair.method} and {pair.reference} are equal on {title} everywhere{infinite}."
+    evidence = f"{_span(pair, plan)}{_p_values(pair)}{_but(pair)}"
+    if word in ("better", "worse"):
+        ahead, behind = _by_rank(pair)
+        return f"{ahead} is better than {behind} on {title} by {_amount(pair)}{evidence}."
+    both = f"{pair.method} and {pair.reference}"
+    untold = {
+        "unclear": f"{both} cannot be told apart on {title}",
+        "too few": f"Too few to tell {both} apart on {title}",
+    }
     if pair.difference is None:
-        return f"{pair.method} and {pair.reference} both have an infinite {score.title}."
-    names = (pair.method, pair.reference) if pair.is_better else (pair.reference, pair.method)
-    sign = 1 if pair.difference > 0 else -1
-    amount = _amount(score, abs(pair.difference))
-    evidence = f"{_span(pair, sign, plan)}{_p_values(pair)}"
-    if pair.wins == pair.losses == 0:
-        return f"{pair.method} and {pair.reference} are equal on {score.title} everywhere."
+        return f"{untold[word]}: both are infinite."
+    return f"{untold[word]}: {_standing(pair)}{evidence}."
+
+
+def _by_rank(pair: Pair) -> tuple[str, str]:
+    names = (pair.method, pair.reference)
+    return names if pair.is_better else names[::-1]
+
+
+def _standing(pair: Pair) -> str:
     if pair.difference == 0:
-        return f"{pair.method} and {pair.reference} have the same {score.title}{evidence}."
-    if pair.p_holm <= LEVEL:
-        return (
-            f"{names[0]} is better than {names[1]} on {score.title} by {amount}{evidence}"
-            f"{_but(pair)}."
-        )
-    return (
-        f"{pair.method} and {pair.reference} cannot be told apart on {score.title}: "
-        f"{names[0]} is ahead by {amount}{evidence}{_but(pair)}."
-    )
+        return "both have the same value"
+    return f"{_by_rank(pair)[0]} is ahead by {_amount(pair)}"
 
 
 def _but(pair: Pair) -> str:
@@ -100,20 +102,23 @@ def disagreement(pair: Pair) -> str:
     return "the interval leaves 0 out: it and the test ask different things"
 
 
-def _amount(score: ScoreColumn, value: float) -> str:
+def _amount(pair: Pair) -> str:
+    value = abs(pair.difference or 0.0)
     if math.isinf(value):
         return "an infinite amount"
-    return f"{_number(score, value)} {_OF_DIFFERENCE[score.unit]}"
+    return f"{_number(pair.score, value)} {_OF_DIFFERENCE[pair.score.unit]}"
 
 
 def _number(score: ScoreColumn, value: float) -> str:
     return show_number(as_shown(score, value), 2)
 
 
-def _span(pair: Pair, sign: int, plan: Plan) -> str:
+def _span(pair: Pair, plan: Plan) -> str:
+    """Return the interval as that of the amount by which the better one is ahead."""
     low, high = pair.interval.low, pair.interval.high
     if low is None or high is None:
         return " (no interval)"
+    sign = -1 if (pair.difference or 0.0) < 0 else 1
     limits = sorted([sign * low + 0.0, sign * high + 0.0])
     first, last = (_number(pair.score, limit) for limit in limits)
     return f" ({share_to_percent(plan.confidence):g} % interval {first} to {last})"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from airzoo_bench.core.plurals import plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Plan, counted, plural
+from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.tables.entries import UNITS, as_shown
 from airzoo_bench.tables.model import Between, Cell, share_to_percent
 
@@ -15,9 +16,7 @@ __all__ = [
     "INTERVAL_NAMES",
     "brackets_note",
     "by_reason",
-    "counted",
     "intervals_made",
-    "plural",
     "resampled",
     "score_cell",
     "score_title",

@@ -179,7 +179,7 @@ CASES: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     ),
     "names that match no photo": (
         renamed,
-        ["poses.json: none of its 4 images is among the 4 photos", "such as a.jpg", "'IMG_0.jpg'"],
+        ["poses.json: none of its 4 images is among 4 photos", "such as a.jpg", "'IMG_0.jpg'"],
     ),
     "poses look up": (
         lambda p: [
@@ -359,7 +359,7 @@ def test_camera_to_world_poses_of_oblique_photos_are_noticed(
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     assert run_main(*place.arguments()) == 2
     message = capsys.readouterr().err
-    assert "1 photos: the footprint meets no tile" in message
+    assert "1 photo: the footprint meets no tile" in message
     assert "whether poses are world-to-camera" in message
     place.change_image("a.jpg", R_w2c=rotation.tolist())
     assert run_main(*place.arguments()) == 0

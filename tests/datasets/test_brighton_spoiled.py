@@ -133,7 +133,7 @@ def test_stated_feet_are_metres(sources: PhotoSources, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (surface(lambda z: z / 0.3048), "all 18 cameras are below the surface: they are at 198.4"),
+        (surface(lambda z: z / 0.3048), "every camera is below the surface: they are at 198.4"),
         (surface(lambda z: z * 1000), "look at their unit: they must be in metres or feet"),
         (
             surface(lambda z: np.where(np.isnan(z), -9999, z), nodata=None),

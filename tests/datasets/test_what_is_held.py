@@ -269,7 +269,7 @@ def sparse(side: int, which: str) -> Callable[[Place], None]:
 REFUSED: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     "cameras below a DSM in feet": (
         feet_above,
-        ["all 4 cameras are below the surface: they are at 200.0 m", "is at 328.1 m", "be 100.0 m"],
+        ["every camera is below the surface: they are at 200.0 m", "is at 328.1 m", "be 100.0 m"],
     ),
     "-9999 untagged": (untagged, ["25.0% of its heights are no", "from -9999 to 100 m", "-9999"]),
     "nothing to ask": (

@@ -153,14 +153,14 @@ UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
     "float offsets": (MATCHES | {"offsets": [0.0, 2.0, 5.0]}, ["'offsets' is float64", "integers"]),
     "square offsets": (MATCHES | {"offsets": [[0, 2, 5]]}, ["of shape (1, 3)"]),
     "one size": (MATCHES | {"image_size": [64, 48]}, ["'image_size' is", "(any, 2)"]),
-    "few sizes": (MATCHES | {"image_size": [[64, 48]]}, ["'image_size' has 1 rows"]),
+    "few sizes": (MATCHES | {"image_size": [[64, 48]]}, ["'image_size' has 1 row"]),
     "float sizes": (MATCHES | {"image_size": [[64.0, 48.0]] * 2}, ["integers"]),
     "ids are numbers": (MATCHES | {"query_ids": [1, 2]}, ["'query_ids' is int64"]),
     "4x4": (
         POSES | {"poses": np.tile(np.eye(4), (2, 1, 1))},
         ["'poses' is float64 of shape (2, 4, 4)", "(any, 3, 4)"],
     ),
-    "few poses": (POSES | {"poses": RT[:1]}, ["'poses' has 1 rows, 'query_ids' has 2"]),
+    "few poses": (POSES | {"poses": RT[:1]}, ["'poses' has 1 row, 'query_ids' has 2"]),
     "nan in part": (
         POSES | {"poses": PARTLY},
         ["2 poses are NaN or infinite in part", "NaN in all of it"],
@@ -169,7 +169,7 @@ UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
     "scaled": (POSES | {"poses": SCALED}, ["not orthonormal", "hills/a", "field 'poses'", "mend"]),
     "no rotations": (without(CENTRED, "rotations"), ["lacks the field rotations"]),
     "poses twice": (CENTRED | {"poses": RT}, ["holds poses and centres", "disagree"]),
-    "few centres": (CENTRED | {"centres": CENTRES[:1]}, ["'centres' has 1 rows"]),
+    "few centres": (CENTRED | {"centres": CENTRES[:1]}, ["'centres' has 1 row"]),
     "centre without rotation": (
         CENTRED | {"rotations": np.full((2, 3, 3), np.nan)},
         ["2 poses are NaN or infinite in part", "'rotations' and 'centres'"],

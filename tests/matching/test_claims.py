@@ -102,7 +102,7 @@ def test_pixels_outside_the_photo(world: World, tmp_path: Path, pixel: tuple[flo
     query_xy[2][7] = pixel
     fields = world.correspondences(query_xy, map_xy=world.map_xy)
     message = refused(world, tmp_path, fields)
-    for part in ("1 pixels outside", "hills/q2", f"({pixel[0]}, {pixel[1]})", "640x480", "scale"):
+    for part in ("1 pixel outside", "hills/q2", f"({pixel[0]}, {pixel[1]})", "640x480", "scale"):
         assert part in message
 
 

@@ -84,7 +84,7 @@ def test_matches_are_drawn_by_kind(tmp_path: Path) -> None:
     crop = np.full((96, 30, 3), 200, np.uint8)
     figure = draw_matches(GREY, crop, xy, xy[:, ::-1] / 2, inliers, "hills/q0")
     axes = figure.axes[0]
-    assert "250 of 1000 matches are inliers" in axes.get_title()
+    assert "250 inliers of 1,000 matches" in axes.get_title()
     # At most 200 of each kind; outliers first, so that inliers lie above.
     drawn = [line for line in axes.lines if len(line.get_xdata())]
     colours = [line.get_color() for line in drawn]

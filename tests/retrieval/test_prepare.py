@@ -246,7 +246,7 @@ def test_a_scene_without_any_query_is_named(tmp_path: Path) -> None:
     found = built(inputs(tmp_path, np.array([[5000.0, 0]])))
     write_queries(tmp_path / "s", inputs(tmp_path, np.array([[5000.0, 0]])).photos)
     write_truth(tmp_path / "s", found.truth, found.overlaps)
-    with pytest.raises(BenchmarkError, match="scene s has no query: 1 photos"):
+    with pytest.raises(BenchmarkError, match="scene s has no query: 1 photo excluded"):
         read_truth(tmp_path / "s", "s")
 
 

@@ -247,7 +247,8 @@ def test_units_that_are_all_alike(value):
     found = bootstrap(sample(np.stack([alike, mixed])), FAST, [(0, 0), (1, 1), (0, 1)]).overall
     assert found[0].reason == "all queries are alike: resamples cannot differ"
     assert found[1].low is not None
-    assert found[2].reason == found[3].reason == found[0].reason
+    reason = "the differences of all queries are alike: resamples cannot differ"
+    assert found[2].reason == found[3].reason == reason
     # Where one scene is even and another is not, there is an interval.
     assert bootstrap(sample(alike, mixed), FAST).overall[0].high is not None
 

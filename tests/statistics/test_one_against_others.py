@@ -74,7 +74,7 @@ class TestOfOne:
         assert notes[0] == (
             "R@1 of method02: better than method00; worse than method01; unclear against method03"
         )
-        equal = [replace(pair, difference=0.0) for pair in changes]
+        equal = [replace(pair, difference=0.0, wins=0, losses=0) for pair in changes]
         notes = comparison_table(replace(found, pairs=equal)).notes
         assert notes[0] == "R@1 of method02: equal to method00, method01, method03"
         doubtful = [replace(pair, interval=Interval(-1, 1)) for pair in changes]

@@ -217,7 +217,7 @@ def test_a_document_with_everything(
         (["--cite", "Mine=a}b", *LATEX], ["'a}b' is no citation key"]),
         (["--cite", "Nobody=a", *LATEX], ["--cite: no row is called 'Nobody'"]),
         (["--cite", "none.toml", *LATEX], ["none.toml: no such file of citations"]),
-        (["--score", "R@2"], ["no score 'R@2' (did you mean 'R@1'", "one of R@1, Distance"]),
+        (["--score", "R@2"], ["called 'R@2' (did you mean 'R@1'", "one of: R@1; Distance"]),
         (["--scene", "Sea"], ["no scene 'Sea'", "one of City, Rural"]),
         (["--intervals"], ["records"]),
     ],

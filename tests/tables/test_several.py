@@ -136,7 +136,7 @@ def test_a_score_that_one_track_has(files: list[Path], capsys: pytest.CaptureFix
     both = printed(capsys, *files, "--score", "Error", "--score", "R@1", "--format", "csv")
     assert both.splitlines()[0].count("Error") == both.splitlines()[0].count("R@1") == 2
     assert run_main("table", *files, "--score", "R@7") == 2
-    assert "no score 'R@7'" in capsys.readouterr().err
+    assert "no score here is called 'R@7'" in capsys.readouterr().err
 
 
 def test_units_are_named_for_the_fewer_scores(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.source import (
@@ -107,7 +108,7 @@ def open_npy(path: Path) -> FileCloud:
         )
     left = path.stat().st_size - start - math.prod(shape) * dtype.itemsize
     if left < 0:
-        raise fault(path, f"ends before its {shape[0]:,} points do", mend=MEND_COPY)
+        raise fault(path, f"ends before {counted(shape[0], 'point')}", mend=MEND_COPY)
     read = partial(_stream, path, dtype, start, shape[0])
     notes = uncounted(left, "bytes", shape[0])
     return FileCloud(path, "npy", shape[0], read, dtype, notes)

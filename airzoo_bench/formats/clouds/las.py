@@ -18,6 +18,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.laz import beyond_count, open_decompressor
 from airzoo_bench.formats.clouds.source import (
@@ -191,7 +192,7 @@ def _check_body(path: Path, header: LasHeader, size: int) -> None:
     if not header.compressed and held < header.count:
         raise fault(
             path,
-            f"its header promises {header.count:,} points, the file has room for {held:,}",
+            f"its header promises {counted(header.count, 'point')}, the file has room for {held:,}",
             expected="all points that the header promises",
             mend=MEND_COPY,
         )

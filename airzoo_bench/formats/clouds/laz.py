@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.source import MEND_COPY, fault
 
 __all__ = ["LazBody", "beyond_count", "open_decompressor"]
@@ -221,7 +222,9 @@ def _check_chunk_count(path: Path, stream: IO[bytes], vlr: Any, start: int, coun
     most = (table - start - 8) // vlr.item_size()
     wanted = None if vlr.uses_variable_size_chunks() else -(-count // max(vlr.chunk_size(), 1))
     if chunks > most or (wanted is not None and chunks != wanted):
-        raise _damaged(path, f"its table lists {chunks:,} chunks for {count:,} points")
+        raise _damaged(
+            path, f"its table lists {counted(chunks, 'chunk')} for {counted(count, 'point')}"
+        )
 
 
 def _check_chunks(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.source import FileCloud, fault
 from airzoo_bench.geometry.arrays import Floats, Ints
@@ -137,8 +138,8 @@ def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
     read = partial(_pieces, mesh, ends, count, sampling.seed)
     notes = (
         *mesh.notes,
-        f"a mesh of {len(mesh.faces):,} faces: {count:,} points sampled on its surface of "
-        f"{total:.6g} square units",
+        f"a mesh of {counted(len(mesh.faces), 'face')}: {counted(count, 'point')} sampled on its "
+        f"surface of {total:.6g} square units",
     )
     return FileCloud(mesh.path, mesh.kind, count, read, mesh.precision, notes)
 

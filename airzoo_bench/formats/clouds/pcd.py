@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.lzf import decompress
 from airzoo_bench.formats.clouds.source import (
@@ -174,7 +175,7 @@ def _refuse_short(path: Path, header: _Header) -> None:
     if header.points * least > room + 1:
         raise fault(
             path,
-            f"its header promises {header.points:,} points, the file has {room:,} bytes for them",
+            f"its header promises {counted(header.points, 'point')}, and {room:,} bytes are left",
             expected="all points that the header promises",
             mend=MEND_COPY,
         )

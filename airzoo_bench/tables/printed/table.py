@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.printed.benchmarks import with_benchmarks
 from airzoo_bench.tables.printed.cells import Printed, Published
 from airzoo_bench.tables.printed.company import settled
@@ -83,7 +84,7 @@ def _read_or_skip(path: Path, source: Source) -> _Table | str:
 def _published(path: Path, tables: Sequence[_Table], notes: Sequence[str]) -> Published:
     if not tables:
         raise ResultError(
-            f"none of {len(notes)} tables can be read: {notes[0][:300]}",
+            f"none of {counted(len(notes), 'table')} can be read: {notes[0][:300]}",
             where=path,
             expected="a table of scores, with a column of methods",
         )
