@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.rasters import read_rgb
 
 if TYPE_CHECKING:
@@ -22,6 +20,7 @@ __all__ = ["photo_size", "read_grey", "read_rgb_photo", "read_tile"]
 _UPRIGHT = 1
 _TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
 _ORIENTATION_TAG = 0x0112
+_MEND = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 
 def photo_size(path: Path) -> tuple[int, int]:
@@ -33,20 +32,9 @@ def photo_size(path: Path) -> tuple[int, int]:
         It is not a readable photo, or its EXIF orientation says that it is shown turned: a camera
         matrix could then belong to either way of looking at it.
     """
-    from PIL import Image
-
-    try:
-        # Of a large photo, which a survey's is: only the header is read here.
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
-            orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
-            size = image.size
-    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
-        raise BenchmarkError(
-            f"not a readable photo: {_brief(error, path)}",
-            where=path,
-            expected="a complete " + ", ".join(PHOTO_SUFFIXES) + " file",
-            mend="copy it again, or take it out of the folder",
-        ) from error
+    with opened_photo(path) as image:
+        orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
+        size = image.size
     if orientation in _TURNED:
         raise BenchmarkError(
             f"is to be shown turned (EXIF orientation {orientation})",
@@ -80,29 +68,16 @@ def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
 
 
 def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
-    from PIL import Image
+    from PIL.Image import Resampling
 
-    try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
-            scale = min(1.0, long_side / max(image.size))
-            size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
-            # libjpeg skips what is thrown away. It rounds sizes up, so that the last row and
-            # column may reach beyond the photo: the box is the photo's part of what it gives.
-            reduced = image.draft(mode, size)
-            box = reduced[1] if reduced else None
-            return np.asarray(image.convert(mode).resize(size, Image.Resampling.LANCZOS, box))
-    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
-        raise BenchmarkError(
-            f"not a readable photo: {_brief(error, path)}",
-            where=path,
-            expected="the photo that the benchmark was prepared from",
-            mend="put the photos back where benchmark.toml says, or prepare with --copy",
-        ) from error
-
-
-def _brief(error: Exception, path: Path) -> str:
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return text.replace(f" {str(path)!r}", "")
+    with opened_photo(path, _MEND) as image:
+        scale = min(1.0, long_side / max(image.size))
+        size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
+        # libjpeg skips what is thrown away. It rounds sizes up, so that the last row and
+        # column may reach beyond the photo: the box is the photo's part of what it gives.
+        reduced = image.draft(mode, size)
+        box = reduced[1] if reduced else None
+        return np.asarray(image.convert(mode).resize(size, Resampling.LANCZOS, box))
 
 
 def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.plurals import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -201,6 +201,7 @@ def _threshold(base: float | None, rule: Rule | None, given: float | None) -> fl
 
 
 def _report(prepared: Prepared, out: Path | None) -> None:
+    from airzoo_bench.core.errors import first_of
     from airzoo_bench.datasets.facts_lines import fact_lines
     from airzoo_bench.datasets.suspicions import suspicions
 
@@ -211,9 +212,8 @@ def _report(prepared: Prepared, out: Path | None) -> None:
     for sentence in suspicions(prepared.facts):
         say(f"warning: {sentence}")
     if prepared.without_pose:
-        lost = prepared.without_pose
-        have = agreeing(len(lost), "has", "have")
-        say(f"{counted(len(lost), 'photo')} {have} no pose, such as {lost[0]}")
+        listed = first_of(map(repr, prepared.without_pose))
+        say(f"photos without a pose, which no track asks: {listed}")
     _suggest(prepared.protocols, out and prepared.folder)
 
 
@@ -223,7 +223,7 @@ def _report_tracks(truths: SceneTruths) -> None:
         counts = truth.positives.counts
         put(f"  retrieval       {counted(len(truth.queries), 'query')}, ")
         put(f"{counted(len(truth.tiles), 'tile')}, ")
-        put(f"{counts.min()} to {counts.max()} positives a query, mean {counts.mean():.1f}\n")
+        put(f"{counts.min()} to {counts.max()} positives per query, mean {counts.mean():.1f}\n")
         _report_left_out(len(truth.excluded))
     if truths.matching is not None:
         put(f"  matching        {counted(len(truths.matching.queries), 'query')} with a prior\n")

@@ -22,10 +22,20 @@ from airzoo_bench.datasets.folder import (
     write_folder_files,
     write_scene,
 )
+from airzoo_bench.datasets.map_facts import check_overlap
+from airzoo_bench.datasets.photo_facts import Cameras3D, camera_facts
+from airzoo_bench.datasets.photo_files import PhotoFiles, survey_photos
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.prior_file import read_prior_file, with_given
-from airzoo_bench.datasets.raster_checks import check_map, check_tile_count, surveyed
-from airzoo_bench.datasets.scene_facts import Cameras3D, SceneFacts, camera_facts, scene_facts
+from airzoo_bench.datasets.raster_checks import (
+    check_above_surface,
+    check_map,
+    check_map_scale,
+    check_tile_count,
+    often_lowest,
+    surveyed,
+)
+from airzoo_bench.datasets.scene_facts import SceneFacts, scene_facts
 from airzoo_bench.datasets.sources import (
     PhotoSources,
     check_names,
@@ -34,11 +44,11 @@ from airzoo_bench.datasets.sources import (
     photo_sizes,
     vertical_unit_m,
 )
-from airzoo_bench.datasets.suspicions import check_above_surface, check_map_scale, often_lowest
 from airzoo_bench.datasets.tiles import write_crops, write_tiles
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
@@ -136,6 +146,7 @@ def prepare_photos(
     read = _read(sources, scene.id, sizes, progress)
     inputs = read.inputs
     check_above_surface(read.cameras, sources.dsm)
+    check_overlap(inputs.dom, open_info(sources.dsm))
     check_map_scale(inputs)
     check_tile_count(inputs.dom, protocols.retrieval.gallery)
     above = check_cloud(sources.cloud, inputs) if sources.cloud is not None else None
@@ -184,6 +195,7 @@ class _Read:
     inputs: SceneInputs
     survey: HeightSurvey
     metadata: dict[str, PhotoPrior]
+    files: PhotoFiles
     cameras: Cameras3D
 
     def facts(self, truths: SceneTruths, cloud_over_surface_m: float | None) -> SceneFacts:
@@ -191,6 +203,7 @@ class _Read:
         return scene_facts(
             self.inputs,
             self.metadata,
+            self.files,
             retrieval,
             truths.matching,
             survey=self.survey,
@@ -217,7 +230,8 @@ def _read(
     table = photo_table(scene, photos.names, photos.cameras, poses, _priors(metadata, crs), plane)
     unposed = tuple(sorted(set(sizes) - set(photos.names)))
     inputs = SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
-    return _Read(inputs, survey, metadata, camera_facts(table, sources.dsm, metadata))
+    files = survey_photos(sources.images, photos.names)
+    return _Read(inputs, survey, metadata, files, camera_facts(table, sources.dsm, metadata))
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:

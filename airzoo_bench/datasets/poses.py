@@ -177,6 +177,7 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
 
     try:
         model = pycolmap.Reconstruction(str(path))
+    # What pybind11 makes of C++ exceptions over damaged files, absurd counts among it.
     except (RuntimeError, ValueError, LookupError, OSError, MemoryError) as error:
         raise CameraError(
             f"not a COLMAP model: {_without_source_line(error)}",
@@ -281,8 +282,20 @@ def _check_centred(photos: PosedPhotos, path: Path) -> None:
         raise CameraError(
             f"camera matrices of another image size: {named}; "
             f"the first is {size[row, 0]}x{size[row, 1]} px, with the principal point at "
-            f"({cx:.1f}, {cy:.1f})",
+            f"({cx:.1f}, {cy:.1f})" + _sizes_of(photos, size),
             where=path,
             expected="a principal point near the middle of the photo",
-            mend="scale K to the size of the photos",
+            mend="scale K to the size of the photos; photos of several cameras need a K each (in "
+            "their entry of 'images'), or a benchmark for each camera, from a folder of its own",
         )
+
+
+def _sizes_of(photos: PosedPhotos, size: NDArray[np.int64]) -> str:
+    """Name the sizes of photos and which have them, where there are several."""
+    found = sorted({(int(width), int(height)) for width, height in size})
+    groups = [
+        f"{width}x{height} px: "
+        + first_of(photos.names[i] for i in np.flatnonzero((size == (width, height)).all(axis=1)))
+        for width, height in found
+    ]
+    return f"; photos of {len(found)} cameras: {', '.join(groups)}" if len(found) > 1 else ""

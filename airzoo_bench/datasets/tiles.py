@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.matching.crops import write_crop
+from airzoo_bench.matching.crop_files import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
 
 if TYPE_CHECKING:

@@ -1,1 +1,1 @@
-"""Readers of prediction files; every file is treated as hostile input."""
+"""Kinds of files, read as hostile input in bounded memory; they know no track."""

@@ -59,7 +59,7 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
         )
     try:
         return _read(path, columns, budget)
-    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, MemoryError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise UnreadableError(
             f"not a readable parquet file: {(str(error) or type(error).__name__).splitlines()[0]}",
             where=path,

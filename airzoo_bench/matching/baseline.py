@@ -9,8 +9,6 @@ SIFT finds its own orientation, so a prior whose yaw is wrong does no harm.
 
 from __future__ import annotations
 
-import struct
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -23,6 +21,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.workers import spread
 from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
@@ -36,6 +35,7 @@ __all__ = ["SiftSettings", "Task", "match", "match_photos", "plan"]
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 # Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
 _LEAST_SINE = 0.1
+_MEND = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 
 @dataclass(frozen=True)
@@ -244,24 +244,16 @@ def _read_crop(dom: Path, window: tuple[int, int, int, int]) -> Grey:
 
 
 def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
-    from PIL import Image
+    from PIL.Image import Resampling
 
-    try:
-        with warnings.catch_warnings(), Image.open(path) as image:
-            warnings.simplefilter("ignore")
-            _require_size(path, image.size, size)
-            target = (int(wanted[0]), int(wanted[1]))
-            # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
-            # so the box says where that is.
-            reduced = image.draft("L", target)
-            box = reduced[1] if reduced else (0, 0, *image.size)
-            small = image.convert("L").resize(target, Image.Resampling.LANCZOS, box)
-    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
-        raise BenchmarkError(
-            f"not a readable photo: {error}",
-            where=path,
-            expected="the photo that the benchmark was prepared from",
-        ) from error
+    with opened_photo(path, _MEND) as image:
+        _require_size(path, image.size, size)
+        target = (int(wanted[0]), int(wanted[1]))
+        # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
+        # so the box says where that is.
+        reduced = image.draft("L", target)
+        box = reduced[1] if reduced else (0, 0, *image.size)
+        small = image.convert("L").resize(target, Resampling.LANCZOS, box)
     grey: Grey = np.asarray(small)
     return grey
 

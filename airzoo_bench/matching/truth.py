@@ -24,8 +24,9 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import read_text, sha256_of
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.frames import check_same_crs
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, check_same_crs, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,7 +13,8 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion
 from airzoo_bench.mini.frame_files import IMAGE_SUFFIX
 from airzoo_bench.mini.frame_list import FrameList
 from airzoo_bench.mini.world import CRS

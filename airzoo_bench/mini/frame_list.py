@@ -17,7 +17,8 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.attitude import grid_convergence_deg, rotations_to_angles
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import Enu, geodetic_to_ecef, to_lonlat
-from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion
 from airzoo_bench.mini.render import check_size
 from airzoo_bench.mini.weather import conditions
 from airzoo_bench.mini.world import CRS

@@ -166,6 +166,14 @@ CASES: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
         lambda p: p.change_poses(K=[[640, 0, 320], [0, 640, 240], [0, 0, 1]]),
         ["poses.json: camera matrices of another image size: 4 of 4", "64x48", "(320.0, 240.0)"],
     ),
+    "two cameras and one K": (
+        lambda p: Image.new("L", (640, 480)).save(p.images / "c.jpg"),
+        [
+            "another image size: 1 of 4 (c.jpg)",
+            "photos of 2 cameras: 64x48 px: 3 (a.jpg, b.jpg, sub/d.jpg), 640x480 px: 1 (c.jpg)",
+            "need a K each (in their entry of 'images'), or a benchmark for each camera",
+        ],
+    ),
     "not a rotation": (
         lambda p: p.change_image("b.jpg", R_w2c=STRETCHED),
         [

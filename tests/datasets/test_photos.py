@@ -378,7 +378,7 @@ def test_a_file_name_that_is_no_text(
     (place.images / "a.jpg").rename(place.images / name)
     assert run_main(*place.arguments()) == 0
     said = capsys.readouterr()
-    assert "1 photo has no pose, such as \\xdcff.jpg" in said.err
+    assert "photos without a pose, which no track asks: 1 ('\\udcff.jpg')" in said.err
     assert "retrieval       3 queries" in said.out
 
 

@@ -197,6 +197,15 @@ def test_archives_that_are_no_npz(tmp_path: Path) -> None:
         NpzFile(path, LIMIT)
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_compression_that_numpy_does_not_write(method: int, tmp_path: Path) -> None:
+    # A raw LZMA stream may ask for a dictionary of 4 GiB before its first byte is known.
+    with zipfile.ZipFile(tmp_path / "x.npz", "w", method) as archive:
+        archive.writestr("a.npy", npy(SHAPE % "(1,)", bytes(8)))
+    with pytest.raises(PredictionError, match="compressed in a way that NumPy does not write"):
+        NpzFile(tmp_path / "x.npz", LIMIT)
+
+
 def test_a_flipped_bit_is_found_by_the_checksum(tmp_path: Path) -> None:
     path = tmp_path / "x.npz"
     write_npz(path, {"a": np.arange(100.0)})

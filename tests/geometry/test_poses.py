@@ -11,12 +11,11 @@ from airzoo_bench.geometry.poses import (
     Poses,
     camera_to_world,
     check_rotations,
-    matrix_to_quaternion,
-    quaternion_to_matrix,
     rays_to_world,
     rotation_angle_deg,
     world_to_camera,
 )
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
 
 from .support import quick, seeds
 

@@ -10,7 +10,8 @@ from rasterio import Affine
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.crops import crop_to_map, write_crop
+from airzoo_bench.matching.crop_files import write_crop
+from airzoo_bench.matching.crops import crop_to_map
 from airzoo_bench.matching.lifting import lift
 from tests.geometry.support import write_tif
 

@@ -19,7 +19,8 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.frames import from_lonlat, geodetic_to_ecef, to_lonlat
-from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix, world_to_camera
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.quaternions import quaternion_to_matrix
 from airzoo_bench.mini.frame_files import frame_paths, read_depth
 from airzoo_bench.mini.frame_list import FrameList
 from airzoo_bench.mini.frames import RenderCounts, render_frames, world_key

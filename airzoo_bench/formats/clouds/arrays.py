@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-import struct
-import tokenize
-import warnings
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
@@ -27,6 +23,7 @@ from airzoo_bench.formats.clouds.source import (
     read_block,
     uncounted,
 )
+from airzoo_bench.formats.npy import read_header
 
 __all__ = ["open_npy", "open_npz"]
 
@@ -79,23 +76,10 @@ def open_npy(path: Path) -> FileCloud:
         Another kind of array, or a file that holds less than its header says.
     """
     try:
-        with path.open("rb") as stream, warnings.catch_warnings():
-            # Of headers that NumPy needs to mend before it can parse them.
-            warnings.simplefilter("ignore")
-            readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-            shape, fortran, dtype = readers[npy.read_magic(stream)](stream)
+        with path.open("rb") as stream:
+            shape, fortran, dtype = read_header(stream)
             start = stream.tell()
-    except (
-        EOFError,
-        KeyError,
-        MemoryError,
-        RecursionError,
-        SyntaxError,
-        TypeError,
-        ValueError,
-        struct.error,
-        tokenize.TokenError,
-    ) as error:
+    except ValueError as error:
         raise fault(path, "the npy header is damaged", mend=MEND_COPY) from error
     plain = dtype.kind in _NUMBERS and not dtype.hasobject and dtype.itemsize <= 8
     if not plain or len(shape) != 2 or shape[1] != 3 or shape[0] < 0 or fortran:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import struct
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -16,6 +15,7 @@ from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.sift import extract, mutual_nearest
 from airzoo_bench.reconstruction.sfm.model import Lens, Model, model_arrays, model_from_arrays
@@ -39,6 +39,7 @@ Reader = Callable[[Path, int], NDArray[np.uint8]]
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 _FILM_MM = 36.0
+_EXIF_IFD = 0x8769
 _FOCAL_35MM = 0xA405  # EXIF's FocalLengthIn35mmFilm; 0 is unknown
 _VERSION = 1  # of the files in the folder
 
@@ -113,15 +114,18 @@ def focal_from_exif(path: Path, size: Ints) -> float:
     """Return the focal length in pixels that EXIF states as that of 35 mm film; NaN without.
 
     The frame of such film is 36 mm wide, here the photo's long side.
-    """
-    from PIL import ExifTags, Image
 
-    try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
-            given = float(image.getexif().get_ifd(ExifTags.IFD.Exif).get(_FOCAL_35MM, 0) or 0)
-    except (OSError, ValueError, TypeError, SyntaxError, struct.error, ZeroDivisionError):
-        return np.nan  # reading the photo itself will say what is wrong with it
-    return given / _FILM_MM * float(max(size)) if 0.0 < given < np.inf else np.nan
+    Raises
+    ------
+    BenchmarkError
+        See `opened_photo`.
+    """
+    with opened_photo(path) as image:
+        given = image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_35MM, 0)
+    if not isinstance(given, Real):
+        return np.nan
+    focal = float(given) / _FILM_MM * float(max(size))
+    return focal if 0.0 < focal < np.inf else np.nan
 
 
 def extract_features(settings: SfmSettings, read: Reader, photo: Photo) -> None:
