@@ -66,7 +66,7 @@ def audit(
     queries, conclusions = resolve_queries(published, counts or {}, variants, doubtful)
     counted = check_counts(published, queries)
     averages = check_averages(published, queries, variants)
-    off = {finding.cell.line for finding in averages.findings}
+    off = {id(finding.cell) for finding in averages.findings}
     ranges, order, medians, f1 = within_rows
     outcomes = (
         ranges,

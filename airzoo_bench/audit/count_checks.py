@@ -10,7 +10,7 @@ from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.tables.printed.cells import Printed, Published, grouped
-from airzoo_bench.tables.printed.counts import count_text, is_cut, possible_counts
+from airzoo_bench.tables.printed.counts import count_text, is_cut, is_near, possible_counts
 from airzoo_bench.tables.printed.numbers import decimal_text
 from airzoo_bench.tables.printed.scores import Family
 
@@ -152,7 +152,9 @@ def _no_count(check: str, share: Share, *, cut: bool) -> Finding:
     )
     if not share.queries.is_given:
         why += f" (n = {n} is what the other values of the scene imply)"
-    if share.is_cut:
-        why += ": cut off, not rounded"
+    near = is_near(number, total, cell.full)
+    if near:
+        way = "cut off, not rounded" if share.is_cut else "as if rounded up, or twice"
+        why += f": off by the last digit, {way}"
     grade = Grade.IMPOSSIBLE if share.is_sure else Grade.INCONSISTENT
-    return Finding(Grade.ROUNDING if cut else grade, check, cell, why)
+    return Finding(Grade.ROUNDING if near or cut else grade, check, cell, why)

@@ -51,8 +51,10 @@ def check_units(published: Published) -> Outcome:
     findings: list[Finding] = []
     for row in grouped(shares, _row).values():
         printed = [cell for cell in row if cell.number.value]
+        if not printed or not all(0 < cell.number.value <= 1 for cell in printed):
+            continue
         beside = [_percent_beside(cell, columns[_column(cell)]) for cell in printed]
-        if printed and all(beside) and all(0 < cell.number.value <= 1 for cell in printed):
+        if all(beside):
             findings.extend(
                 _share_among_percent(*pair) for pair in zip(printed, beside, strict=True)
             )

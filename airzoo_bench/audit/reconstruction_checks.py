@@ -128,4 +128,8 @@ def _chamfer_finding(row: Row, parts: int) -> Finding:
     total = f"{accuracy.number.text} + {completeness.number.text}"
     formula = f"({total}) / 2" if parts == 2 else total
     why = f"{formula} = {decimal_text(exact, cell.number.decimals)}, printed is {cell.number.text}"
+    # Where all three digits were cut off, or two were rounded before.
+    slack = cell.number.half + (accuracy.number.half + completeness.number.half) / parts
+    if cell.number.interval.widened(slack).meets(_sum(row).times(Fraction(1, parts))):
+        return Finding(Grade.ROUNDING, "Chamfer", cell, why + ": off by the last digit")
     return Finding(Grade.INCONSISTENT, "Chamfer", cell, why)

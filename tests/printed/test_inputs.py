@@ -101,7 +101,7 @@ def test_a_wide_table(tmp_path: Path) -> None:
 
 
 def test_wide_is_audited_as_long(tmp_path: Path) -> None:
-    cells = "A,City,96.22 (+2.00)\nB,City,94.22\n"
+    cells = "A,City,96.23 (+2.00)\nB,City,94.23\n"
     (tmp_path / "t.csv").write_text("method,scene,R@1\n" + cells)
     found = audit(read_published(tmp_path / "t.csv"), {"City": 264})
     assert [(f.grade.value, f.check, f.cell.method) for f in found.findings] == [

@@ -101,7 +101,7 @@ def _loose(cell: Printed) -> str:
         return f"{stem}@{score.thresholds}"
     if score.family is Family.MEDIAN:
         return "median rotation" if _ROTATION.search(score.name.casefold()) else "median"
-    if score.family in (Family.OTHER, Family.ERROR):
+    if score.family in (Family.OTHER, Family.ERROR, Family.CURVE):
         return score.name.casefold()
     return f"{score.family} {score.thresholds} {score.cutoff}"
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.heads import is_summary_name
 from airzoo_bench.tables.printed.scores import Family, recall_of_cloud
 
 __all__ = ["settled"]
@@ -24,9 +25,14 @@ def settled(cells: Sequence[Printed], *, marked: bool) -> tuple[Printed, ...]:
     marked : bool
         Whether the file says what is bold.
     """
-    both = {Family.ACCURACY, Family.COMPLETENESS} <= {cell.score.family for cell in cells}
+    families = {cell.score.family for cell in cells}
+    both = {Family.ACCURACY, Family.COMPLETENESS} <= families
+    # Beside F1, accuracy and completeness without a unit may be precision and recall.
+    distances = both and Family.F1 not in families
     of_clouds = _cloud_distances(cells)
-    return tuple(_settled(_of_cloud(c, of_clouds), marked=marked, distances=both) for c in cells)
+    return tuple(
+        _settled(_of_cloud(c, of_clouds), marked=marked, distances=distances) for c in cells
+    )
 
 
 def _cloud_distances(cells: Iterable[Printed]) -> dict[tuple[object, ...], None]:
@@ -60,5 +66,7 @@ def _settled(cell: Printed, *, marked: bool, distances: bool) -> Printed:
         if percent or not (distances or cell.unit):
             better = True if percent else None
             score = replace(score, family=Family.OTHER, higher_is_better=better)
+    if distances and score.family is Family.OTHER and is_summary_name(score.name):
+        score = replace(score, family=Family.CHAMFER, higher_is_better=False)
     bold = (cell.bold or False) if marked else None
     return replace(cell, score=score, bold=bold)

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from airzoo_bench.tables.printed.numbers import Interval, Rounded, decimal_text
 
-__all__ = ["chance_of_fit", "count_text", "counted_share", "is_cut", "possible_counts"]
+__all__ = ["chance_of_fit", "count_text", "counted_share", "is_cut", "is_near", "possible_counts"]
 
 
 def possible_counts(number: Rounded, total: int, full: int = 100) -> range:
@@ -64,6 +64,23 @@ def is_cut(number: Rounded, total: int, full: int = 100) -> bool:
     return count <= total and Fraction(count * full, total) < number.value + 2 * number.half
 
 
+def is_near(number: Rounded, total: int, full: int = 100) -> bool:
+    """Tell whether some count is less than one last digit away, however it was rounded."""
+    exact = number.value * total / full
+    counts = (math.floor(exact), math.ceil(exact))
+    step = 2 * number.half
+    return any(
+        abs(Fraction(count * full, total) - number.value) < step
+        for count in counts
+        if 0 <= count <= total
+    )
+
+
 def chance_of_fit(number: Rounded, total: int, full: int = 100) -> float:
-    """Return the chance that a number of so many digits, taken blindly, is a count of the total."""
-    return float(min(Fraction(1), 2 * number.half * total / full))
+    """Return the chance that a number of so many digits, taken blindly, is a count of the total.
+
+    A count that lies half way between two printed numbers may be either.
+    """
+    values: int = full * 10**number.decimals
+    halves = math.gcd(total, 2 * values) - math.gcd(total, values)
+    return min(1.0, (total + halves) / values)

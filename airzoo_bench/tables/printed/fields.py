@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed.grid import METHOD_NAMES, Grid, GridRow
 from airzoo_bench.tables.printed.heads import Head, names_summary, read_heads, split_unit
 from airzoo_bench.tables.printed.layout import Field, Layout
-from airzoo_bench.tables.printed.marks import is_no_number, plain_name, read_marked
+from airzoo_bench.tables.printed.marks import arrow, is_no_number, plain_name, read_marked
 from airzoo_bench.tables.printed.scores import is_known
 
 __all__ = ["fields_of"]
@@ -30,6 +31,8 @@ _MENDS = {
     "LaTeX": "put the names of the columns into the row above the first numbers, as "
     "Method & Scene & R@1 \\\\",
 }
+# In the corner, as Method \ Scene, what stands below it and what beside it.
+_ACROSS = re.compile(r"([a-z]+) ?[\\/|] ?[a-z ]+")
 _UNNAMED = "(unnamed)"
 _MOST_BESIDE = 6
 
@@ -80,7 +83,8 @@ def _folded(grid: Grid) -> tuple[str, ...]:
     small = [name.strip().casefold() for name in names]
     if "method" not in small and small and not small[0] and not {"metric", "value"} & set(small):
         small[0] = "method"
-    also = [_ALSO.get(name, name) for name in small]
+    corners = [found[1] if (found := _ACROSS.fullmatch(name)) else name for name in small]
+    also = [_ALSO.get(c, name) for c, name in zip(corners, small, strict=True)]
     free = [a if also.count(a) == 1 else s for a, s in zip(also, small, strict=True)]
     return tuple(f if f in _KNOWN else name for f, name in zip(free, names, strict=True))
 
@@ -216,8 +220,10 @@ def _wide(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
     if not grid.is_markup:
         _refuse_mistyped(path, unused)
     if not scores:
+        texts = (row.texts[i] for row in grid.rows for i in places)
+        odd = next((f", in which {t[:40]!r} is not one number" for t in texts if "/" in t), "")
         raise ResultError(
-            f"no column is a score (found: {_shown(grid)})", where=path, expected=_EXPECTED
+            f"no column is a score (found: {_shown(grid)}{odd})", where=path, expected=_EXPECTED
         )
     rows, notes = _filled(grid, columns)
     fields = [field for row in rows for field in _of_row(path, row, columns, scores, grid)]
@@ -250,13 +256,14 @@ def _of_row(
         for i, (name, text) in enumerate(said)
         if i not in known and name not in _WIDE
     )[:_MOST_BESIDE]
+    arrows = {i: arrow(grid.columns[i]) for i in scores}
     fields = []
     for index, head in scores.items():
         name = columns[index]
         gain = row.texts[columns.index(f"{name} gain")] if f"{name} gain" in columns else ""
         above = {"scene": head.scene, "benchmark": head.benchmark, "n": head.queries}
         texts = {"metric": head.metric, "unit": head.unit, "value": row.texts[index], "gain": gain}
-        texts |= {key: text for key, text in above.items() if text}
+        texts |= {key: text for key, text in above.items() if text} | {"arrow": arrows[index]}
         called = {"value": name, "gain": f"{name} gain", "unit": name, "metric": name}
         averages = bool(head.scene) and loose and not head.queries
         fields.append(Field(path, row.line, names | texts, called, averages, row, beside))

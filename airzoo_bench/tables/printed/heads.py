@@ -14,7 +14,7 @@ __all__ = ["Head", "is_summary_name", "names_summary", "read_heads", "split_unit
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]|(.*\w) (%)")
 _LONGEST = 200
-_COUNTED = re.compile(r"(.*\S) \(([0-9]{1,9})\)")
+_COUNTED = re.compile(r"(.*\S) \((?:n ?= ?)?([0-9]{1,9})(?: queries)?\)", re.IGNORECASE)
 # In brackets it is of a data set, as KITTI (2012).
 _YEAR = re.compile(r"(?:19|20)[0-9]{2}")
 # What our own tables write above the columns of a benchmark.

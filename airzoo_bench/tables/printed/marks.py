@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from airzoo_bench.tables.printed.latex_source import without_macro
 from airzoo_bench.tables.printed.numbers import MOST_DECIMALS, Rounded, parse_number
 
-__all__ = ["Marked", "is_no_number", "plain_name", "read_loosely", "read_marked"]
+__all__ = ["Marked", "arrow", "is_no_number", "plain_name", "read_loosely", "read_marked"]
 
 _BOLD = re.compile(r"\\(?:textbf|mathbf|boldsymbol|bm|bfseries|bf)\b|\*\*|__|</?(?:b|strong)>")
 _QUIET = re.compile(
@@ -57,13 +57,16 @@ _SPELLED = {
     r"\textbar": "|",
     r"\textbackslash": "\\",
 }
-_CITED = re.compile(r"(?<![~\s])[~\s]*\\cite[a-z]*\*?(?:\[[^]]*\])*\{[^}]*\}")
+_CITED = re.compile(
+    r"(?<![~\s])[~\s]*\\(?:cite[a-z]*|footnote(?:mark)?|tablefootnote|tnote)\*?"
+    r"(?:\[[^]]*\])*(?:\{[^}]*\}|(?<=\]))"
+)
 _SIGNS = str.maketrans({"−": "-", "–": "-", "~": " ", "\u00a0": " ", "\u202f": " "})
 _VALUE = re.compile(r"([+-]?[0-9.,]+) ?(%?)")
 # A colour may hold digits, as gray!15.
 _COLOUR = re.compile(r"\\(?:text|cell|row)?color(?:\[[^][]*\])?\{[^{}]*\}")
 # What follows a number and says nothing of it: footnotes, a deviation.
-_LOOSE = re.compile(r"(?:[†‡*§¶^ ]|\^[a-e]\b|[±] ?[0-9.,]+%?|\([0-9.,]+ ?%?\))+")
+_LOOSE = re.compile(r"(?:[†‡*§¶^ ]|\^[a-e1-9]\b|[±] ?[0-9.,]+%?|\([0-9.,]+ ?%?\))+")
 # A gain is told by its sign: a number in brackets without one may be a deviation.
 _GAIN = re.compile(r"(?:\(([+\-↑↓] ?[0-9.,]+) ?%?\)|([+\-↑↓] ?[0-9.,]+) ?%?)")
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")
@@ -150,6 +153,12 @@ def read_loosely(text: str) -> Marked | None:
     return _marked(text, number, gain, percent=bool(value[2]))
 
 
+def arrow(text: str) -> str:
+    """Return the arrow of a name that says which direction is better; empty without one."""
+    arrows = set(_spelled(text[:_LONGEST])) & {"↑", "↓"}
+    return arrows.pop() if len(arrows) == 1 else ""
+
+
 def _sentence(text: str) -> str:
     return " ".join(_without_marks(text).split())
 
@@ -183,7 +192,8 @@ def _gain(text: str) -> Rounded | None:
     if not found:
         return None
     sign = (found[1] or found[2]).replace(" ", "").replace("↑", "+").replace("↓", "-")
-    return _number(sign)
+    number = _number(sign)
+    return replace(number, text=f"{number.text}%") if number and "%" in text else number
 
 
 def _what_is_wrong(text: str, number: str) -> str:

@@ -33,6 +33,7 @@ class Family(StrEnum):
     CHAMFER = "Chamfer distance"
     MEDIAN = "median error"
     ERROR = "error"
+    CURVE = "share or area within a threshold"
     OTHER = "other"
 
 
@@ -46,15 +47,15 @@ _SHARES = (
 _LOWER = (Family.ACCURACY, Family.COMPLETENESS, Family.CHAMFER, Family.MEDIAN, Family.ERROR)
 
 # What is within a distance is within a larger one.
-_GROWING = (Family.HITS, Family.PRECISION, Family.RECALL, Family.F1)
+_GROWING = (Family.HITS, Family.PRECISION, Family.RECALL, Family.F1, Family.CURVE)
 
 # By the whole name, in lower case, without arrows, with one space for any run of space, - and _.
 _NAMES = (
     (r"(m?f ?1?|f1|f ?score|f1 ?score)", Family.F1),
-    (r"(p|prec|precision)", Family.PRECISION),
-    (r"(r|rec|recall)", Family.RECALL),
-    (r"(acc|accuracy|accuracy distance)", Family.ACCURACY),
-    (r"(comp|completeness|completeness distance)", Family.COMPLETENESS),
+    (r"(p|prec\.?|precision)", Family.PRECISION),
+    (r"(r|rec\.?|recall)", Family.RECALL),
+    (r"(acc\.?|accuracy|accuracy distance)", Family.ACCURACY),
+    (r"(comp\.?|completeness|completeness distance)", Family.COMPLETENESS),
     (r"(accuracy|completeness), median", Family.ERROR),
     (r"(cd|chamfer|chamfer distance)", Family.CHAMFER),
     (r"(.* )?med(ian|\.)?( .*)?", Family.MEDIAN),
@@ -81,6 +82,10 @@ _AP = re.compile(r"(ap|p|precision) ?@ ?([0-9]{1,4})(?:/(min|trec|hits|precision
 _BARE = re.compile(
     r"\(? ?(<? ?[0-9]{1,9}(?:\.[0-9]{1,9})? ?(?:cm|mm|km|m) ?[,/] ?"
     r"<? ?[0-9]{1,9}(?:\.[0-9]{1,9})? ?(?:deg|°)) ?\)?"
+)
+# Areas under, or means of, recalls up to a threshold, and shares of pairs or pixels within one.
+_CURVE = re.compile(
+    r"((?:pose )?m?auc|maa|mma|rra|rta|pck) ?@ ?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(deg|°|px|m)?"
 )
 _HIGHER = re.compile(
     r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|cameras placed|psnr|ssim|sdm|pdm)\b.*"
@@ -130,6 +135,7 @@ def read_score(name: str) -> Score:
     return (
         _average_precision(name, plain)
         or _of_cloud(name, plain)
+        or _curve(name, plain)
         or _hits(name, plain)
         or _named(name, plain)
     )
@@ -158,6 +164,14 @@ def _of_cloud(name: str, plain: str) -> Score | None:
         return None
     family = Family.F1 if found[1].startswith("f") else Family.PRECISION
     return Score(name, family, ((Fraction(found[2]), found[3] or ""),), higher_is_better=True)
+
+
+def _curve(name: str, plain: str) -> Score | None:
+    found = _CURVE.fullmatch(plain)
+    if not found:
+        return None
+    thresholds = ((Fraction(found[2]), (found[3] or "").replace("°", "deg")),)
+    return Score(name, Family.CURVE, thresholds, found[1], higher_is_better=True)
 
 
 def recall_of_cloud(score: Score) -> Score:

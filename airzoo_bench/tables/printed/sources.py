@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
@@ -17,6 +18,8 @@ from airzoo_bench.tables.printed.grid import Grid, GridRow, check_width
 from airzoo_bench.tables.printed.latex import lines_of, looks_like_latex
 from airzoo_bench.tables.printed.latex_grids import latex_grids
 from airzoo_bench.tables.printed.latex_source import Macro, macros_of, text_of
+from airzoo_bench.tables.printed.marks import read_marked
+from airzoo_bench.tables.printed.scores import is_known
 from airzoo_bench.tables.printed.tabulars import Tabular, tabulars_of
 
 __all__ = ["Source", "read_sources"]
@@ -34,6 +37,9 @@ _UNDER_HEAD = re.compile(r"\|?:?-+:?(\|:?-+:?)*\|?")
 _HEADING = re.compile(r" {0,3}#{1,6}\s")
 _LINK = re.compile(r"!?\[([^][]*)\]\([^()]*\)")
 _BREAK = re.compile(r"<br\s*/?>", re.IGNORECASE)
+# Tags that colour, underline or place what they hold.
+_STYLE = re.compile(r"<(?:span|font|div|p|a)\s[^<>]*>|</?(?:span|font|div|p|a|center)>")
+_HTML_TABLE = re.compile(r"<table\b", re.IGNORECASE)
 _INPUT = re.compile(r"\\(?:input|include|subfile|import)\s*\{([^{}]*)\}")
 
 
@@ -72,10 +78,18 @@ def read_sources(path: Path) -> tuple[list[Source], list[str]]:
     text = read_text(path, ResultError, "table of published numbers", _LARGEST_BYTES)
     text = text.removeprefix("\ufeff").replace("\r\n", "\n")
     markdown = _markdown(path, text)
-    is_page = path.suffix.casefold() in (".md", ".markdown") and bool(markdown)
-    if not is_page and looks_like_latex(text):
+    is_page = path.suffix.casefold() in (".md", ".markdown")
+    if not (is_page and markdown) and looks_like_latex(text):
         return _latex(path, text)
-    return _counted(path, markdown or [Source("", 1, partial(_csv_grids, path, text))]), []
+    in_html = len(_HTML_TABLE.findall(text)) if is_page else 0
+    notes = [f"tables in HTML are not read: {in_html}"] if in_html else []
+    if is_page and not markdown and "," not in text.partition("\n")[0]:
+        raise ResultError(
+            notes[0] if notes else "no table",
+            where=path,
+            expected="a Markdown table: a line of names, a rule such as |---|---|, a line a method",
+        )
+    return _counted(path, markdown or [Source("", 1, partial(_csv_grids, path, text))]), notes
 
 
 def _counted(path: Path, sources: list[Source]) -> list[Source]:
@@ -120,10 +134,45 @@ def _grid(path: Path, kind: str, lines: Sequence[tuple[int, list[str]]], label: 
         raise ResultError(
             f"a table of {len(columns)} columns", where=path, expected=f"at most {_MOST_COLUMNS}"
         )
+    if kind == "Markdown":
+        lines = _fitted(lines, columns)
     for number, fields in lines:
         check_width(path, kind, number, len(fields), len(columns))
+    groups = ("",) * len(columns)
+    if kind == "Markdown" and len(set(columns)) < len(columns) and _are_groups(lines[1:2]):
+        groups, lines = _spread(lines[1][1]), lines[1:]
     rows = tuple(_titled(lines[1:]) if kind == "Markdown" else _plain(lines[1:]))
-    return Grid(kind, columns, ("",) * len(columns), rows, label)
+    return Grid(kind, columns, groups, rows, label)
+
+
+def _are_groups(lines: Sequence[tuple[int, list[str]]]) -> bool:
+    """Whether a line of words below the head says what its columns are of."""
+    return any(not fields[0] and not re.search(r"\d", "".join(fields)) for _, fields in lines)
+
+
+def _spread(fields: Sequence[str]) -> tuple[str, ...]:
+    """Let each word reach to the next."""
+    return tuple(accumulate(fields, lambda above, text: text or above))
+
+
+def _fitted(
+    lines: Sequence[tuple[int, list[str]]], columns: Sequence[str]
+) -> list[tuple[int, list[str]]]:
+    """End Markdown lines where their head does, as they are shown.
+
+    Only empty fields go, and they come only under heads below which there are no numbers, such as
+    references: else a line lacks a number, and nobody knows which.
+    """
+    width = len(columns)
+    kept = [(n, fields if any(fields[width:]) else fields[:width]) for n, fields in lines]
+    # A lone first field is a title or a footnote, and lacks nothing.
+    least = min(len(fields) for _, fields in kept if any(fields[1:]) or fields is kept[0][1])
+    texts = [text for _, fields in kept for text in fields[least:]]
+    if any(map(is_known, columns[least:])) or not all(
+        isinstance(read_marked(t), str) for t in texts
+    ):
+        return kept
+    return [(n, fields + [""] * (width - len(fields))) for n, fields in kept]
 
 
 def _plain(lines: Sequence[tuple[int, list[str]]]) -> Iterator[GridRow]:
@@ -217,5 +266,5 @@ def _markdown_fields(line: str) -> list[str]:
 
 
 def _markdown_text(field: str) -> str:
-    text = _LINK.sub(r"\1", _BREAK.sub(" ", field))
+    text = _STYLE.sub("", _LINK.sub(r"\1", _BREAK.sub(" ", field)))
     return html.unescape(re.sub(r"\\([^\w\s]|_)", r"\1", text).strip())

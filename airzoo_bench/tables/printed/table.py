@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError, first_of
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.printed.benchmarks import with_benchmarks
 from airzoo_bench.tables.printed.cells import Printed, Published
 from airzoo_bench.tables.printed.company import settled
@@ -58,16 +57,17 @@ def read_published(path: Path) -> Published:
     """
     sources, notes = read_sources(path)
     if len(sources) == 1:
-        tables = [_read(path, sources[0].read(), strict=True)]
-    else:
-        tables = []
-        for source in sources:
-            table = _read_or_skip(path, source)
-            if isinstance(table, str):
-                notes.append(table)
-            else:
-                tables.append(table)
-    return _published(path, tables, notes)
+        return _published(path, [_read(path, sources[0].read(), strict=True)], notes)
+    read = [_read_or_skip(path, source) for source in sources]
+    tables = [table for table in read if isinstance(table, _Table)]
+    left = [table for table in read if isinstance(table, str)]
+    if not tables:
+        raise ResultError(
+            f"none of {len(left)} tables can be read: {left[0][:300]}",
+            where=path,
+            expected="a table of scores, with a column of methods",
+        )
+    return _published(path, tables, [*notes, *left])
 
 
 def _read_or_skip(path: Path, source: Source) -> _Table | str:
@@ -82,12 +82,6 @@ def _read_or_skip(path: Path, source: Source) -> _Table | str:
 
 
 def _published(path: Path, tables: Sequence[_Table], notes: Sequence[str]) -> Published:
-    if not tables:
-        raise ResultError(
-            f"none of {counted(len(notes), 'table')} can be read: {notes[0][:300]}",
-            where=path,
-            expected="a table of scores, with a column of methods",
-        )
     said = dict.fromkeys(note for table in tables for note in table.notes)
     infinite = sum(table.infinite for table in tables)
     if infinite:
@@ -126,6 +120,8 @@ def _read(path: Path, grids: Sequence[Grid], *, strict: bool) -> _Table:
     cells = [cell for field in fields if (cell := read_cell(field, strict=strict)) is not None]
     marked = any(layout.has_bold for layout in layouts) or any(cell.bold for cell in cells)
     kept = settled(cells, marked=marked)
+    if not kept and said:
+        raise ResultError(f"no printed number; {said[0]}", where=path)
     _check_cells(path, kept)
     if _may_be_shares(kept):
         if strict:

@@ -16,7 +16,7 @@ from airzoo_bench.tables.printed.marks import (
     read_marked,
 )
 from airzoo_bench.tables.printed.numbers import Rounded
-from airzoo_bench.tables.printed.scores import Score, read_score
+from airzoo_bench.tables.printed.scores import Family, Score, read_score
 
 __all__ = ["read_cell", "readable"]
 
@@ -101,7 +101,7 @@ def read_cell(field: Field, *, strict: bool) -> Printed | None:
         return None
     loose = None if strict else _loosely(field)
     marked = loose or _marked(field)
-    score = read_score(field["metric"])
+    score = _directed(read_score(field["metric"]), field["arrow"])
     unit = field["unit"] or ("%" if marked.percent else "")
     return Printed(
         line=field.line,
@@ -122,6 +122,16 @@ def read_cell(field: Field, *, strict: bool) -> Printed | None:
         competes=not marked.muted,
         partial=bool(field["partial"]),
     )
+
+
+def _directed(score: Score, arrow: str) -> Score:
+    """Believe the arrow of a score that may be several things: no distance is better high."""
+    rises = arrow == "↑"
+    if not arrow or score.family not in (Family.OTHER, Family.ACCURACY, Family.COMPLETENESS):
+        return score
+    if score.higher_is_better is rises:
+        return score
+    return replace(score, family=Family.OTHER, higher_is_better=rises)
 
 
 def _marked(field: Field, name: str = "value") -> Marked:
