@@ -115,7 +115,7 @@ def bootstrap(
         total = part if total is None else _together(total, part)
     if total is None:
         raise ValueError("a sample has at least one group")
-    overall = _mean_of(total, len(sample.groups)) if len(sample.groups) > 1 else total
+    overall = _mean_of(total, len(sample.groups))
     return SampleIntervals(
         found,
         _intervals(overall, pairs, plan, sample.unit),
