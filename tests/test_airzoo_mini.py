@@ -16,6 +16,8 @@ from PIL import Image
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.grids import world_to_pixel
@@ -26,13 +28,10 @@ from airzoo_bench.geometry_checks.depth_frames import Sampling
 from airzoo_bench.geometry_checks.depth_maps import DepthKind
 from airzoo_bench.geometry_checks.depth_report import DepthConsistency, check_depth_consistency
 from airzoo_bench.geometry_checks.frame_pairs import PairRule
-from airzoo_bench.matching.track import evaluate_matching
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.mini.truth_cloud import depth_to_points
-from airzoo_bench.reconstruction.track import evaluate_reconstruction
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.results.result import Result
-from airzoo_bench.retrieval.track import evaluate_retrieval
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 
 SCENES = ("city", "rural")
@@ -131,7 +130,7 @@ def rank(mini: Prepared, path: Path, right: float) -> Result:
     np.savez(
         path, protocol="airzoo-mini-retrieval", query_ids=np.array(ids), ranked_ids=np.array(ranked)
     )
-    return evaluate_retrieval(path, data=mini.root, memory_bytes=MEMORY).result
+    return evaluate(path, data=mini.root).result
 
 
 def test_retrieval_is_perfect_and_falls(mini: Prepared, tmp_path: Path) -> None:
@@ -177,7 +176,7 @@ def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Resul
         query_xy=np.concatenate(photo_xy),
         map_xy=np.concatenate(map_xy),
     )
-    return evaluate_matching(path, data=mini.root, memory_bytes=MEMORY, jobs=2).evaluation.result
+    return evaluate(path, data=mini.root, resources=Resources(jobs=2)).result
 
 
 def sampled(depth: Floats, camera: Cameras, pose: Poses) -> tuple[Floats, Floats]:
@@ -232,9 +231,7 @@ def reconstruct(mini: Prepared, folder: Path, change: Change, smaller: int = 3) 
             extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
             image_names=images.to_numpy(str),
         )
-    return evaluate_reconstruction(
-        folder, data=mini.root, memory_bytes=MEMORY, jobs=2
-    ).evaluation.result
+    return evaluate(folder, data=mini.root, resources=Resources(jobs=2)).result
 
 
 def noisy(share: float) -> Change:

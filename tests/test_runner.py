@@ -11,10 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.evaluation.run_files import Evaluation, save
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.template import write_template
 from airzoo_bench.results.result import Result, read_result, write_result
-from airzoo_bench.retrieval.track import evaluate_retrieval
 from tests.statistics.support import made_method, write_method
 from tests.support import (
     MadeScene,
@@ -29,7 +30,7 @@ MEMORY = 1 << 30
 
 
 def score(path: Path, data: Path, **options: Any) -> Evaluation:
-    return evaluate_retrieval(path, data=data, memory_bytes=MEMORY, **options)
+    return evaluate(path, track="retrieval", data=data, **options)
 
 
 def test_perfect_predictions_score_one(data: Path, tmp_path: Path, perfect: dict[str, Any]) -> None:
@@ -193,7 +194,10 @@ def test_descriptors_and_their_ranked_ids_agree(
         gallery_ids=[t for s in scenes for t in s.tile_ids],
         gallery_descriptors=gallery,
     )
-    one, other = score(by_ids, data).result, score(by_descriptors, data, jobs=2).result
+    one, other = (
+        score(by_ids, data).result,
+        score(by_descriptors, data, resources=Resources(jobs=2)).result,
+    )
     for key in ("recall@1", "recall@3", "recall@5", "ap@5", "distance_m", "sdm@5", "pdm@5"):
         assert one.scenes["east"][key] == other.scenes["east"][key], key
         assert one.scenes["west"][key] == other.scenes["west"][key], key
@@ -274,10 +278,10 @@ def test_a_changed_protocol_does_not_pass_for_its_namesake(
             assert "not the made-retrieval that all have" in note
 
 
-@pytest.mark.parametrize("descriptors", [False, True])
-def test_a_template_scores(data: Path, tmp_path: Path, *, descriptors: bool) -> None:
+@pytest.mark.parametrize("kind", [None, "ranked-ids", "descriptors"])
+def test_a_template_scores(data: Path, tmp_path: Path, kind: str | None) -> None:
     out = tmp_path / "t.npz"
-    write_template("made-retrieval", data=data, out=out, descriptors=descriptors, seed=3)
+    write_template("made-retrieval", data=data, out=out, kind=kind, seed=3)
     result = score(out, data).result
     assert result.counts["west"]["missing"] == 0
     assert 0 <= result.overall["recall@5"] <= 1

@@ -45,7 +45,7 @@ class Evaluation:
     benchmark : Benchmark
     truths : list
     claims : list
-    scored : list
+    scored : dict
     """
 
     result: Result
@@ -54,7 +54,7 @@ class Evaluation:
     benchmark: Benchmark
     truths: list[Any]
     claims: list[Any]
-    scored: list[Any]
+    scored: dict[str, Any]
 
     @property
     def protocol(self) -> Any:
@@ -110,7 +110,8 @@ def evaluate(
     result = _result(
         given, benchmark, truths, scored, records, method, len(assigned.strange), notes
     )
-    return Evaluation(result, records, given, benchmark, truths, claims, scored)
+    by_scene = {truth.scene: scene for truth, scene in zip(truths, scored, strict=True)}
+    return Evaluation(result, records, given, benchmark, truths, claims, by_scene)
 
 
 def _result(

@@ -46,7 +46,7 @@ def _write_timings(evaluation: Evaluation, path: Path) -> None:
     """Write seconds of the solver for each query, which differ by run."""
     parts = [
         scene.records[["scene", "query"]].assign(seconds=np.round(scene.seconds, 6))
-        for scene in evaluation.scored
+        for scene in evaluation.scored.values()
     ]
     with atomic_write(path, "w") as stream:
         concatenate(parts).to_csv(stream, index=False, lineterminator="\n")

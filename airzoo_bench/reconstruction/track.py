@@ -59,8 +59,8 @@ class _Listed:
 
 
 def _write_alignments(evaluation: Evaluation, path: Path) -> None:
-    scored = zip(evaluation.truths, evaluation.scored, strict=True)
-    write_alignments({t.scene: s.alignment for t, s in scored if s.alignment is not None}, path)
+    found = {name: scene.alignment for name, scene in evaluation.scored.items()}
+    write_alignments({name: one for name, one in found.items() if one is not None}, path)
 
 
 class ReconstructionTrack(

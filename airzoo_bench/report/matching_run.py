@@ -50,8 +50,8 @@ def draw_figures(
     limits = protocol.scores.translation_below_m
     save_figure(draw_error_curves(evaluation.records, titles, limits), folder / "errors.png")
     drawn, benchmark = 1, evaluation.benchmark
-    parts = zip(evaluation.truths, evaluation.claims, evaluation.scored, strict=True)
-    for truth, claim, scored in parts:
+    for truth, claim in zip(evaluation.truths, evaluation.claims, strict=True):
+        scored = evaluation.scored[truth.scene]
         _draw_map(truth, scored, titles[truth.scene], folder / f"{truth.scene}_map.png")
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
         rows = range(len(truth.queries) if claim.map_xy is not None else 0)

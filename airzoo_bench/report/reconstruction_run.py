@@ -71,8 +71,7 @@ def _limit(evaluation: Evaluation) -> float:
 
 
 def _compared(evaluation: Evaluation) -> dict[str, ScoredScene]:
-    scored = zip(evaluation.truths, evaluation.scored, strict=True)
-    return {truth.scene: scene for truth, scene in scored if scene.distances is not None}
+    return {name: scene for name, scene in evaluation.scored.items() if scene.distances is not None}
 
 
 def _cloud(source: CloudSource) -> Cloud:

@@ -155,12 +155,12 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
 
     from pyproj import CRS
 
+    from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.geometry.frames import to_lonlat
-    from airzoo_bench.matching.track import evaluate_matching
     from airzoo_bench.report import matching_run as matching_figures
 
     path = world.write(tmp_path / "m.npz", world.poses())
-    run = evaluate_matching(path, data=world.root, memory_bytes=1 << 30)
+    run = evaluate(path, data=world.root)
     truth, dom = run.truths[0], run.truths[0].dom
     corner, east, south = to_lonlat(
         dom.crs, np.array([[5e5, 5.2e6], [5e5 + 600, 5.2e6], [5e5, 5.2e6 - 600]])

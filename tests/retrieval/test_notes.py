@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.check import check_predictions
+from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.retrieval.chance import chance_scores
-from airzoo_bench.retrieval.track import evaluate_retrieval
 from tests.support import (
     MadeScene,
     made_protocol,
@@ -25,14 +25,14 @@ MEMORY = 1 << 30
 
 
 def evaluated(path: Path, data: Path) -> Any:
-    return evaluate_retrieval(path, data=data, memory_bytes=MEMORY).result
+    return evaluate(path, data=data).result
 
 
 def both(path: Path, data: Path) -> list[str]:
     """Return the notes of `eval`, having held those of `check` to them."""
     notes = list(evaluated(path, data).notes)
-    checked = check_predictions(path, data=data, protocol=None, memory_bytes=MEMORY)
-    assert checked.faults == []
+    checked = check(path, data=data)
+    assert checked.errors == []
     assert [note for note in checked.notes if note in notes] == notes
     return notes
 
@@ -65,7 +65,7 @@ def test_empty_lists_are_counted_as_missing(
         ranked_ids=ranked,
     )
     assert has(both(path, data), "2 queries have an empty list")
-    evaluation = evaluate_retrieval(path, data=data, memory_bytes=MEMORY)
+    evaluation = evaluate(path, data=data)
     assert evaluation.result.counts["east"]["empty_lists"] == 2
     assert evaluation.result.counts["east"]["missing"] == 2
     assert (~evaluation.records["answered"]).sum() == 2
@@ -175,7 +175,7 @@ def test_bad_gallery_rows_have_one_name_in_eval_and_check(
         warnings.simplefilter("error")
         with pytest.raises(PredictionError, match=r"field 'gallery_descriptors'.*east/t00007"):
             evaluated(path, data)
-        (fault,) = check_predictions(path, data=data, protocol=None, memory_bytes=MEMORY).faults
+        (fault,) = check(path, data=data).errors
     assert "east/t00007" in str(fault)
     assert "field 'gallery_descriptors'" in str(fault)
 
