@@ -10,11 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.settings import SAFE_NAME
 
 __all__ = ["BenchmarkFile", "SceneFile", "verify", "write_benchmark_file"]
-
-TRACKS = ("retrieval", "matching", "reconstruction")
 
 
 class _Model(BaseModel):
@@ -75,7 +74,8 @@ def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
 
 def _truth_files(folder: Path) -> list[str]:
     scenes = folder / "scenes"
-    found = sorted([*scenes.glob("*/*"), *(p for t in TRACKS for p in scenes.glob(f"*/{t}/*"))])
+    of_tracks = (path for name in TRACKS.names() for path in scenes.glob(f"*/{name}/*"))
+    found = sorted([*scenes.glob("*/*"), *of_tracks])
     files = (path for path in found if path.is_file())
     return [path.relative_to(folder).as_posix() for path in files if path.name[0] != "."]
 

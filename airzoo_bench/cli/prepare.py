@@ -11,6 +11,7 @@ import typer
 
 from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -241,7 +242,7 @@ def _suggest(protocols: Sequence[str], folder: Path | None) -> None:
     where = f" --data {folder}" if folder else ""
     for name in protocols:
         track = name.rsplit("-", 1)[1]
-        file = f"{track}.npz" if track != "reconstruction" else track
+        file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
         say(f"next: airzoo-bench baseline {track} {name}{where} --out {file}")
 
 
