@@ -332,7 +332,7 @@ def test_notes_of_readers_reach_the_result(world: World, tmp_path: Path) -> None
     save(tmp_path / "p" / "lot.npz", fields)
     scored = world.score(tmp_path / "p")
     notes = scored.result.notes
-    assert any(note.startswith("scene yard: a mesh of 1 faces") for note in notes)
+    assert any(note.startswith("scene yard: a mesh of 1 face") for note in notes)
     assert any("scene lot: the principal point is far from the centre" in note for note in notes)
     assert scored.result.predictions.kind == "depth, mesh"
 
@@ -372,7 +372,7 @@ def test_views_without_names_follow_the_names_of_the_files(world: World) -> None
 def test_clouds_are_kept_only_where_they_are_asked_for(world: World, tmp_path: Path) -> None:
     path = both(world, tmp_path)
     assert world.score(path).scored["yard"].clouds is None
-    kept = world.score(path, keep_clouds=True).scored["yard"]
+    kept = world.score(path, keep=True).scored["yard"]
     assert kept.clouds is not None
     assert kept.clouds[0].source.count == 15_264
     assert kept.distances is not None

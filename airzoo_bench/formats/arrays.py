@@ -212,7 +212,7 @@ def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
         rows = np.flatnonzero(wrong.reshape(len(ids), -1).any(axis=1)).tolist()
         if rows:
             raise PredictionError(
-                f"ids with {what} in {first_of(rows, len(ids), noun='rows')}, counted from 0",
+                f"ids with {what} in {first_of(rows, len(ids), noun='row')}, counted from 0",
                 where=f"{path}, field '{name}'",
                 expected=expected,
                 mend="take the ids from the benchmark; `airzoo-bench template` writes them",

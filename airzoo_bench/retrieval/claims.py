@@ -235,7 +235,7 @@ def _tile_indices(
         tile = str(ids[rows[0]][strange[rows[0]]][0])
         raise PredictionError(
             f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
-            f"{first_of(names[rows], len(names), noun='queries')}; the first is {tile!r}"
+            f"{first_of(names[rows], len(names), noun='query')}; the first is {tile!r}"
             + nearest(tile, truth.tiles["id"].tolist(), 1),
             where="field 'ranked_ids'",
             expected=f"ids such as {truth.tiles['id'].iloc[0]}",

@@ -93,8 +93,8 @@ def test_failures_stay_in_median_and_denominator(
         assert np.isposinf(rows[column][:3]).all()
     assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
     assert rows["outside_map"].tolist() == [0, 0, N_MATCHES, 0, 0]
-    assert np.isnan(run.scored[0].centres[:3]).all()
-    assert [int(inliers.sum()) for inliers in run.scored[0].inliers] == [0, 0, 0, 60, 60]
+    assert np.isnan(run.scored["hills"].centres[:3]).all()
+    assert [int(inliers.sum()) for inliers in run.scored["hills"].inliers] == [0, 0, 0, 60, 60]
     for values in (result.scenes["hills"], result.overall, result.pooled):
         assert values["error_m"] == np.inf
         assert values["within_20m"] == values["within_1m_1deg"] == 0.4
@@ -129,7 +129,7 @@ def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
         xy[: N_MATCHES // 2] = xy[: N_MATCHES // 2][::-1] + 25.0
     run = evaluated(world, tmp_path, world.correspondences(world.query_xy, map_xy=map_xy))
     assert run.records["error_m"].max() < 1e-6
-    for inliers in run.scored[0].inliers:
+    for inliers in run.scored["hills"].inliers:
         assert inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
 
 
