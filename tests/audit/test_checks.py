@@ -185,7 +185,7 @@ class TestAverage:
         found = audited(tmp_path, self.made("33.00"), S0=10, S1=20, S2=70)
         assert not found.findings
         texts = [c.text for c in found.conclusions if c.check == "average"]
-        assert "1 of 1 are means over all queries" in texts[0]
+        assert "1 of 1 is a mean over all queries" in texts[0]
 
     def test_neither(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made("24.00"), S0=10, S1=10, S2=10)
@@ -338,7 +338,7 @@ class TestGain:
         renamed = [{**r, "method": str(r["method"]).replace("X (Ours)", "Y")} for r in made]
         found = audited(tmp_path, renamed)
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over X: 1 of 1 are right up to the last digit"
+        assert text == "gains are over X: 1 of 1 is right up to the last digit"
 
     def test_of_equal_baselines_the_first(self, tmp_path: Path) -> None:
         same = rows_of({"A": {"East": {"R@1": "10.0"}}, "B": {"East": {"R@1": "10.0"}}})
@@ -375,7 +375,7 @@ class TestGain:
     def test_the_baseline_is_the_one_that_explains_most(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made("+27.64"))
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over C: 1 of 1 are right up to the last digit"
+        assert text == "gains are over C: 1 of 1 is right up to the last digit"
 
 
 class TestBold:

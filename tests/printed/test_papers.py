@@ -199,7 +199,7 @@ def test_a_typed_file_of_tables_of_other_scenes(tmp_path: Path) -> None:
     found = audit(read_published(path))
     assert found.findings == ()
     said = [c.text for c in found.conclusions if c.check == "average"]
-    assert said == ["of 1 averages, 1 are unweighted means over scenes"] * 2
+    assert said == ["of 1 average, 1 is an unweighted mean over scenes"] * 2
 
 
 # From the leaderboard beside layumi/University1652-Baseline: 701 satellite queries, which it does
