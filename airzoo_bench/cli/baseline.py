@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 
 import typer
 
+from airzoo_bench.cli.built import BuiltGroup, bounded, parameter, with_parameters
 from airzoo_bench.cli.common import (
     DataOption,
     JobsOption,
@@ -18,7 +19,6 @@ from airzoo_bench.cli.common import (
     say,
     with_data,
 )
-from airzoo_bench.cli.tracks import TrackGroup, bounded, parameter, with_parameters
 from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
@@ -28,14 +28,16 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 
-class _BaselineGroup(TrackGroup):
+class _BaselineGroup(BuiltGroup):
+    registry = TRACKS
+
     def list_commands(self, ctx: Any) -> list[str]:
         return [name for name in TRACKS.names() if TRACKS.get(name).baseline is not None]
 
-    def command_of(self, track: AnyTrack) -> tuple[Callable[..., None], str]:
-        baseline = track.baseline
+    def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str]:
+        baseline = thing.baseline
         if baseline is None:
-            raise TypeError(f"the {track.name} track has no baseline")
+            raise TypeError(f"the {thing.name} track has no baseline")
         out = Annotated[Path, typer.Option("--out", "-o", help=baseline.out_help)]
         parameters = [
             parameter("protocol", Annotated[str, typer.Argument(help="Name or .toml file.")]),
@@ -47,8 +49,8 @@ class _BaselineGroup(TrackGroup):
             ),
             parameter("jobs", JobsOption, 2),
         ]
-        command = with_parameters(partial(_predict, track), parameters, baseline.summary)
-        return command, f"baseline {track.name} {baseline.example}"
+        command = with_parameters(partial(_predict, thing), parameters, baseline.summary)
+        return command, f"baseline {thing.name} {baseline.example}"
 
 
 app = typer.Typer(

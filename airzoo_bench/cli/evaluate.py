@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from airzoo_bench.cli.built import BuiltGroup, parameter, with_parameters
 from airzoo_bench.cli.common import (
     DataOption,
     Format,
@@ -24,8 +25,8 @@ from airzoo_bench.cli.common import (
     say,
     show,
 )
-from airzoo_bench.cli.tracks import TrackGroup, parameter, with_parameters
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
@@ -47,22 +48,24 @@ MethodOption = Annotated[
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 
 
-class _EvalGroup(TrackGroup):
-    def command_of(self, track: AnyTrack) -> tuple[Callable[..., None], str]:
+class _EvalGroup(BuiltGroup):
+    registry = TRACKS
+
+    def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str]:
         parameters = [
-            parameter("predictions", Annotated[Path, typer.Argument(help=track.argument)]),
+            parameter("predictions", Annotated[Path, typer.Argument(help=thing.argument)]),
             parameter("protocol", ProtocolOption, None),
             parameter("data", DataOption, None),
             parameter("out", OutOption, None),
             parameter("method", MethodOption, None),
             parameter("form", FormatOption, Format.TERMINAL),
             parameter("every_score", AllOption, False),
-            *(parameter(one.name, _kind(one), one.default) for one in track.options),
-            parameter("jobs", JobsOption, track.jobs),
+            *(parameter(one.name, _kind(one), one.default) for one in thing.options),
+            parameter("jobs", JobsOption, thing.jobs),
             parameter("max_memory", MemoryOption, "2G"),
         ]
-        command = with_parameters(partial(_evaluate, track), parameters, track.summary)
-        return command, f"eval {track.name} {track.example}"
+        command = with_parameters(partial(_evaluate, thing), parameters, thing.summary)
+        return command, f"eval {thing.name} {thing.example}"
 
 
 app = typer.Typer(

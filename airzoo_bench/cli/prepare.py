@@ -9,21 +9,33 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
+from airzoo_bench.cli.built import BuiltGroup
+from airzoo_bench.cli.common import JobsOption, progress, put, say
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import DATASETS, TRACKS
+from airzoo_bench.datasets.dataset import Dataset
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from airzoo_bench.datasets.folder import SceneTruths
     from airzoo_bench.datasets.photos import Prepared
 
-__all__ = ["app"]
+__all__ = ["AIRZOO_MINI", "PHOTOS", "app"]
 
 _LONGEST_NAME = 48  # of which more names are made
 
-app = typer.Typer(help="Make a benchmark folder out of data.", no_args_is_help=True)
+
+class _PrepareGroup(BuiltGroup):
+    registry = DATASETS
+
+    def command_of(self, thing: Dataset) -> tuple[Callable[..., None], str]:
+        return thing.prepare, f"prepare {thing.example}"
+
+
+app = typer.Typer(
+    cls=_PrepareGroup, help="Make a benchmark folder out of data.", no_args_is_help=True
+)
 
 
 class Rule(StrEnum):
@@ -46,12 +58,6 @@ def _group() -> None:
     """Make a benchmark folder out of data."""
 
 
-@app.command(
-    epilog=examples(
-        "prepare photos --name park --images photos --poses poses.json --dom dom.tif --dsm dsm.tif "
-        "--tile-size 256 --tile-size 128"
-    )
-)
 def photos(
     name: Annotated[str, typer.Option(help="Of the benchmark and its scene.")],
     images: Annotated[Path, typer.Option(help="Folder of the photos.")],
@@ -153,7 +159,6 @@ def photos(
     _report(prepared, out)
 
 
-@app.command("airzoo-mini", epilog=examples("prepare airzoo-mini"))
 def airzoo_mini(
     seed: Annotated[
         int, typer.Option(min=0, help="Another seed is another place, and another benchmark.")
@@ -249,3 +254,11 @@ def _suggest(protocols: Sequence[str], folder: Path | None) -> None:
 def _report_left_out(count: int) -> None:
     if count:
         put(f"                  {counted(count, 'photo')} left out; excluded.csv says why\n")
+
+
+PHOTOS = Dataset(
+    photos,
+    "photos --name park --images photos --poses poses.json --dom dom.tif --dsm dsm.tif "
+    "--tile-size 256 --tile-size 128",
+)
+AIRZOO_MINI = Dataset(airzoo_mini, "airzoo-mini")

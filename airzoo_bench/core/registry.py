@@ -87,8 +87,8 @@ TRACKS = Registry(
 DATASETS = Registry(
     "airzoo_bench.datasets",
     {
-        "photos": "airzoo_bench.datasets.photos:DATASET",
-        "airzoo-mini": "airzoo_bench.datasets.airzoo_mini:DATASET",
+        "photos": "airzoo_bench.cli.prepare:PHOTOS",
+        "airzoo-mini": "airzoo_bench.cli.prepare:AIRZOO_MINI",
     },
 )
-"""What `prepare` makes benchmark folders of, by name."""
+"""What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

@@ -1,37 +1,36 @@
-"""Commands with a subcommand for each track, built of what the track says of itself."""
+"""Commands whose subcommands are built of what a registry holds, such as tracks."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from inspect import Parameter, Signature
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from airzoo_bench.cli.common import examples
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import Registry
 
-if TYPE_CHECKING:
-    from airzoo_bench.evaluation.given import AnyTrack
-
-__all__ = ["TrackGroup", "bounded", "parameter", "with_parameters"]
+__all__ = ["BuiltGroup", "bounded", "parameter", "with_parameters"]
 
 
-class TrackGroup(TyperGroup):
-    """A group whose subcommands are the tracks, made when they are asked for.
+class BuiltGroup(TyperGroup):
+    """A group with a subcommand for each thing of a registry, made when it is asked for.
 
-    Tracks load NumPy, which the help of all commands must not wait for.
+    What is registered loads NumPy, which the help of all commands must not wait for.
     """
 
+    registry: Registry
+
     @abstractmethod
-    def command_of(self, track: AnyTrack) -> tuple[Callable[..., None], str]:
-        """Return the function of a track's subcommand, and its example."""
+    def command_of(self, thing: Any) -> tuple[Callable[..., None], str]:
+        """Return the function of a thing's subcommand, and its example."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of the tracks."""
-        return TRACKS.names()
+        """Return the names of what is registered."""
+        return self.registry.names()
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the subcommand that is meant, or name what may be."""
@@ -39,10 +38,10 @@ class TrackGroup(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a track's subcommand."""
-        if cmd_name not in TRACKS.names():
+        """Return a subcommand."""
+        if cmd_name not in self.list_commands(ctx):
             return None
-        function, example = self.command_of(TRACKS.get(cmd_name))
+        function, example = self.command_of(self.registry.get(cmd_name))
         app = typer.Typer(add_completion=False)
         app.command(name=cmd_name, epilog=examples(example))(function)
         return typer.main.get_command(app)
