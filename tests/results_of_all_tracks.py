@@ -23,8 +23,8 @@ from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.matching.truth import read_truth as read_matching
-from airzoo_bench.mini.frame_list import FrameList
-from airzoo_bench.mini.photos import ROLL, Photos, mini_photos
+from airzoo_bench.mini.export.frame_list import FrameList
+from airzoo_bench.mini.export.photos import ROLL, Photos, mini_photos
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval

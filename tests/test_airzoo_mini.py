@@ -29,7 +29,7 @@ from airzoo_bench.geometry_checks.depth_maps import DepthKind
 from airzoo_bench.geometry_checks.depth_report import DepthConsistency, check_depth_consistency
 from airzoo_bench.geometry_checks.frame_pairs import PairRule
 from airzoo_bench.matching.truth import read_truth as read_matching
-from airzoo_bench.mini.truth_cloud import depth_to_points
+from airzoo_bench.mini.export.photos import depth_to_points
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.results.result import Result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval

@@ -214,7 +214,7 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
     ),
     "all NaN": (
         clouds(yard=nan_at(slice(None))),
-        ["p, scene yard: every point has a coordinate that is NaN", "write the cloud again"],
+        ["p, scene yard: all 15,264 points have a coordinate that is NaN", "write the cloud again"],
     ),
     "a LAZ cut in the middle": (
         with_file("yard.laz", cut_laz),
