@@ -503,7 +503,7 @@ def test_points_that_decide_the_mean_are_named(world: World, tmp_path: Path) -> 
     path = predict_clouds(world, tmp_path / "p", {"yard": far})
     notes = world.score(path).result.notes
     assert any(
-        "1 of 15,265 predicted points, up to 1.729e+09 m away, make 100%" in n for n in notes
+        "1 of 15,265 predicted points, up to 1.729e+09 m away, makes 100%" in n for n in notes
     )
 
 
