@@ -144,7 +144,7 @@ def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
             "with gdal_edit.py -units ft"
         )
     raise BenchmarkError(
-        f"all {int(known.sum())} cameras are below the surface: they are at {centre:.1f} m, the "
+        f"every camera is below the surface: they are at {centre:.1f} m, the "
         f"surface below them is at {surface:.1f} m (medians)",
         where=dsm,
         expected="cameras above the surface model, both in the same vertical unit and datum",

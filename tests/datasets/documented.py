@@ -17,7 +17,7 @@ PAGE = ROOT / "docs" / "benchmark-folder.md"
 # Where `prepare photos` refuses, by what is at fault.
 REFUSING = {
     "Folders, names and the CRS of the poses": ["datasets/sources", "geometry/frames"],
-    "Photos and their metadata": ["formats/photos", "datasets/images", "datasets/dji"],
+    "Photos and their metadata": ["formats/photos", "benchmark/images", "datasets/dji"],
     "Cameras and poses": [
         *("datasets/poses", "geometry/cameras", "geometry/poses", "geometry/units"),
     ],
