@@ -13,8 +13,6 @@ from airzoo_bench.cli.common import Format, FormatOption, examples, show
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from airzoo_bench.results.records import Scored
-    from airzoo_bench.results.result import ScoreColumn
     from airzoo_bench.statistics.samples import Plan
     from airzoo_bench.tables.model import Table
 
@@ -154,47 +152,36 @@ def _check(request: _Request) -> None:
 
 
 def _answer(request: _Request) -> Table:
-    from airzoo_bench.results.comparable import find_scene
-    from airzoo_bench.results.files import result_paths
-    from airzoo_bench.results.records import read_scored
-    from airzoo_bench.results.result import read_result
-    from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
+    from airzoo_bench.api import comparison
 
-    paths = result_paths(request.paths)
-    keys = score_keys(read_result(paths[0]), request.scores, every=request.every)
-    methods = read_scored(paths, None if request.most_different else keys)
-    check_comparable(methods)
-    scores = choose_scores(methods, request.scores, every=request.every)
-    titles = methods[0].result.truth.scene_titles
-    scene = None if request.scene is None else find_scene(titles, request.scene)
-    if len(methods) == 1:
-        return _intervals(methods[0], scores, request.plan, scene)
-    return _compared(methods, scores, request, scene)
-
-
-def _intervals(method: Scored, scores: list[ScoreColumn], plan: Plan, scene: str | None) -> Table:
-    from airzoo_bench.statistics.comparison import score_intervals
-    from airzoo_bench.tables.statistics_layout import intervals_table
-
-    found = score_intervals(method, scores, plan, scene)
-    return intervals_table(method, scores, found, plan, scene)
+    if request.most_different is not None:
+        return _differences(request, request.most_different)
+    found = comparison.compare(
+        request.paths,
+        request.scores,
+        every=request.every,
+        reference=request.reference,
+        method=request.method,
+        scene=request.scene,
+        interval=request.plan.interval,
+        resamples=request.plan.resamples,
+        seed=request.plan.seed,
+    )
+    return found.table
 
 
-def _compared(
-    methods: list[Scored], scores: list[ScoreColumn], request: _Request, scene: str | None
-) -> Table:
-    from airzoo_bench.statistics import comparison
+def _differences(request: _Request, most: int) -> Table:
+    from airzoo_bench.api.comparison import Request
     from airzoo_bench.statistics.reference import find_one
-    from airzoo_bench.tables.comparison_layout import comparison_table
     from airzoo_bench.tables.differences import differences_table
 
-    reference, method = request.reference, request.method
-    if request.most_different is not None:
-        one = find_one(methods, reference, method, scores[0], scene)
-        base = one if method is None else 1 - one
-        return differences_table(methods, scores, request.most_different, scene, base=base)
-    return comparison_table(
-        comparison.compare(
-            methods, scores, reference=reference, method=method, scene=scene, plan=request.plan
-        )
+    asked = Request.of(
+        request.paths,
+        request.scores,
+        every=request.every,
+        scene=request.scene,
+        every_column=True,
     )
+    one = find_one(asked.methods, request.reference, request.method, asked.scores[0], asked.scene)
+    base = one if request.method is None else 1 - one
+    return differences_table(asked.methods, asked.scores, most, asked.scene, base=base)

@@ -13,6 +13,7 @@ from typing import Self
 from airzoo_bench.core.plurals import counted
 
 __all__ = [
+    "ArgumentError",
     "BenchmarkError",
     "CameraError",
     "PredictionError",
@@ -68,6 +69,10 @@ class UserError(Exception):
         if self.mend:
             lines.append(f"  to mend:  {self.mend}")
         return "\n".join(lines)
+
+
+class ArgumentError(UserError, ValueError):
+    """A function of the Python face was called with an argument that it cannot work with."""
 
 
 class UsageError(UserError):

@@ -12,9 +12,9 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import LiftStatus, lift
-from airzoo_bench.matching.metrics import PoseErrors, area_share, pose_errors, within
+from airzoo_bench.matching.metrics import pose_errors
 from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
-from airzoo_bench.matching.scores import auc_column, pose_column, translation_column
+from airzoo_bench.matching.scores import pose_columns
 from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
 from airzoo_bench.matching.truth import MatchingTruth
 
@@ -134,8 +134,7 @@ def _records(
         "status": np.where(answered, posed.status, MISSING),
         "failed": ~np.isfinite(errors.translation_m),
         **posed.counts,
-        **_error_columns(errors, settings),
-        **_score_columns(errors, settings),
+        **pose_columns(errors, settings),
     }
     return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
 
@@ -231,26 +230,3 @@ def _counts(
     counts["beyond_limit"] = np.array([estimate.left_out for estimate in found], np.int64)
     counts["inliers"] = np.array([estimate.inliers.sum() for estimate in found], np.int64)
     return counts
-
-
-def _error_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    columns = {
-        "error_m": errors.translation_m,
-        "horizontal_m": errors.horizontal_m,
-        "vertical_m": errors.vertical_m,
-    }
-    if errors.rotation_deg is not None:
-        worst = settings.failed_rotation_deg
-        failed = np.inf if worst == "infinite" else worst
-        known = np.isfinite(errors.rotation_deg)
-        columns["rotation_deg"] = np.where(known, errors.rotation_deg, failed)
-    return columns
-
-
-def _score_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    metres, degrees = errors.translation_m, errors.rotation_deg
-    columns = {translation_column(m): within(metres, None, m) for m in settings.translation_below_m}
-    if settings.orientation_is_trusted:
-        for m, deg in settings.pose_below_m_deg:
-            columns[pose_column(m, deg)] = within(metres, degrees, m, deg)
-    return columns | {auc_column(m): area_share(metres, m) for m in settings.auc_up_to_m}

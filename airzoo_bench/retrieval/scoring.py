@@ -10,15 +10,8 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
 from airzoo_bench.retrieval.hits import hit_matrix
-from airzoo_bench.retrieval.metrics import (
-    average_precision,
-    average_precision_at,
-    first_hit_rank,
-    ndcg_at,
-    recall_at,
-    reciprocal_rank,
-)
-from airzoo_bench.retrieval.scores import AP_VARIANTS, ap_name
+from airzoo_bench.retrieval.metrics import first_hit_rank
+from airzoo_bench.retrieval.scores import AP_VARIANTS, hit_columns
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -66,22 +59,16 @@ def score_scene(
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": first_hit_rank(hits),
         **_ranked_tiles(truth, ranking, max(settings.recall_at)),
-        **_hit_scores(hits, truth.positives.counts, settings),
+        **hit_columns(
+            hits,
+            truth.positives.counts,
+            recall_at=settings.recall_at,
+            ap_at={settings.ap_at: AP_VARIANTS},
+            ndcg_at=settings.ndcg_at,
+        ),
         **_distance_scores(truth, ranking, settings),
     }
     return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
-
-
-def _hit_scores(
-    hits: NDArray[np.bool_], positives: NDArray[np.int64], settings: RetrievalScores
-) -> dict[str, NDArray[np.float64]]:
-    scores = {f"recall@{k}": recall_at(hits, k) for k in settings.recall_at}
-    for variant in AP_VARIANTS:
-        name = ap_name(settings.ap_at, variant)
-        scores[name] = average_precision_at(hits, positives, settings.ap_at, variant)
-    scores["map"] = average_precision(hits, positives)
-    scores["mrr"] = reciprocal_rank(hits)
-    return scores | {f"ndcg@{k}": ndcg_at(hits, positives, k) for k in settings.ndcg_at}
 
 
 def _distance_scores(

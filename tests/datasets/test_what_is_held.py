@@ -309,7 +309,7 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     "one pose twice": (same_pose, ["1 of 4 (park/b) photos have the pose of another"]),
     "float32": (in_float32, ["have gone through float32: an error of 0.1"]),
     "two places": (in_one_line, ["taken from 2 places, and aligning a reconstruction needs 3"]),
-    "one height": (one_height, ["no height near 4 of 4 cameras"]),
+    "one height": (one_height, ["the surface model is flat: every height is exactly 100 m"]),
     "a tower": (tower, ["1 of 4 cameras are below the surface model"]),
     "angles of another kind": (
         retag(NAMES, yaw=30.0),
@@ -379,7 +379,7 @@ KINDS: dict[str, tuple[Kind, ...]] = {
     "one pose twice": (Kind.SAME_POSE,),
     "float32": (Kind.FLOAT32,),
     "two places": (Kind.PLACES,),
-    "one height": (Kind.NO_HEIGHT,),
+    "one height": (Kind.FLAT,),
     "a tower": (Kind.BELOW,),
     "angles of another kind": (Kind.ROTATION,),
     "one height everywhere": (Kind.FLAT,),
@@ -496,7 +496,7 @@ REFUSED: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     "-9999 untagged": (untagged, ["25.0% of its heights are no", "from -9999 to 100 m", "-9999"]),
     "nothing to ask": (
         mostly_zero,
-        ["the surface model is 0.0 to 100.0 m high, 0.0 in the median", "78% of the heights"],
+        ["does not overlap the surface model"],
     ),
     "latitude of -93": (in_degrees(0.18, 69.0), ["reaches from -93.0000 to 69.0000 degrees"]),
     "pixels larger than photos": (in_degrees(0.18, 89.0), ["a pixel is 19,", "photo sees 100.0 m"]),

@@ -262,13 +262,12 @@ INF = np.inf
 METRES = np.array([[0.0, 100.0, INF], [30.0, 0.0, 10.0], [INF, INF, INF]])
 
 
-def test_top1_distance_and_shares():
+def test_top1_distance_and_what_is_within():
     top1 = distance_metrics.top1_distance(METRES)
     assert top1.tolist() == [0, 30, INF]
     assert distance_metrics.is_within(top1, 30).tolist() == [1, 0, 0]  # strict
-    assert distance_metrics.share_within(top1, 30) == 1 / 3
-    assert distance_metrics.share_within(top1, 30.1) == 2 / 3
-    assert distance_metrics.share_within(top1, INF) == 2 / 3  # a missing query is never within
+    assert distance_metrics.is_within(top1, 30.1).tolist() == [1, 1, 0]
+    assert distance_metrics.is_within(top1, INF).tolist() == [1, 1, 0]  # a miss is never within
     assert distance_metrics.top1_distance(METRES[:, :0]).tolist() == [INF] * 3
 
 
@@ -336,5 +335,3 @@ def test_distances_refuse_what_does_not_fit():
         distance_metrics.pdm_at(METRES, 1, tile_size_m=np.nan, **AUTHORS)
     with pytest.raises(ValueError, match=r"^steepness is not above 0$"):
         distance_metrics.pdm_at(METRES, 1, tile_size_m=1.0, steepness=-1.0, tolerance=0.9)
-    with pytest.raises(ValueError, match=r"^a share of no queries is not defined$"):
-        distance_metrics.share_within(np.array([]), 25.0)

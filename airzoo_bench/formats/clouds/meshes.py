@@ -23,7 +23,6 @@ __all__ = [
     "check_memory",
     "face_areas",
     "fans",
-    "sample_mesh",
     "sampled",
     "triangles_of",
 ]
@@ -121,7 +120,11 @@ def triangles_of(polygons: Sequence[Sequence[int]]) -> Ints:
 
 
 def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
-    """Return the points on a mesh's surface, made piece by piece when they are asked for.
+    """Sample a mesh's surface uniformly by area, piece by piece when points are asked for.
+
+    The surface is cut into parts of the same area, in the order of the faces, and one point is
+    drawn in each. A point follows from the seed and its index alone, by integers and by single IEEE
+    operations, so that the bytes are the same on every machine and for every block.
 
     Raises
     ------
@@ -142,34 +145,6 @@ def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
         f"surface of {total:.6g} square units",
     )
     return FileCloud(mesh.path, mesh.kind, count, read, mesh.precision, notes)
-
-
-def sample_mesh(
-    vertices: Floats, faces: Ints, *, count: int, seed: int, start: int = 0, stop: int | None = None
-) -> Floats:
-    """Sample a surface uniformly by area, in strata.
-
-    The surface is cut into `count` parts of the same area, in the order of the faces, and one point
-    is drawn in each. A point follows from the seed and its index alone, by integers and by single
-    IEEE operations, so that the bytes are the same on every machine and for every block.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64 array
-    faces : (F, 3) int64 array
-    count : int
-    seed : int
-    start, stop : int
-        Which points; all where left out.
-
-    Returns
-    -------
-    (stop - start, 3) float64 array
-    """
-    ends = np.cumsum(face_areas(vertices, faces))
-    stop = count if stop is None else stop
-    place, weights = _draw(ends, count, seed, start, stop)
-    return _blend(vertices, faces[place], weights)
 
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
