@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from airzoo_bench.api.alignment import CameraAlignment, align_cameras
     from airzoo_bench.api.clouds import CloudComparison, cloud_scores
     from airzoo_bench.api.comparison import Comparison, compare
+    from airzoo_bench.api.evaluation import Check, check, evaluate
     from airzoo_bench.api.hits import average_precision, recall_at_k
     from airzoo_bench.api.intervals import ConfidenceInterval, bootstrap_ci
     from airzoo_bench.api.poses import pose_errors, pose_scores
@@ -26,6 +27,7 @@ __version__ = "0.1.0.dev0"
 __all__ = [
     "ArgumentError",
     "CameraAlignment",
+    "Check",
     "CloudComparison",
     "Comparison",
     "ConfidenceInterval",
@@ -38,9 +40,11 @@ __all__ = [
     "align_cameras",
     "average_precision",
     "bootstrap_ci",
+    "check",
     "cloud_scores",
     "compare",
     "descriptor_scores",
+    "evaluate",
     "load_result",
     "pose_errors",
     "pose_scores",
@@ -55,6 +59,7 @@ _HOMES = {
     "api.alignment": ("CameraAlignment", "align_cameras"),
     "api.clouds": ("CloudComparison", "cloud_scores"),
     "api.comparison": ("Comparison", "compare"),
+    "api.evaluation": ("Check", "check", "evaluate"),
     "api.hits": ("average_precision", "recall_at_k"),
     "api.intervals": ("ConfidenceInterval", "bootstrap_ci"),
     "api.poses": ("pose_errors", "pose_scores"),

@@ -20,6 +20,7 @@ import airzoo_bench as ab
 from airzoo_bench import api
 from airzoo_bench.results.records import Scored
 from tests.statistics.support import ERROR, HIT, made_result, random_methods, write_method
+from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 ROOT = Path(ab.__file__).parent
 HEAVY = ("numpy", "pandas", "scipy", "open3d", "faiss", "rasterio", "matplotlib", "pycolmap")
@@ -103,12 +104,19 @@ def test_examples_in_docstrings(name: str, tmp_path: Path, monkeypatch: pytest.M
     assert run_examples(name, inspect.getdoc(function) or "", {name: function}) == ""
 
 
-def test_every_block_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_block_of_the_page(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    scenes: list[MadeScene],
+    perfect: dict[str, Any],
+) -> None:
     monkeypatch.chdir(tmp_path)
     made = random_methods(2, {"city": 40, "rural": 30}, [HIT, ERROR])
     for name, method in zip(("theirs", "mine"), made, strict=True):
         result = made_result(method.records, [HIT, ERROR], name)
         write_method(tmp_path / "results" / name, Scored(name, result, method.records))
+    write_benchmark(tmp_path / "data" / "made", made_protocol(scenes), scenes)
+    write_predictions(tmp_path / "preds.npz", "made-retrieval", **perfect)
     page = (ROOT.parent / "docs" / "python.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```(\w*)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     assert {language for language, _ in blocks} == {"python"}
@@ -133,7 +141,7 @@ def imports_of(path: Path) -> set[str]:
 def test_imports_point_one_way() -> None:
     # The face stands above tracks, statistics and tables; only the command line may call it.
     allowed = {"api", "core", "geometry", "formats", "retrieval", "matching", "reconstruction"}
-    allowed |= {"results", "statistics", "tables"}
+    allowed |= {"results", "statistics", "tables", "evaluation", "benchmark", "protocol"}
     for path in (ROOT / "api").glob("*.py"):
         assert imports_of(path) <= allowed, path
     for path in ROOT.rglob("*.py"):

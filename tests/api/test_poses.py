@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import airzoo_bench as ab
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.track import evaluate_matching
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from tests.api.support import refused
 from tests.matching.world import World, make_world
@@ -26,7 +26,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
 
 def track(world: World, folder: Path, fields: dict[str, Any]) -> Any:
     path = world.write(folder / "method.npz", fields)
-    return evaluate_matching(path, data=world.root, memory_bytes=1 << 30).evaluation
+    return evaluate(path, data=world.root)
 
 
 def noisy(world: World) -> tuple[np.ndarray, np.ndarray]:

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import airzoo_bench as ab
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.retrieval.scores import AP_VARIANTS, ap_name
-from airzoo_bench.retrieval.track import evaluate_retrieval
 from tests.api.support import refused
 from tests.support import MadeScene, write_predictions
 
@@ -21,7 +21,7 @@ SHARED = ("map", "mrr", "answered", "positives", "tie_dependent", "first_hit_ran
 
 def records_of_track(folder: Path, data: Path, arrays: dict[str, Any], scene: str) -> pd.DataFrame:
     path = write_predictions(folder / "method.npz", "made-retrieval", **arrays)
-    run = evaluate_retrieval(path, data=data, memory_bytes=1 << 30)
+    run = evaluate(path, data=data)
     records = run.records
     return records[records["scene"] == scene].reset_index(drop=True)
 

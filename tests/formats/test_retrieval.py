@@ -113,7 +113,7 @@ def test_printable_ids_are_taken(name: str, tmp_path: Path) -> None:
 def test_other_ids_are_refused(name: str, field: str, tmp_path: Path) -> None:
     arrays = {"query_ids": ["e/a", "e/b", "e/c"], "ranked_ids": [["e/t"], ["e/t"], ["e/t"]]}
     arrays[field] = ["e/a", name, name] if field == "query_ids" else [["e/t"], [name], [name]]
-    with pytest.raises(PredictionError, match=rf"'{field}'.* do not print in 2 of 3 \(1, 2\)"):
+    with pytest.raises(PredictionError, match=rf"'{field}'.* do not print in 2 of 3 rows \(1, 2\)"):
         read_retrieval(saved(tmp_path, **arrays), LIMIT)
 
 
@@ -121,7 +121,7 @@ def test_ids_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("airzoo_bench.formats.arrays._BLOCK_CODES", 20)
     ids = [f"e/{i:03}" for i in range(100)]
     ids[97] = "e/\t"
-    with pytest.raises(PredictionError, match=r"do not print in 1 of 100 \(97\)"):
+    with pytest.raises(PredictionError, match=r"do not print in 1 of 100 rows \(97\)"):
         read_retrieval(saved(tmp_path, query_ids=ids, ranked_ids=[["e/t"]] * 100), LIMIT)
 
 
@@ -168,6 +168,6 @@ def test_descriptors_of_128_bits_are_refused(tmp_path: Path) -> None:
 def test_all_kinds_of_odd_ids_are_counted_together(tmp_path: Path) -> None:
     ids = ["e/a\x00b", "e/ok", "e/\n", "e/\n\x00b"]
     with pytest.raises(
-        PredictionError, match=r"do not print in 3 of 4 \(0, 2, 3\)|first 3: 0, 2, 3"
+        PredictionError, match=r"do not print in 3 of 4 rows \(0, 2, 3\)|first 3: 0, 2, 3"
     ):
         read_retrieval(saved(tmp_path, query_ids=ids, ranked_ids=[["e/t"]] * 4), LIMIT)
