@@ -13,6 +13,7 @@ import hashlib
 import io
 import os
 import platform
+import re
 import shlex
 import sys
 import tempfile
@@ -40,6 +41,8 @@ LIBRARIES = (
 )
 # A command that writes more files is given one checksum for all of them.
 MOST_LISTED = 12
+# What a slow machine says besides.
+TIME_LEFT = re.compile(r", about \d+ \w+ left$")
 # They hold times.
 UNLIKE_EACH_TIME = ("timings.csv",)
 
@@ -79,7 +82,7 @@ def _step(command: str) -> str:
     changed = {name: seen for name, seen in _files() if before.get(name) != seen}
     gone = sorted(before.keys() - dict(_files()).keys())
     lines = [f"$ {command}", *printed.splitlines()]
-    lines += [f"[stderr] {line}" for line in said.splitlines()]
+    lines += [f"[stderr] {line}" for line in said.splitlines() if not TIME_LEFT.search(line)]
     lines += [f"[exit {code}]"] if code else []
     if not command.startswith("make "):
         lines += _checksums(changed) + [f"[removed {name}]" for name in gone]
