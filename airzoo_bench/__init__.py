@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from airzoo_bench.api.alignment import CameraAlignment, align_cameras
+    from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
     from airzoo_bench.api.clouds import CloudComparison, cloud_scores
     from airzoo_bench.api.comparison import Comparison, compare
     from airzoo_bench.api.evaluation import Check, check, evaluate
     from airzoo_bench.api.hits import average_precision, recall_at_k
     from airzoo_bench.api.intervals import ConfidenceInterval, bootstrap_ci
     from airzoo_bench.api.poses import pose_errors, pose_scores
+    from airzoo_bench.api.prediction_writer import PredictionWriter
     from airzoo_bench.api.results import Result, load_result
     from airzoo_bench.api.retrieval import descriptor_scores, retrieval_scores, similarity_scores
     from airzoo_bench.api.scores import QueryScores
@@ -26,6 +28,7 @@ __version__ = "0.1.0.dev0"
 
 __all__ = [
     "ArgumentError",
+    "BlindBenchmark",
     "CameraAlignment",
     "Check",
     "CloudComparison",
@@ -33,6 +36,7 @@ __all__ = [
     "ConfidenceInterval",
     "PoseErrors",
     "PoseEstimate",
+    "PredictionWriter",
     "QueryScores",
     "Result",
     "UserError",
@@ -45,6 +49,7 @@ __all__ = [
     "compare",
     "descriptor_scores",
     "evaluate",
+    "load_benchmark",
     "load_result",
     "pose_errors",
     "pose_scores",
@@ -57,12 +62,14 @@ __all__ = [
 # Which module has which names; the imports above say the same to editors and type checkers.
 _HOMES = {
     "api.alignment": ("CameraAlignment", "align_cameras"),
+    "api.benchmark": ("BlindBenchmark", "load_benchmark"),
     "api.clouds": ("CloudComparison", "cloud_scores"),
     "api.comparison": ("Comparison", "compare"),
     "api.evaluation": ("Check", "check", "evaluate"),
     "api.hits": ("average_precision", "recall_at_k"),
     "api.intervals": ("ConfidenceInterval", "bootstrap_ci"),
     "api.poses": ("pose_errors", "pose_scores"),
+    "api.prediction_writer": ("PredictionWriter",),
     "api.results": ("Result", "load_result"),
     "api.retrieval": ("descriptor_scores", "retrieval_scores", "similarity_scores"),
     "api.scores": ("QueryScores",),

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
@@ -33,6 +34,7 @@ from airzoo_bench.mini.export.photos import depth_to_points
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.results.result import Result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
+from tests.datasets.parts import hold_crops, hold_tiles
 
 SCENES = ("city", "rural")
 MEMORY = 1 << 30
@@ -55,7 +57,8 @@ class Prepared:
 @pytest.fixture(scope="module")
 def mini(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     root = tmp_path_factory.mktemp("data")
-    prepare_airzoo_mini(root, root / "airzoo-mini", mini_protocols(0), jobs=2)
+    files = {"tiles_on_disk": True, "crops_on_disk": True}
+    prepare_airzoo_mini(root, root / "airzoo-mini", mini_protocols(0), jobs=2, **files)
     return Prepared(root, Benchmark.open(root / "airzoo-mini"))
 
 
@@ -87,6 +90,13 @@ def test_priors_are_noisy_and_tiles_are_those_of_the_older_map(mini: Prepared) -
     assert entry.gallery is not None
     assert entry.gallery.endswith("satellite.tif")
     assert entry.dom.endswith("dom.tif")
+
+
+def test_tiles_and_crops_as_files_are_those_of_the_maps(mini: Prepared) -> None:
+    for scene in load_benchmark(mini.root / "airzoo-mini").scenes:
+        home = mini.root / "airzoo-mini" / "scenes" / scene.id
+        hold_tiles(home, scene)
+        hold_crops(home, scene)
 
 
 def test_a_second_run_keeps_what_is_there_and_mends_what_is_not(mini: Prepared) -> None:

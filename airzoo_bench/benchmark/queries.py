@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "CAMERA_COLUMNS",
     "IDENTITY_COLUMNS",
     "POSE_COLUMNS",
     "PRIOR_COLUMNS",

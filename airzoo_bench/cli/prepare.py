@@ -53,6 +53,14 @@ class Parts(StrEnum):
     FILES = "files"
 
 
+TilesOption = Annotated[
+    Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
+]
+CropsOption = Annotated[
+    Parts, typer.Option(help="Leave crops as windows, or write them as GeoTIFF too.")
+]
+
+
 @app.callback()
 def _group() -> None:
     """Make a benchmark folder out of data."""
@@ -98,12 +106,8 @@ def photos(
         Path | None,
         typer.Option("--out", "-o", help="The folder to make (default: NAME in the data root)."),
     ] = None,
-    tiles: Annotated[
-        Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
-    ] = Parts.WINDOWS,
-    crops: Annotated[
-        Parts, typer.Option(help="Leave crops as windows, or write them as GeoTIFF too.")
-    ] = Parts.WINDOWS,
+    tiles: TilesOption = Parts.WINDOWS,
+    crops: CropsOption = Parts.WINDOWS,
     copy: Annotated[
         bool, typer.Option("--copy", help="Copy photos, DOM and DSM into the folder.")
     ] = False,
@@ -167,6 +171,8 @@ def airzoo_mini(
         Path | None,
         typer.Option("--out", "-o", help="The folder to make (default: in the data root)."),
     ] = None,
+    tiles: TilesOption = Parts.WINDOWS,
+    crops: CropsOption = Parts.WINDOWS,
     copy: Annotated[
         bool, typer.Option("--copy", help="Copy photos, maps and clouds into the folder.")
     ] = False,
@@ -188,6 +194,8 @@ def airzoo_mini(
         protocols,
         seed=seed,
         jobs=jobs,
+        tiles_on_disk=tiles is Parts.FILES,
+        crops_on_disk=crops is Parts.FILES,
         copy=copy,
         replace=force,
         progress=progress,

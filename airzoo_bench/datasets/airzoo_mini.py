@@ -23,6 +23,7 @@ from airzoo_bench.datasets.folder import (
     write_folder_files,
     write_scene,
 )
+from airzoo_bench.datasets.tiles import write_parts
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.rasters import open_info
@@ -105,6 +106,8 @@ def prepare_airzoo_mini(
     *,
     seed: int = 0,
     jobs: int = 1,
+    tiles_on_disk: bool = False,
+    crops_on_disk: bool = False,
     copy: bool = False,
     replace: bool = False,
     progress: Progress = silent,
@@ -126,6 +129,8 @@ def prepare_airzoo_mini(
         Of worlds, flights, photos and priors.
     jobs : int
         Processes; the benchmark does not depend on it.
+    tiles_on_disk, crops_on_disk : bool
+        See `photos.prepare_photos`.
     copy : bool
         Copy photos, maps and clouds into the folder; otherwise they stay below the data root.
     replace : bool
@@ -151,7 +156,15 @@ def prepare_airzoo_mini(
         entries = []
         for scene in scenes:
             name = scene.region.name
-            write_scene(staged, name, truths[name])
+            home = write_scene(staged, name, truths[name])
+            write_parts(
+                home,
+                truths[name],
+                scene.inputs.gallery_map,
+                tiles=tiles_on_disk,
+                crops=crops_on_disk,
+                progress=progress,
+            )
             images = scene.inputs.photos["image"].tolist()
             kept = copied(staged, name, scene.files, images) if copy else left_in_place(scene.files)
             entries.append(_entry(scene, truths[name], kept))

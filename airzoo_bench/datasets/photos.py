@@ -44,7 +44,7 @@ from airzoo_bench.datasets.sources import (
     photo_sizes,
     vertical_unit_m,
 )
-from airzoo_bench.datasets.tiles import write_crops, write_tiles
+from airzoo_bench.datasets.tiles import write_parts
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
@@ -156,11 +156,9 @@ def prepare_photos(
     images = tuple(inputs.photos["image"])
     with atomic_folder(folder, replace=replace) as staged:
         home = write_scene(staged, scene.id, truths)
-        if truths.matching and crops_on_disk:
-            write_crops(home / "matching" / "crops", truths.matching, progress)
-        if truths.retrieval and tiles_on_disk:
-            tiles = truths.retrieval.truth.tiles
-            write_tiles(home / "retrieval" / "tiles", tiles, sources.dom, progress)
+        write_parts(
+            home, truths, inputs.dom, tiles=tiles_on_disk, crops=crops_on_disk, progress=progress
+        )
         kept = sources.kept
         places = copied(staged, scene.id, kept, images) if copy else left_in_place(kept)
         entry = SceneFile(

@@ -100,6 +100,12 @@ class Cameras:
             distortion=_distortion(distortion, count, names),
         )
 
+    @classmethod
+    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
+        """Return the cameras of some batches, one after the other; at least one batch."""
+        names = ("width", "height", "focal", "principal_point", "distortion")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
     def __len__(self) -> int:
         return len(self.focal)
 

@@ -96,7 +96,7 @@ class Task:
 def plan(
     photo: Path,
     camera: Cameras,
-    prior: Poses,
+    prior: Poses | None,
     crs: Any,
     dom: RasterInfo,
     window: tuple[int, int, int, int],
@@ -108,8 +108,10 @@ def plan(
     Parameters
     ----------
     photo : Path
-    camera, prior : Cameras, Poses
-        One of each.
+    camera : Cameras
+        One.
+    prior : Poses or None
+        One; where there is none, the photo is taken to lie on the map as it is.
     crs : Any
         Of the prior: projected, in metres.
     dom : RasterInfo
@@ -119,6 +121,23 @@ def plan(
         Of the crop, such as the median of its DSM. Where the prior is not above it, or it is NaN,
         the ground resolution of the photo is taken for the map's.
     """
+    turn, ratio = (
+        _lie(camera, prior, crs, dom, ground_height_m) if prior is not None else (0.0, 1.0)
+    )
+    return Task(
+        photo=photo,
+        camera=camera,
+        dom=dom.path,
+        window=window,
+        turn_deg=turn if np.isfinite(turn) else 0.0,
+        gsd_ratio=ratio if ratio > 0.0 else 1.0,
+    )
+
+
+def _lie(
+    camera: Cameras, prior: Poses, crs: Any, dom: RasterInfo, ground_height_m: float
+) -> tuple[float, float]:
+    """Return the turn and the ratio of ground sizes as `Task` has them, perhaps not usable."""
     right, forward = prior.rotation[0, 0], prior.rotation[0, 2]
     centre = prior.centres[0]
     ends = np.stack((centre[:2], centre[:2] + right[:2]))
@@ -126,14 +145,7 @@ def plan(
     turn = float(np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
     away = (centre[2] - ground_height_m) / max(-forward[2], _LEAST_SINE)
     ratio = away / np.sqrt(camera.focal[0].prod()) / np.sqrt(np.prod(gsd_m(dom)))
-    return Task(
-        photo=photo,
-        camera=camera,
-        dom=dom.path,
-        window=window,
-        turn_deg=turn if np.isfinite(turn) else 0.0,
-        gsd_ratio=float(ratio) if ratio > 0.0 else 1.0,
-    )
+    return turn, float(ratio)
 
 
 def match_photos(

@@ -29,6 +29,7 @@ __all__ = [
     "NO_TILE",
     "RetrievalTruth",
     "boxes_of",
+    "read_tiles",
     "read_truth",
     "write_truth",
 ]
@@ -149,8 +150,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries = read_queries(folder, excluded)
     footprints = read_table(home / "footprints.csv", ("id", *FOOTPRINT_COLUMNS))
-    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
-    _check_boxes(boxes_of(tiles), home / "tiles.parquet")
+    tiles = read_tiles(home)
     dropped = read_table(home / "dropped_tiles.csv", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
     if footprints["id"].tolist() != queries["id"].tolist():
         raise BenchmarkError(
@@ -168,6 +168,19 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
         )
     positives = _load_sparse(home / "positives.npz", len(queries), len(tiles))
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
+
+
+def read_tiles(home: Path) -> pd.DataFrame:
+    """Read the table of a scene's tiles from the folder of its retrieval track.
+
+    Raises
+    ------
+    BenchmarkError
+        It is missing, lacks a column, or boxes are none.
+    """
+    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+    _check_boxes(boxes_of(tiles), home / "tiles.parquet")
+    return tiles
 
 
 def _check_boxes(boxes: NDArray[np.float64], where: Path) -> None:

@@ -29,6 +29,8 @@ MODULES = sorted(module.name for module in pkgutil.iter_modules(api.__path__))
 NAMES = [name for name in ab.__all__ if not name.startswith("_")]
 FUNCTIONS = [name for name in NAMES if inspect.isfunction(getattr(ab, name))]
 
+OF_FILES = ("evaluate", "check", "load_benchmark")
+
 
 def modules_after(code: str) -> set[str]:
     """Return the modules that another Python has once it ran this."""
@@ -45,7 +47,8 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
 
 
 def test_scores_of_arrays_need_no_reader_and_no_solver() -> None:
-    loaded = modules_after(f"import airzoo_bench as ab\nfor n in {FUNCTIONS}: getattr(ab, n)")
+    of_arrays = [name for name in FUNCTIONS if name not in OF_FILES]
+    loaded = modules_after(f"import airzoo_bench as ab\nfor n in {of_arrays}: getattr(ab, n)")
     assert loaded.isdisjoint({"open3d", "faiss", "rasterio", "matplotlib", "pycolmap"})
 
 
