@@ -6,6 +6,8 @@ What stands here is imported when it is first asked for: ``import airzoo_bench``
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from airzoo_bench.core.version import __version__
+
 if TYPE_CHECKING:
     from airzoo_bench.api.alignment import CameraAlignment, align_cameras
     from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
     from airzoo_bench.core.errors import ArgumentError, UserError
     from airzoo_bench.matching.estimates import PoseEstimate
     from airzoo_bench.matching.metrics import PoseErrors
-
-__version__ = "0.1.0.dev0"
 
 __all__ = [
     "ArgumentError",

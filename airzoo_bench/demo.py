@@ -9,12 +9,12 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import airzoo_bench
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_write, fingerprint
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
 from airzoo_bench.evaluation.baseline import Baseline, run_baseline
 from airzoo_bench.evaluation.evaluate import evaluate
@@ -102,7 +102,7 @@ def run_track(
     chosen = next(one for one in mini_protocols(seed).every if one.track == track.name)
     folder = home / track.name
     predictions, mark = folder / baseline.out, folder / ".made-from.json"
-    made_from = fingerprint([airzoo_bench.__version__, chosen.settings(), _content(data)])
+    made_from = fingerprint([__version__, chosen.settings(), _content(data)])
     if not predictions.exists() or _read_mark(mark) != made_from:
         mark.unlink(missing_ok=True)
         run_baseline(

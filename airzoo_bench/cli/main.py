@@ -12,7 +12,6 @@ from typing import Annotated
 
 import typer
 
-import airzoo_bench
 from airzoo_bench.cli import (
     audit,
     baseline,
@@ -32,6 +31,7 @@ from airzoo_bench.cli import (
 )
 from airzoo_bench.cli.common import say
 from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.version import __version__
 
 __all__ = ["app", "main"]
 
@@ -75,7 +75,7 @@ app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"airzoo-bench {airzoo_bench.__version__}")
+        typer.echo(f"airzoo-bench {__version__}")
         raise typer.Exit
 
 

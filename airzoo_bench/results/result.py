@@ -22,10 +22,10 @@ from pydantic import (
     model_validator,
 )
 
-import airzoo_bench
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
 from airzoo_bench.core.validation import validation_message
+from airzoo_bench.core.version import __version__
 from airzoo_bench.results.scores import Score, Summary
 
 __all__ = [
@@ -259,7 +259,7 @@ def with_summary(summary: Summary) -> dict[str, Any]:
 def versions() -> dict[str, str]:
     """Return the versions of this package and of those that numbers depend on."""
     found = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"airzoo-bench": airzoo_bench.__version__} | found
+    return {"airzoo-bench": __version__} | found
 
 
 def write_result(path: Path, result: Result) -> None:
