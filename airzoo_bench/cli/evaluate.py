@@ -30,7 +30,7 @@ from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
-    from airzoo_bench.evaluation.track import EvalOption
+    from airzoo_bench.evaluation.parts import EvalOption
     from airzoo_bench.results.result import Result
 
 __all__ = ["app"]

@@ -15,8 +15,8 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
 from airzoo_bench.evaluation.notes import counts_apart, namesake_notes
+from airzoo_bench.evaluation.parts import Assigned, Truth
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.evaluation.track import Assigned, Truth
 
 __all__ = ["Checked", "check"]
 

@@ -12,8 +12,8 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import fingerprint, sha256_of_tree
 from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
 from airzoo_bench.evaluation.notes import counts_apart, namesake_notes
+from airzoo_bench.evaluation.parts import ScoredScene, Truth
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.evaluation.track import ScoredScene, Truth
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import (
     PredictionsUsed,

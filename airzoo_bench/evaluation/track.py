@@ -8,22 +8,16 @@ truth scene by scene, scores them, and says what its scores are called; whatever
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
-from typing import Protocol as Structural
-
-import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UsageError
-from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.ids import Assignment, assign_queries, scene_of
 from airzoo_bench.evaluation.baseline import Baseline
+from airzoo_bench.evaluation.parts import Assigned, EvalOption, Predictions, ScoredScene, Truth
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.protocol.choice import IN_A_FIELD, other_benchmark
+from airzoo_bench.protocol.choice import IN_A_FIELD
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score, concatenate
@@ -31,122 +25,14 @@ from airzoo_bench.results.scores import Score, concatenate
 if TYPE_CHECKING:
     import pandas as pd
 
-
-__all__ = [
-    "Assigned",
-    "EvalOption",
-    "HasQueries",
-    "Predictions",
-    "QueryPredictions",
-    "QueryTrack",
-    "ScoredScene",
-    "Track",
-    "Truth",
-]
-
-
-class Predictions(Structural):
-    """A prediction file or folder, as read or listed."""
-
-    @property
-    def path(self) -> Path:
-        """Where it lies."""
-
-    @property
-    def protocol(self) -> str | None:
-        """The protocol that it names."""
-
-
-class QueryPredictions(Predictions, Structural):
-    """Predictions with a row a query, of all scenes in one file."""
-
-    @property
-    def query_ids(self) -> NDArray[np.str_]:
-        """Ids ``scene/name`` (Q,)."""
-
-    @property
-    def kind(self) -> str:
-        """What they hold, for results."""
-
-
-class Truth(Structural):
-    """The truth of a scene."""
-
-    @property
-    def scene(self) -> str:
-        """Its id."""
-
-    @property
-    def fingerprint(self) -> str:
-        """SHA-256 over all that scores are held against."""
-
-
-class HasQueries(Truth, Structural):
-    """The truth of a scene of queries."""
-
-    @property
-    def queries(self) -> pd.DataFrame:
-        """A row a query, with its ``id``."""
-
-
-class Assigned(Structural):
-    """Which part of the predictions answers which query or scene."""
-
-    @property
-    def strange(self) -> Sized:
-        """What is predicted of queries or scenes that there are not."""
-
-    def notes(self) -> list[str]:
-        """Say what is missing or left aside."""
-
-
-class ScoredScene(Structural):
-    """What came of a scene."""
-
-    @property
-    def records(self) -> pd.DataFrame:
-        """A row a query, pair or cloud."""
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """What a result states of the scene beside scores: queries, missing ones, failures."""
-
+__all__ = ["Track"]
 
 P = TypeVar("P", bound=Protocol)
 R = TypeVar("R", bound=Predictions)
-Q = TypeVar("Q", bound=QueryPredictions)
 T = TypeVar("T", bound=Truth)
-H = TypeVar("H", bound=HasQueries)
 A = TypeVar("A", bound=Assigned)
 C = TypeVar("C")
 S = TypeVar("S", bound=ScoredScene)
-
-
-@dataclass(frozen=True)
-class EvalOption:
-    """An option of ``airzoo-bench eval`` that one track has.
-
-    Attributes
-    ----------
-    name : str
-        Without its hyphens.
-    help : str
-    act : str
-        Place ``module:function`` of what it does: takes the `evaluation.Evaluation`, the value, the
-        folder for output or None, and `Resources`; yields sentences for the person.
-    default : bool or int
-        A number is asked for from 1 to `most`.
-    most : int
-    needs_out : bool
-        Whether it writes, so that ``--out`` must be given.
-    """
-
-    name: str
-    help: str
-    act: str
-    default: bool | int = False
-    most: int = 1
-    needs_out: bool = True
 
 
 class Track(ABC, Generic[P, R, T, A, C, S]):
@@ -327,84 +213,3 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     def template_note(self, protocol: P, truths: Sequence[T]) -> str | None:
         """Say what a template will score, where that is known."""
         return None
-
-
-class QueryTrack(Track[P, Q, H, Assignment, C, S]):
-    """A track whose predictions have a row a query."""
-
-    @abstractmethod
-    def claim(
-        self,
-        predictions: Q,
-        truth: H,
-        rows: NDArray[np.intp],
-        protocol: P,
-        resources: Resources,
-    ) -> C:
-        """Hold predictions against one scene.
-
-        Parameters
-        ----------
-        predictions : QueryPredictions
-        truth : HasQueries
-        rows : (Q,) int
-            The row that answers each query, -1 where there is none.
-        protocol : Protocol
-        resources : Resources
-
-        Raises
-        ------
-        PredictionError
-            They do not fit the scene.
-        """
-
-    def assign(self, predictions: Q, protocol: P, truths: Sequence[H], data: Path) -> Assignment:
-        """See `Track.assign`."""
-        ids = predictions.query_ids
-        assigned = assign_queries(ids, [truth.queries["id"] for truth in truths])
-        if truths:
-            known = any((found >= 0).any() for found in assigned.rows)
-        else:
-            known = bool({scene.id for scene in protocol.scenes} & set(np.unique(scene_of(ids))))
-        if not known:
-            example = str(truths[0].queries["id"].iloc[0]) if truths else None
-            raise other_benchmark(predictions.path, ids, protocol, data, example)
-        return assigned
-
-    def claims(
-        self,
-        predictions: Q,
-        assigned: Assignment,
-        truths: Sequence[H],
-        protocol: P,
-        resources: Resources,
-    ) -> Iterator[C | PredictionError]:
-        """See `Track.claims`."""
-        pairs = zip(truths, assigned.rows, strict=True)
-        for truth, rows in resources.progress(pairs, "scenes", len(truths)):
-            try:
-                yield self.claim(predictions, truth, rows, protocol, resources)
-            except PredictionError as error:
-                yield error
-
-    def expected_counts(self, truth: H) -> dict[str, int]:
-        """See `Track.expected_counts`."""
-        return {"queries": len(truth.queries)}
-
-    def kind(self, predictions: Q, scored: Sequence[S]) -> str:
-        """See `Track.kind`."""
-        return predictions.kind
-
-    def template(
-        self, protocol: P, truths: Sequence[H], kind: str, seed: int
-    ) -> dict[str, NDArray[Any]]:
-        """Return the arrays of an example prediction, at random, without its protocol."""
-        raise NotImplementedError(f"the {self.name} track has no template")
-
-    def write_template(
-        self, out: Path, protocol: P, truths: Sequence[H], kind: str, seed: int
-    ) -> None:
-        """See `Track.write_template`."""
-        arrays = self.template(protocol, truths, kind, seed)
-        with atomic_write(out) as stream:
-            write_npz(stream, {"protocol": np.array(protocol.name), **arrays})

@@ -14,8 +14,9 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.parts import EvalOption
+from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.evaluation.track import EvalOption, QueryTrack
 from airzoo_bench.matching.baseline_run import SIFT
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
 from airzoo_bench.matching.notes import claim_notes, equal_to_prior, lifting_notes, scored_notes

@@ -14,8 +14,9 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageErro
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.parts import EvalOption
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.evaluation.track import EvalOption, Track
+from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.cloud import Cloud

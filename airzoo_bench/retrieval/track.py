@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.evaluation.track import QueryTrack
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.baseline_run import VLAD

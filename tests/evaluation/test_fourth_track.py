@@ -16,7 +16,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.track import QueryTrack
+from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.truth import read_truth
