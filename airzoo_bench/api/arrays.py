@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any
@@ -21,6 +21,7 @@ __all__ = [
     "coordinates",
     "finite",
     "floats",
+    "in_order",
     "listed",
     "pose_rows",
     "positive",
@@ -68,9 +69,37 @@ def floats(name: str, values: Any, shape: tuple[int | None, ...]) -> Floats:
     return array.astype(np.float64)
 
 
+def in_order(name: str, values: Any) -> Any:
+    """Return what keeps an order and all that it shows, and refuse the rest.
+
+    Raises
+    ------
+    ArgumentError
+        A set or a dict, whose order or values would be passed over; an array some of whose entries
+        are masked, which NumPy would unmask.
+    """
+    if isinstance(values, Set | Mapping):
+        raise ArgumentError(
+            f"is a {type(values).__name__}",
+            where=name,
+            expected="a list or array, whose order counts",
+            mend="sort it: for a dict of scores, sorted(scores, key=scores.get, reverse=True)",
+        )
+    if isinstance(values, np.ma.MaskedArray):
+        if np.ma.is_masked(values):
+            raise ArgumentError(
+                "has masked entries",
+                where=name,
+                expected="an array without a mask",
+                mend="leave the entries out, or fill them: array.filled(np.nan)",
+            )
+        return values.data
+    return values
+
+
 def _array(name: str, values: Any, expected: str) -> np.ndarray[Any, Any]:
     try:
-        return np.asarray(values)
+        return np.asarray(in_order(name, values))
     except (ValueError, TypeError, RuntimeError) as error:
         # NumPy for ragged lists; torch for tensors that need a gradient or lie on a GPU.
         raise ArgumentError(
@@ -106,7 +135,7 @@ def coordinates(name: str, values: Any) -> Floats:
         float32 does not of projected coordinates.
     """
     points = finite(name, floats(name, values, (None, 3)))
-    given = np.asarray(values).dtype
+    given = np.asarray(in_order(name, values)).dtype
     is_narrow = given.kind == "f" and given.itemsize < _DOUBLE
     kind = given.type if is_narrow else narrow_type(points[:, :2])
     largest = float(np.abs(points).max(initial=0.0))
@@ -204,7 +233,7 @@ def listed(name: str, values: Any) -> list[Any]:
     """Return what can be iterated over as a list."""
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
         raise ArgumentError(f"is {values!r}", where=name, expected=f"several, such as [{values!r}]")
-    return list(values)
+    return list(in_order(name, values))
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:

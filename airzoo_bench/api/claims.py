@@ -8,7 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.api.arrays import in_order
+from airzoo_bench.core.errors import ArgumentError, PredictionError
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.precision import COARSEST_M
 
@@ -59,6 +60,14 @@ def index_of(name: str, known: Mapping[str, int], what: str) -> int:
     )
 
 
+def kept_in_order(field: str, values: Any) -> Any:
+    """Refuse sets, dicts and masks; see `arrays.in_order`."""
+    try:
+        return in_order(field, values)
+    except ArgumentError as error:
+        raise PredictionError(error.what, where=field, expected=error.expected) from error
+
+
 def coordinates(field: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Return numbers of a shape; None in it stands for any length.
 
@@ -67,7 +76,7 @@ def coordinates(field: str, values: ArrayLike, shape: tuple[int | None, ...]) ->
     PredictionError
         They are no numbers, or of another shape.
     """
-    array = np.asarray(values)
+    array = np.asarray(kept_in_order(field, values))
     fits = array.ndim == len(shape) and all(
         want in (None, have) for want, have in zip(shape, array.shape, strict=True)
     )

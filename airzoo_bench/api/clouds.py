@@ -22,6 +22,7 @@ from airzoo_bench.reconstruction.settings import Preparation
 __all__ = ["CloudComparison", "cloud_scores"]
 
 # What the shipped protocols state for a threshold of 10 m, as shares of it.
+_MOST_THREADS = 256  # of more, OpenMP ends the process where memory is short
 _VOXELS, _CELLS, _CLIP = 1 / 20, 1 / 2, 10.0
 _UNUSED = 1.0  # values of the region that photos observe
 
@@ -162,7 +163,7 @@ def cloud_scores(
             kept.source,
             known.source,
             block_points=block,
-            threads=whole("threads", threads),
+            threads=min(whole("threads", threads), _MOST_THREADS),
             folder=None,
         )
     scores = score_distances(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from airzoo_bench.api.results import Tabular
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.results.comparable import find_scene
 from airzoo_bench.results.files import result_paths
-from airzoo_bench.results.records import Scored, read_scored
+from airzoo_bench.results.records import Scored, held_to_result, read_scored
 from airzoo_bench.results.result import ScoreColumn, read_result
 from airzoo_bench.statistics import comparison
 from airzoo_bench.statistics.comparison import Pair, score_intervals
@@ -200,7 +200,7 @@ def _read(
         first = read_result(result_paths(paths)[0])
         read = read_scored(paths, None if every_column else score_keys(first, scores, every=every))
     files = iter(read)
-    methods = [one if isinstance(one, Scored) else next(files) for one in results]
+    methods = [_held(one) if isinstance(one, Scored) else next(files) for one in results]
     names = [method.name for method in methods]
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if twice:
@@ -211,6 +211,11 @@ def _read(
             mend="load_result(path, name=...)",
         )
     return methods
+
+
+def _held(one: Scored) -> Scored:
+    """Hold records to their result: those in memory may have been changed since they were read."""
+    return replace(one, records=held_to_result(one.records, one.result, f"records of {one.name}"))
 
 
 def _intervals(asked: Request, plan: Plan) -> Comparison:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.api.arrays import in_order
 from airzoo_bench.api.results import Result
 from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import ArgumentError, UserError
@@ -19,6 +20,7 @@ from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.evaluation.check import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as run
 from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.results.records import held_to_result
 
 __all__ = ["Check", "check", "evaluate"]
 
@@ -74,9 +76,10 @@ def evaluate(
     with _as_path(predictions, protocol) as path:
         done = run(path, data=_folder(data), protocol=protocol, method=method, resources=resources)
     records = done.records
-    if "query" in records:
-        records = records.sort_values("query", ignore_index=True)
-    return Result(done.result.predictions.method, done.result, records)
+    if "query" not in records:
+        records = records.assign(query=records["scene"])
+    name = done.result.predictions.method
+    return Result(name, done.result, held_to_result(records, done.result, name))
 
 
 @dataclass(frozen=True)
@@ -151,7 +154,14 @@ def _folder(data: str | Path | None) -> Path:
 
 def _field(name: str, values: Any) -> NDArray[Any]:
     """Return a field as an array of numbers or text; columns of pandas hold text as objects."""
-    array = np.asarray(values)
+    try:
+        array = np.asarray(in_order(name, values))
+    except ValueError as error:
+        raise ArgumentError(
+            f"field {name!r} cannot be an array: {error}",
+            expected="rows of one length",
+            mend="fill shorter lists with empty ids",
+        ) from error
     if array.dtype != np.dtype(object):
         return array
     if not all(isinstance(value, str) for value in array.ravel()):
@@ -166,9 +176,14 @@ def _field(name: str, values: Any) -> NDArray[Any]:
 @contextmanager
 def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     """Give the path of predictions; arrays are written to a file first, as a user would."""
-    if not isinstance(predictions, Mapping):
+    if isinstance(predictions, str | Path):
         yield Path(predictions)
         return
+    if not isinstance(predictions, Mapping):
+        raise ArgumentError(
+            f"predictions are of type {type(predictions).__name__}",
+            expected="a path, or a dict of the fields of a prediction file",
+        )
     fields = {name: _field(name, values) for name, values in predictions.items()}
     if protocol is None and "protocol" not in fields:
         raise ArgumentError(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.api.arrays import in_order
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
@@ -63,21 +64,23 @@ def _length(name: str, rows: Any) -> int:
         ) from error
 
 
-def id_rows(name: str, rows: Any, count: int) -> list[Ids]:
+def id_rows(name: str, rows: Any, count: int, *, unordered: bool = False) -> list[Ids]:
     """Return so many rows of ids; a row may have any length."""
+    rows = in_order(name, rows)
     given = np.asarray(rows) if hasattr(rows, "__array__") else rows
     if isinstance(given, str | bytes) or _length(name, given) != count:
         have = "text" if isinstance(given, str | bytes) else f"{len(given)} rows"
         raise ArgumentError(f"has {have}", where=name, expected=f"{count}, a row a query")
-    return [id_row(f"{name}[{place}]", row) for place, row in enumerate(given)]
+    return [id_row(f"{name}[{place}]", row, unordered=unordered) for place, row in enumerate(given)]
 
 
-def id_row(name: str, values: Any) -> Ids:
-    """Return ids as integers or texts."""
+def id_row(name: str, values: Any, *, unordered: bool = False) -> Ids:
+    """Return ids as integers or texts; only where their order says nothing may they be a set."""
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
         raise ArgumentError(
             f"is {values!r}", where=name, expected="several ids, such as ['a', 'b'] or [3, 5]"
         )
+    values = values if unordered and isinstance(values, Set) else in_order(name, values)
     array = np.asarray(values) if hasattr(values, "__array__") else _of_objects(name, list(values))
     if array.dtype.kind == "O":  # as pandas keeps texts
         array = _of_objects(name, array.ravel().tolist())

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, floats, positive, whole
+from airzoo_bench.api.arrays import choice, floats, in_order, positive, whole
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
@@ -154,7 +154,7 @@ def checked_plan(interval: Method, resamples: int, seed: int, confidence: float 
 
 
 def _values(values: ArrayLike, statistic: Statistic) -> Floats:
-    array = np.asarray(values)
+    array = np.asarray(in_order("values", values))
     given = floats("values", array.astype(np.int64) if array.dtype == np.bool_ else array, (None,))
     if len(given) == 0:
         raise ArgumentError("holds no value", where="values", expected="a value a query")
@@ -178,7 +178,7 @@ def _values(values: ArrayLike, statistic: Statistic) -> Floats:
 def _by_scene(values: Floats, scenes: Any) -> dict[str, Floats]:
     import pandas as pd
 
-    named = np.asarray(scenes)
+    named = np.asarray(in_order("scenes", scenes))
     if named.shape != values.shape or pd.isna(named).any():
         raise ArgumentError(
             f"has shape {named.shape}, or names that are missing",

@@ -101,7 +101,9 @@ def retrieval_scores(
         )
     count = len(names)
     found = indexed_lists(
-        id_rows("ranked_ids", lists, count), id_rows("positives", right, count), gallery
+        id_rows("ranked_ids", lists, count),
+        id_rows("positives", right, count, unordered=True),
+        gallery,
     )
     similar = None if scores is None else score_rows(scores, found.ranked)
     with refused("ranked_ids"):
@@ -223,7 +225,7 @@ def descriptor_scores(
     asked = Asked.checked(ks, ap, without_positive)
     given, tiles = _descriptors("queries", queries), _descriptors("gallery", gallery)
     ids = gallery_row(gallery_ids, len(tiles))
-    right = id_rows("positives", positives, len(given))
+    right = id_rows("positives", positives, len(given), unordered=True)
     found = indexed_lists([ids[:0]] * len(right), right, ids)
     order = np.argsort(ids)
     with refused("queries, gallery"):

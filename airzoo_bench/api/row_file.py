@@ -48,6 +48,10 @@ class RowFile:
             It is of another shape, is empty, or has no floating-point numbers.
         """
         row = np.asarray(values)
+        if np.ma.is_masked(values):
+            raise PredictionError(
+                f"{self._field} has masked entries", expected="an array without a mask"
+            )
         if row.dtype.name not in _KINDS or row.ndim != self._axes or not row.size:
             raise PredictionError(
                 f"{self._field} is {row.dtype} of shape {row.shape}",
@@ -57,6 +61,12 @@ class RowFile:
             raise PredictionError(
                 f"{self._field} has shape {row.shape}",
                 expected=f"{self._rows.shape[1:]}, the shape of the first",
+            )
+        if self._rows is not None and row.dtype != self._rows.dtype:
+            raise PredictionError(
+                f"{self._field} is {row.dtype}, and the first was {self._rows.dtype}",
+                expected="one type for all, which keeps all digits",
+                mend="np.asarray(values, np.float32) for each",
             )
         return row
 

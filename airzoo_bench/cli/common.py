@@ -45,6 +45,8 @@ __all__ = [
 
 T = TypeVar("T")
 
+MOST_JOBS = 1024
+
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -76,7 +78,9 @@ ProtocolOption = Annotated[
 MemoryOption = Annotated[
     str, typer.Option("--max-memory", help="Memory for all of a file, such as 512M or 4G.")
 ]
-JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Threads to work with.")]
+JobsOption = Annotated[
+    int, typer.Option("--jobs", "-j", min=1, max=MOST_JOBS, help="Threads to work with.")
+]
 
 
 def examples(*calls: str) -> str:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Scored", "read_records", "read_scored"]
+__all__ = ["Scored", "held_to_result", "read_records", "read_scored"]
 
 _SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 _BLOCK_BYTES = 8 << 20
@@ -134,7 +134,7 @@ def read_records(
     scores = [column.key for column in result.columns]
     wanted = _wanted(_heads(content, file), scores, columns, file)
     records = _parsed(content, wanted, scores, file)
-    return _checked(records, result, file)
+    return held_to_result(records, result, file)
 
 
 def _heads(content: bytes, file: Path) -> list[str]:
@@ -212,7 +212,7 @@ def _refusal(content: bytes, scores: list[str], error: Exception, file: Path) ->
     return ResultError(f"not a table: {error}", where=file, mend=_SCORE_AGAIN)
 
 
-def _no_number(key: str, file: Path) -> ResultError:
+def _no_number(key: str, file: object) -> ResultError:
     return ResultError("a score is not a number", where=f"{file}, {key}", mend=_SCORE_AGAIN)
 
 
@@ -234,7 +234,14 @@ def _with_type(texts: Any) -> Any:
     return texts
 
 
-def _checked(records: pd.DataFrame, result: Result, file: Path) -> pd.DataFrame:
+def held_to_result(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
+    """Return records sorted by ``query``, where they give the averages that a result states.
+
+    Raises
+    ------
+    ResultError
+        They do not: one of the two was edited, or they are of different runs. `file` is named.
+    """
     columns = [column for column in result.columns if column.key in records]
     for column in columns:
         _check_values(records[column.key].to_numpy(np.float64), column, file)
@@ -242,7 +249,7 @@ def _checked(records: pd.DataFrame, result: Result, file: Path) -> pd.DataFrame:
     return records.sort_values("query", ignore_index=True)
 
 
-def _check_values(values: Floats, column: ScoreColumn, file: Path) -> None:
+def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
     if np.isnan(values).any() or np.isneginf(values).any():
         raise _no_number(column.key, file)
     most = 1.0 + SHARE_SLACK if column.unit == "share" else np.inf
@@ -257,7 +264,7 @@ def _check_values(values: Floats, column: ScoreColumn, file: Path) -> None:
 
 
 def _check_sums(
-    records: pd.DataFrame, columns: Sequence[ScoreColumn], result: Result, file: Path
+    records: pd.DataFrame, columns: Sequence[ScoreColumn], result: Result, file: object
 ) -> None:
     """Hold the numbers of queries and the averages of records against those of their result."""
     import pandas as pd
@@ -280,7 +287,7 @@ def _check_sums(
     _check_averages(summary, list(found), result, file)
 
 
-def _check_averages(summary: Summary, scenes: list[str], result: Result, file: Path) -> None:
+def _check_averages(summary: Summary, scenes: list[str], result: Result, file: object) -> None:
     by_scene = zip(scenes, summary.scenes.values(), strict=True)
     parts = {f"in scene {scene}": (values, result.scenes[scene]) for scene, values in by_scene}
     parts["over scenes"] = (summary.overall, result.overall)
@@ -291,7 +298,7 @@ def _check_averages(summary: Summary, scenes: list[str], result: Result, file: P
                 raise _unlike(f"{key} {part} is {value!r}", expected[key], file)
 
 
-def _unlike(what: str, expected: float, file: Path) -> ResultError:
+def _unlike(what: str, expected: float, file: object) -> ResultError:
     return ResultError(
         f"does not fit the result beside it: {what}",
         where=file,

@@ -249,7 +249,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "tiles of another scene": (
         edited("ranked_ids", put((3, 1), "west/t00001")),
-        [IN_RANKS, "scene east", "east/q00003", "the first is west/t00001", "own scene only"],
+        [IN_RANKS, "scene east", "east/q00003", "the first is 'west/t00001'", "own scene only"],
     ),
     "strange tile": (
         edited("ranked_ids", put((3, 1), "east/512_9_9")),
