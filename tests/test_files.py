@@ -198,7 +198,7 @@ def test_a_fault_leaves_the_old_folder(fault: type[BaseException], tmp_path: Pat
 def test_what_a_dead_process_left_is_cleared_and_what_lives_is_not(tmp_path: Path) -> None:
     """A child dies with a temporary file and a folder; this process holds one of each."""
     die = (
-        "import os, sys; from pathlib import Path; from airzoo_bench import temporaries as t;"
+        "import os, sys; from pathlib import Path; from airzoo_bench.core import temporaries as t;"
         "home = Path(sys.argv[1]); a = t.temporary_file(home / 'a'); a.__enter__();"
         "b = t.temporary_folder(home, 'b'); (b.__enter__() / 'x').touch(); os.kill(os.getpid(), 9)"
     )

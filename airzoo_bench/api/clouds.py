@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.api.arrays import choice, floats, positive, refused, whole
 from airzoo_bench.core.errors import ArgumentError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
@@ -153,7 +154,9 @@ def cloud_scores(
     )
     if claim.count and not finite_rows(claim.cloud.points).any():
         raise ArgumentError(
-            f"none of {claim.count} points is finite", where="predicted", expected="finite numbers"
+            f"none of {counted(claim.count, 'point')} is finite",
+            where="predicted",
+            expected="finite numbers",
         )
     block = max(claim.count, truth.count, 1)
     with refused("true"):

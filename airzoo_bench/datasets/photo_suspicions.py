@@ -8,6 +8,7 @@ import numpy as np
 
 from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, poses_of
 from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PriorFacts, WithoutPrior
 from airzoo_bench.datasets.photo_files import PhotoFiles
 from airzoo_bench.datasets.raster_checks import FOOT_M
@@ -51,7 +52,9 @@ def _of_files(files: PhotoFiles, photos: int) -> Found:
         groups = [" = ".join(group[:3]) + " ..." * (len(group) > 3) for group in files.copies]
         yield (
             Kind.COPIES,
-            f"{spare} of {photos} photos are copies of another, the same bytes: "
+            f"{spare} of {counted(photos, 'photo')} "
+            f"{agreeing(spare, 'is a copy', 'are copies')} of "
+            "another, the same bytes: "
             f"{'; '.join(groups[:3])}: they count twice in every score; keep one of each",
         )
     if files.days and (files.days[-1] - files.days[0]).days > DAYS_APART:
@@ -105,8 +108,9 @@ def _of_poses(facts: SceneFacts) -> Found:
     if facts.same_pose:
         yield (
             Kind.SAME_POSE,
-            f"{first_of(facts.same_pose, len(facts.inputs.photos))} photos have the pose of "
-            "another, to the last digit: look whether names and poses belong together",
+            f"{first_of(facts.same_pose, len(facts.inputs.photos), noun='photo')} "
+            f"{agreeing(len(facts.same_pose), 'has', 'have')} the pose of another, to the last "
+            "digit: look whether names and poses belong together",
         )
 
 
@@ -116,7 +120,8 @@ def _of_missing_priors(found: WithoutPrior) -> Found:
         asked = found.photos - found.count
         yield (
             Kind.NO_PRIOR,
-            f"{found.count} of {found.photos} photos have no prior: {'; '.join(parts)}. Matching "
+            f"{found.count} of {counted(found.photos, 'photo')} "
+            f"{agreeing(found.count, 'has', 'have')} no prior: {'; '.join(parts)}. Matching "
             + (f"asks the other {asked}" if asked else "has no query")
             + ", retrieval and reconstruction need none; --priors FILE gives what is missing "
             "(docs/benchmark-folder.md)",
@@ -157,7 +162,8 @@ def _of_heights(cameras: Cameras3D, gps: GpsFacts | None) -> Found:
     if cameras.below:
         yield (
             Kind.BELOW,
-            f"{cameras.below} of {len(cameras.heights_m)} cameras are below the surface model: "
+            f"{cameras.below} of {counted(len(cameras.heights_m), 'camera')} "
+            f"{agreeing(cameras.below, 'is', 'are')} below the surface model: "
             "look at its vertical datum and unit, and at heights that are none",
         )
     difference = np.array(cameras.heights_m - cameras.relative_m)

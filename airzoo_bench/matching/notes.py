@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.claims import SceneClaim
@@ -119,7 +119,8 @@ def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind:
     if not far:
         return []
     return [
-        f"{far:,} of {np.isfinite(away).sum():,} poses lie more than {_FAR_M:,g} m from the "
+        f"{far:,} of {counted(int(np.isfinite(away).sum()), 'pose')} "
+        f"{agreeing(far, 'lies', 'lie')} more than {_FAR_M:,g} m from the "
         f"photo's GPS position: {_DOUBTS[kind]}"
     ]
 
@@ -146,8 +147,8 @@ def _count_notes(given: int, lost: dict[str, int], blind: int, beyond: int) -> l
         notes.append(f"the surface model has no height under any match of {queries}")
     if beyond:
         notes.append(
-            f"{beyond:,} of {given:,} matches are more than the protocol solves of a query: a "
-            "seeded choice leaves them out"
+            f"{beyond:,} of {counted(given, 'match')} {agreeing(beyond, 'is', 'are')} more than "
+            "the protocol solves of a query: left out by a seeded choice"
         )
     return notes
 

@@ -211,7 +211,7 @@ def in_one_line(place: Place) -> dict[str, object]:
 def one_height(place: Place) -> None:
     # One of more than a million pixels: the nearest height is looked for among every second one.
     heights = np.full((1, 1100, 1100), np.nan, np.float32)
-    heights[0, 101, 103], heights[0, 103, 107] = 100.0, 99.5
+    heights[0, 100, 102], heights[0, 102, 106] = 100.0, 99.5
     write_raster(place.dsm, heights)
 
 
@@ -284,7 +284,7 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     "no gimbal": (
         retag(NAMES[:1], yaw=None),
         [
-            "1 of 4 photos have no prior: 1 (park/a) have no gimbal angles. Matching asks the "
+            "1 of 4 photos has no prior: 1 (park/a) have no gimbal angles. Matching asks the "
             "other 3, retrieval and reconstruction need none; --priors FILE",
         ],
     ),
@@ -306,11 +306,11 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
         ["matrix (camera not stated, 64x40 px: 1 (b.jpg); camera not stated, 64x48 px: 3 (a.jpg"],
     ),
     "two flights": (two_flights, ["were taken from 2016-06-23 to 2019-07-01: one surface"]),
-    "one pose twice": (same_pose, ["1 of 4 (park/b) photos have the pose of another"]),
+    "one pose twice": (same_pose, ["1 of 4 photos (park/b) has the pose of another"]),
     "float32": (in_float32, ["have gone through float32: an error of 0.1"]),
     "two places": (in_one_line, ["taken from 2 places, and aligning a reconstruction needs 3"]),
     "two heights": (one_height, ["no height near 4 of 4 cameras"]),
-    "a tower": (tower, ["1 of 4 cameras are below the surface model"]),
+    "a tower": (tower, ["1 of 4 cameras is below the surface model"]),
     "angles of another kind": (
         retag(NAMES, yaw=30.0),
         ["the priors' rotation is 30 degrees off (median)"],
