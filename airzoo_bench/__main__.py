@@ -65,7 +65,7 @@ def _end_in_time(ear: int) -> None:
         code = codes.get(signal.Signals(os.read(ear, 1)[0]))
     time.sleep(_UNWINDING_S)
     sys.stderr.write(_MESSAGE)
-    from airzoo_bench.temporaries import remove_own
+    from airzoo_bench.core.temporaries import remove_own
 
     remove_own()
     _leave_at_once(code)

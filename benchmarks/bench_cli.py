@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from airzoo_bench.protocol import load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from tests.support import MadeScene, write_benchmark, write_predictions
 
 NAME = "uav-visloc-retrieval"

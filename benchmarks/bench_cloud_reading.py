@@ -21,9 +21,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from airzoo_bench.open3d_loader import load_open3d
-from airzoo_bench.readers.clouds.formats import open_cloud
-from tests.readers.cloud_support import write_las, write_pcd, write_ply
+from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.formats.clouds.formats import open_cloud
+from tests.formats.cloud_support import write_las, write_pcd, write_ply
 
 PIECE = 1 << 18
 LIMIT = 4 << 30

@@ -22,6 +22,7 @@ import pycolmap
 import rasterio
 from rasterio import Affine
 
+from airzoo_bench.benchmark.queries import query_table
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.poses import Poses, world_to_camera
@@ -29,10 +30,9 @@ from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses
+from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.matching.settings import MatchingScores, Solver
-from airzoo_bench.matching.track import score_scene
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.queries import query_table
 
 N_QUERIES = 351
 N_MATCHES = 5000

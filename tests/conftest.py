@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from typer.testing import CliRunner, Result
 
 from airzoo_bench.cli.main import app
@@ -18,6 +18,8 @@ settings.register_profile(
     "any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("any machine")
+# Under mutmut: the same cases for each mutant, and no search for the smallest that kills it.
+settings.register_profile("mutants", derandomize=True, phases=(Phase.explicit, Phase.generate))
 
 # What a shell starts in its background ignores Ctrl-C, and so would the processes that tests stop.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

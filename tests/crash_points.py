@@ -16,8 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench import exchange
-from airzoo_bench.files import atomic_entries, atomic_folder, atomic_write
+from airzoo_bench.core import exchange
+from airzoo_bench.core.files import atomic_entries, atomic_folder, atomic_write
 
 NAMES = ("records", "result", "figures")
 STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "shutil.rmtree")

@@ -11,14 +11,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from airzoo_bench.benchmark import DATA_VARIABLE, Benchmark
+from airzoo_bench.benchmark.folder import DATA_VARIABLE, Benchmark
 from airzoo_bench.cli.main import app
 from airzoo_bench.datasets import airzoo_mini
 from airzoo_bench.matching.truth import read_truth as read_matching
-from airzoo_bench.mini.georaster import write_raster
-from airzoo_bench.mini.photos import mini_photos
-from airzoo_bench.mini.truth_cloud import depth_to_points
-from airzoo_bench.mini.world import REGIONS, Region
+from airzoo_bench.mini.export.photos import depth_to_points, mini_photos
+from airzoo_bench.mini.world.model import REGIONS, Region
+from airzoo_bench.mini.world.store import write_raster
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 
@@ -44,14 +43,14 @@ def flights(home: Path) -> dict[str, str]:
             write_raster(files[key], np.repeat(dsm[..., None], 3, axis=2).astype(np.uint8), region)
         photos = mini_photos(region, dsm, 0)
         inputs = airzoo_mini._inputs(region, photos, files, 0)
-        scene = airzoo_mini._Scene(region, inputs, inputs.photos["sequence"] == "survey", files)
+        scene = airzoo_mini._Scene(region, inputs, files)
         gallery = protocols.retrieval.gallery.model_copy(update={"gsd_m": "any"})
         retrieval = protocols.retrieval.model_copy(update={"gallery": gallery})
         truth = airzoo_mini.build_retrieval_truth(inputs, gallery, retrieval.ground_truth).truth
         matching = protocols.matching
         crops = airzoo_mini.build_matching_truth(scene.inputs, matching.crop, matching.prior)
         depth = np.tile(np.arange(100.0, 164.0), (48, 1))
-        camera, poses = photos.frames.camera(0), photos.frames.poses
+        camera, poses = photos.frames.camera, photos.frames.poses
         points = [depth_to_points(depth, depth > 0, camera, poses.take(n)) for n in range(8)]
         found[f"{name} photos"] = digest(inputs.photos.to_csv(index=False).encode())
         found[f"{name} retrieval"] = truth.fingerprint

@@ -17,16 +17,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.datasets import airzoo_mini
 from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.matching.truth import read_truth as read_matching
-from airzoo_bench.mini.frame_list import FrameList
-from airzoo_bench.mini.photos import ROLL, Photos, mini_photos
-from airzoo_bench.readers.clouds.formats import open_cloud
+from airzoo_bench.mini.export.frame_list import FrameList
+from airzoo_bench.mini.export.photos import ROLL, Photos, mini_photos
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
-from airzoo_bench.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 from tests.support import photo_protocols, run_main
 

@@ -13,18 +13,14 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.datasets.photos import PhotoProtocols
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    load_protocol,
-    protocol_for,
-    shipped_protocols,
-)
-from airzoo_bench.queries import write_queries
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import load_protocol, protocol_for, shipped_protocols
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
 
 BRIGHTON = Path(__file__).resolve().parents[1] / ".." / "shared" / "real" / "brighton"

@@ -13,9 +13,12 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from airzoo_bench.benchmark import Benchmark
+from airzoo_bench.api.benchmark import load_benchmark
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.files import fingerprint
 from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
-from airzoo_bench.files import fingerprint
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.grids import world_to_pixel
@@ -27,13 +30,11 @@ from airzoo_bench.geometry_checks.depth_maps import DepthKind
 from airzoo_bench.geometry_checks.depth_report import DepthConsistency, check_depth_consistency
 from airzoo_bench.geometry_checks.frame_pairs import PairRule
 from airzoo_bench.matching.truth import read_truth as read_matching
-from airzoo_bench.mini.truth_cloud import depth_to_points
+from airzoo_bench.mini.export.photos import depth_to_points
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
-from airzoo_bench.result import Result
+from airzoo_bench.results.result import Result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
-from airzoo_bench.runner.matching import evaluate_matching
-from airzoo_bench.runner.reconstruction import evaluate_reconstruction
-from airzoo_bench.runner.retrieval import evaluate_retrieval
+from tests.datasets.parts import hold_crops, hold_tiles
 
 SCENES = ("city", "rural")
 MEMORY = 1 << 30
@@ -56,7 +57,8 @@ class Prepared:
 @pytest.fixture(scope="module")
 def mini(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     root = tmp_path_factory.mktemp("data")
-    prepare_airzoo_mini(root, root / "airzoo-mini", mini_protocols(0), jobs=2)
+    files = {"tiles_on_disk": True, "crops_on_disk": True}
+    prepare_airzoo_mini(root, root / "airzoo-mini", mini_protocols(0), jobs=2, **files)
     return Prepared(root, Benchmark.open(root / "airzoo-mini"))
 
 
@@ -88,6 +90,13 @@ def test_priors_are_noisy_and_tiles_are_those_of_the_older_map(mini: Prepared) -
     assert entry.gallery is not None
     assert entry.gallery.endswith("satellite.tif")
     assert entry.dom.endswith("dom.tif")
+
+
+def test_tiles_and_crops_as_files_are_those_of_the_maps(mini: Prepared) -> None:
+    for scene in load_benchmark(mini.root / "airzoo-mini").scenes:
+        home = mini.root / "airzoo-mini" / "scenes" / scene.id
+        hold_tiles(home, scene)
+        hold_crops(home, scene)
 
 
 def test_a_second_run_keeps_what_is_there_and_mends_what_is_not(mini: Prepared) -> None:
@@ -131,7 +140,7 @@ def rank(mini: Prepared, path: Path, right: float) -> Result:
     np.savez(
         path, protocol="airzoo-mini-retrieval", query_ids=np.array(ids), ranked_ids=np.array(ranked)
     )
-    return evaluate_retrieval(path, data=mini.root, memory_bytes=MEMORY).result
+    return evaluate(path, data=mini.root).result
 
 
 def test_retrieval_is_perfect_and_falls(mini: Prepared, tmp_path: Path) -> None:
@@ -177,7 +186,7 @@ def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Resul
         query_xy=np.concatenate(photo_xy),
         map_xy=np.concatenate(map_xy),
     )
-    return evaluate_matching(path, data=mini.root, memory_bytes=MEMORY, jobs=2).evaluation.result
+    return evaluate(path, data=mini.root, resources=Resources(jobs=2)).result
 
 
 def sampled(depth: Floats, camera: Cameras, pose: Poses) -> tuple[Floats, Floats]:
@@ -232,9 +241,7 @@ def reconstruct(mini: Prepared, folder: Path, change: Change, smaller: int = 3) 
             extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
             image_names=images.to_numpy(str),
         )
-    return evaluate_reconstruction(
-        folder, data=mini.root, memory_bytes=MEMORY, jobs=2
-    ).evaluation.result
+    return evaluate(folder, data=mini.root, resources=Resources(jobs=2)).result
 
 
 def noisy(share: float) -> Change:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark import (
+from airzoo_bench.benchmark.folder import (
     Benchmark,
     benchmark_folders,
     data_root,
     find_benchmark,
 )
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import write_npz
-from airzoo_bench.protocol import RetrievalProtocol
-from airzoo_bench.queries import write_queries
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import read_truth, write_truth
 from tests.support import MadeScene, made_protocol, made_truth, write_benchmark
 
@@ -136,11 +136,14 @@ def test_truth_both_ways(tmp_path: Path) -> None:
         ({"offsets": [0, 1, 1, 1], "tiles": [9]}, "a tile is not in the gallery"),
         ({"offsets": [0, 2, 1, 2], "tiles": [0, 1]}, "do not rise"),
         ({"offsets": [0.0, 1, 1, 1], "tiles": [0]}, "not integers"),
+        ({"offsets": [0, 1, 1, 1], "tiles": [0], "overlap": ["1"]}, "overlaps do not fit"),
+        ({"offsets": [0, 1, 1, 1], "tiles": [0] * 60}, "more than the limit"),
+        ({"offsets": [0, 1, 1, 1], "tiles": [None]}, "pickled Python objects"),
         (None, "positives.npz"),
     ],
 )
 def test_damaged_positives(
-    arrays: dict[str, list[float]] | None, message: str, tmp_path: Path
+    arrays: dict[str, list[Any]] | None, message: str, tmp_path: Path
 ) -> None:
     truth = made_truth(MadeScene("s", [[0, 2], [], [1]], 4))
     write_queries(tmp_path, truth.queries)
@@ -149,7 +152,7 @@ def test_damaged_positives(
     if arrays is None:
         path.write_bytes(path.read_bytes()[:-30])
     else:
-        write_npz(path, {name: np.array(values) for name, values in arrays.items()})
+        np.savez(path, **{name: np.array(values) for name, values in arrays.items()})
     with pytest.raises(BenchmarkError, match=message):
         read_truth(tmp_path, "s")
 

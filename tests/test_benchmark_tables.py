@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import sha256_of
 from tests.matching import world as matching
 from tests.support import run_main
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from airzoo_bench.comparable import check_comparable, find_scene, first_names, version_notes
-from airzoo_bench.errors import ResultError
-from airzoo_bench.result import Result
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.results.comparable import check_comparable, find_scene, first_names, version_notes
+from airzoo_bench.results.result import Result
 from tests.statistics.support import made_method
 
 
@@ -65,7 +65,7 @@ def test_truth() -> None:
     found = refusal(result(), result(), result([1.0, 0.0], truth="u" * 64))
     assert found.what == (
         "m0 and m2 were held against different truths (tttttttttttt and uuuuuuuuuuuu): "
-        "made v1, prepared anew; scene s: 1 against 2 queries"
+        "benchmark made v1, prepared anew; scene s: 1 against 2 queries"
     )
 
 
@@ -110,3 +110,14 @@ def test_what_is_no_scene_gets_a_hint() -> None:
         assert f"there is no scene '{wanted}' in the results" in error.value.what
         assert hint in error.value.what
         assert error.value.expected == "one of field1, field2"
+
+
+@pytest.mark.parametrize(
+    "change", [{"title": "R@9"}, {"higher_is_better": False}, {"average": "median"}, {"unit": "m"}]
+)
+def test_scores_of_another_meaning(change: dict[str, object]) -> None:
+    one, two = result(), result()
+    columns = (one.columns[0].model_copy(update=change), *one.columns[1:])
+    assert "mean different things by the score" in (
+        refusal(one, two.model_copy(update={"columns": columns})).what
+    )

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import ProtocolError, UsageError, UserError
-from airzoo_bench.files import (
+from airzoo_bench.core.errors import ProtocolError, UsageError, UserError
+from airzoo_bench.core.files import (
     atomic_entries,
     atomic_folder,
     atomic_write,
@@ -25,7 +25,7 @@ from airzoo_bench.files import (
     sha256_of,
     write_npz,
 )
-from airzoo_bench.temporaries import clear_abandoned, temporary_file, temporary_folder
+from airzoo_bench.core.temporaries import clear_abandoned, temporary_file, temporary_folder
 from tests.support import files_below
 
 
@@ -198,7 +198,7 @@ def test_a_fault_leaves_the_old_folder(fault: type[BaseException], tmp_path: Pat
 def test_what_a_dead_process_left_is_cleared_and_what_lives_is_not(tmp_path: Path) -> None:
     """A child dies with a temporary file and a folder; this process holds one of each."""
     die = (
-        "import os, sys; from pathlib import Path; from airzoo_bench import temporaries as t;"
+        "import os, sys; from pathlib import Path; from airzoo_bench.core import temporaries as t;"
         "home = Path(sys.argv[1]); a = t.temporary_file(home / 'a'); a.__enter__();"
         "b = t.temporary_folder(home, 'b'); (b.__enter__() / 'x').touch(); os.kill(os.getpid(), 9)"
     )

@@ -10,13 +10,13 @@ from pathlib import Path
 import matplotlib
 import pytest
 
-from airzoo_bench.matplotlib_loader import default_style, load_matplotlib
+from airzoo_bench.core.matplotlib_loader import default_style, load_matplotlib
 from airzoo_bench.report.figures import figure_bytes, new_figure
 
 ROOT = Path(__file__).resolve().parents[1]
 DRAW = (
     "import sys\n"
-    "from airzoo_bench.matplotlib_loader import default_style\n"
+    "from airzoo_bench.core.matplotlib_loader import default_style\n"
     "from airzoo_bench.report.figures import figure_bytes, new_figure\n"
     "figure, axes = new_figure()\n"
     "with default_style():\n"

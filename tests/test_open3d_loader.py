@@ -10,7 +10,7 @@ import numpy as np
 
 def test_open3d_computes() -> None:
     script = (
-        "from airzoo_bench.open3d_loader import load_open3d\n"
+        "from airzoo_bench.core.open3d_loader import load_open3d\n"
         "o3d = load_open3d()\n"
         "import numpy as np\n"
         "cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.eye(3)))\n"
@@ -42,7 +42,7 @@ def test_the_command_line_starts_without_heavy_imports() -> None:
 def test_scoring_ranked_ids_needs_no_heavy_imports() -> None:
     script = (
         "import sys\n"
-        "import airzoo_bench.runner.retrieval\n"
+        "import airzoo_bench.retrieval.track\n"
         "heavy = {'open3d', 'faiss', 'pycolmap', 'scipy', 'shapely', 'rasterio', 'PIL'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
     )

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import tomli_w
 
-from airzoo_bench.errors import ProtocolError
-from airzoo_bench.protocol import (
+from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.protocol.lookup import (
     find_protocol,
     load_protocol,
     protocol_files,

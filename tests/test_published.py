@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.errors import ResultError
-from airzoo_bench.published import published_sources, read_source
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.layouts import methods_layout
+from airzoo_bench.tables.published import published_sources, read_source
 from airzoo_bench.tables.render import render
 
 SOURCE = """

@@ -12,15 +12,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.readers.clouds.formats import open_cloud
-from airzoo_bench.readers.image_poses import ImagePoses
-from airzoo_bench.readers.reconstruction import ScenePrediction
-from airzoo_bench.readers.views import Views
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.evaluation.check import check
+from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.reconstruction.camera_names import claim_of_scene
+from airzoo_bench.reconstruction.image_poses import ImagePoses
+from airzoo_bench.reconstruction.reading import ScenePrediction
 from airzoo_bench.reconstruction.truth import read_truth
-from airzoo_bench.result import read_result
-from airzoo_bench.runner.reconstruction import check_reconstruction
-from airzoo_bench.runner.reconstruction_claims import claim_of_scene
+from airzoo_bench.reconstruction.views import Views
+from airzoo_bench.results.result import read_result
 from tests.reconstruction.world import (
     MEMORY,
     PROTOCOL,
@@ -163,9 +163,9 @@ def test_a_cloud_that_icp_cannot_refine_is_scored(world: World, tmp_path: Path) 
 
 def notes_of(world: World, path: Path, protocol: str = PROTOCOL) -> list[str]:
     """Return the notes of an evaluation, which are those of a check."""
-    notes = list(world.score(path, protocol=protocol).evaluation.result.notes)
-    checked = check_reconstruction(path, data=world.root, protocol=protocol, memory_bytes=MEMORY)
-    assert not checked.faults
+    notes = list(world.score(path, protocol=protocol).result.notes)
+    checked = check(path, data=world.root, protocol=protocol)
+    assert not checked.errors
     assert list(checked.notes) == notes
     return notes
 
@@ -331,10 +331,10 @@ def test_notes_of_readers_reach_the_result(world: World, tmp_path: Path) -> None
     fields["intrinsics"][1, 0, 2] += 14.0
     save(tmp_path / "p" / "lot.npz", fields)
     scored = world.score(tmp_path / "p")
-    notes = scored.evaluation.result.notes
-    assert any(note.startswith("scene yard: a mesh of 1 faces") for note in notes)
+    notes = scored.result.notes
+    assert any(note.startswith("scene yard: a mesh of 1 face") for note in notes)
     assert any("scene lot: the principal point is far from the centre" in note for note in notes)
-    assert scored.evaluation.result.predictions.kind == "depth, mesh"
+    assert scored.result.predictions.kind == "depth, mesh"
 
 
 def test_a_file_alone_names_its_protocol(world: World, tmp_path: Path) -> None:
@@ -372,7 +372,7 @@ def test_views_without_names_follow_the_names_of_the_files(world: World) -> None
 def test_clouds_are_kept_only_where_they_are_asked_for(world: World, tmp_path: Path) -> None:
     path = both(world, tmp_path)
     assert world.score(path).scored["yard"].clouds is None
-    kept = world.score(path, keep_clouds=True).scored["yard"]
+    kept = world.score(path, keep=True).scored["yard"]
     assert kept.clouds is not None
     assert kept.clouds[0].source.count == 15_264
     assert kept.distances is not None
@@ -382,8 +382,8 @@ def test_check_reports_all_scenes(world: World, tmp_path: Path) -> None:
     path = both(world, tmp_path)
     (path / "yard.ply").write_bytes(b"ply\n")
     (path / "lot.ply").write_bytes(b"ply\n")
-    found: Any = check_reconstruction(path, data=world.root, protocol=None, memory_bytes=MEMORY)
-    assert len(found.faults) == 2
+    found: Any = check(path, data=world.root)
+    assert len(found.errors) == 2
 
 
 def test_checking_leaves_unknown_scenes_aside_as_eval_does(world: World, tmp_path: Path) -> None:

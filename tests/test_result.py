@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.errors import ResultError
-from airzoo_bench.result import (
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
     Reference,

@@ -20,7 +20,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from airzoo_bench.result import Result, ScoreColumn
+from airzoo_bench.results.result import Result, ScoreColumn
 from tests.results_of_all_tracks import (
     FORMATS,
     NAMES,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.result import Result, read_result, write_result
-from airzoo_bench.runner.retrieval import evaluate_retrieval
-from airzoo_bench.runner.run_files import Evaluation, save
-from airzoo_bench.runner.templates import write_template
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.evaluation.template import write_template
+from airzoo_bench.results.result import Result, read_result, write_result
 from tests.statistics.support import made_method, write_method
 from tests.support import (
     MadeScene,
@@ -28,7 +30,7 @@ MEMORY = 1 << 30
 
 
 def score(path: Path, data: Path, **options: Any) -> Evaluation:
-    return evaluate_retrieval(path, data=data, memory_bytes=MEMORY, **options)
+    return evaluate(path, track="retrieval", data=data, **options)
 
 
 def test_perfect_predictions_score_one(data: Path, tmp_path: Path, perfect: dict[str, Any]) -> None:
@@ -51,7 +53,7 @@ def test_overall_is_the_unweighted_mean_of_scenes(
     assert result.overall["recall@1"] == 0.5
     assert result.pooled["recall@1"] == 0.6
     assert result.counts["west"]["missing"] == 4
-    assert any("4 queries are missing" in note for note in result.notes)
+    assert any("scored at their worst: 4 of 10 (" in note for note in result.notes)
 
 
 def test_a_missing_query_is_infinitely_far(
@@ -192,7 +194,10 @@ def test_descriptors_and_their_ranked_ids_agree(
         gallery_ids=[t for s in scenes for t in s.tile_ids],
         gallery_descriptors=gallery,
     )
-    one, other = score(by_ids, data).result, score(by_descriptors, data, jobs=2).result
+    one, other = (
+        score(by_ids, data).result,
+        score(by_descriptors, data, resources=Resources(jobs=2)).result,
+    )
     for key in ("recall@1", "recall@3", "recall@5", "ap@5", "distance_m", "sdm@5", "pdm@5"):
         assert one.scenes["east"][key] == other.scenes["east"][key], key
         assert one.scenes["west"][key] == other.scenes["west"][key], key
@@ -273,16 +278,16 @@ def test_a_changed_protocol_does_not_pass_for_its_namesake(
             assert "not the made-retrieval that all have" in note
 
 
-@pytest.mark.parametrize("descriptors", [False, True])
-def test_a_template_scores(data: Path, tmp_path: Path, *, descriptors: bool) -> None:
+@pytest.mark.parametrize("kind", [None, "ranked-ids", "descriptors"])
+def test_a_template_scores(data: Path, tmp_path: Path, kind: str | None) -> None:
     out = tmp_path / "t.npz"
-    write_template("made-retrieval", data=data, out=out, descriptors=descriptors, seed=3)
+    write_template("made-retrieval", data=data, out=out, kind=kind, seed=3)
     result = score(out, data).result
     assert result.counts["west"]["missing"] == 0
     assert 0 <= result.overall["recall@5"] <= 1
 
 
-def test_a_run_replaces_one_of_another_track_and_says_so(
+def test_a_run_replaces_an_earlier_one_and_says_so(
     data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "mymethod"
@@ -294,11 +299,15 @@ def test_a_run_replaces_one_of_another_track_and_says_so(
     (out / "figures").mkdir()
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
-    assert "holds a run of the matching track; result.json, records.csv, timings.csv, figures " in (
-        capsys.readouterr().err
-    )
+    said = capsys.readouterr().err
+    assert "holds a run of the matching track: Method by " in said
+    assert "result.json, records.csv, timings.csv, figures will be replaced" in said
+    assert f"wrote {out / 'result.json'} and {out / 'records.csv'}" in said
     assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
     assert read_result(out / "result.json").predictions.method == "mymethod"
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out, "--method", "M") == 0
-    assert "holds a run" not in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "holds a run of the retrieval track: mymethod by made-retrieval v" in said
+    assert f"written {date.today():%Y-%m-%d}" in said
+    assert "; result.json, records.csv will be replaced" in said
     assert read_result(out / "result.json").predictions.method == "M"

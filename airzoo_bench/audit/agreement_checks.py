@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from fractions import Fraction
 from itertools import combinations, permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.cells import Printed, Published
 
 __all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 
@@ -35,18 +34,18 @@ def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome
     ----------
     published : Published
     reported : set of int
-        Lines of which it is already known that they are wrong: not said again.
+        The `id` of each cell that is no average of its scenes: counted, but not said again.
     """
     pairs = _pairs(published)
-    findings = [
-        _differ(first, second)
-        for first, second in pairs
-        if not _agree(first, second) and not reported & {first.line, second.line}
-    ]
+    differing = [pair for pair in pairs if not _agree(*pair)]
+    new = [pair for pair in differing if not reported & set(map(id, pair))]
+    findings = tuple(_differ(*pair) for pair in new)
+    known = len(differing) - len(new)
+    said = f"{known} differ, each found by the check average" if known else ""
     what = "pairs of one number in two tables, whether both say the same"
     cells = tuple(cell for pair in pairs for cell in pair)
     left = "" if pairs else _LEFT
-    return Outcome("agreement", len(pairs), what, left, tuple(findings), cells=cells)
+    return Outcome("agreement", len(pairs), what, left, findings, cells=cells, said=said)
 
 
 def _pairs(published: Published) -> list[tuple[Printed, Printed]]:
@@ -79,16 +78,18 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     tables: dict[tuple[str, str], list[tuple[Printed, Printed]]] = {}
     for pair in _pairs(published):
         tables.setdefault((pair[0].table, pair[1].table), []).append(pair)
-    found = Counter(
-        (f.cell.table, f.cell.line)
-        for f in findings
-        if f.check in ("average", "agreement", "row") and f.grade is Grade.INCONSISTENT
-    )
+    grave = [finding for finding in findings if finding.grade is Grade.INCONSISTENT]
     said = []
     for (one, other), pairs in tables.items():
         apart = [pair for pair in pairs if _gap(*pair) > 1]
-        lines = {(cell.table, cell.line) for pair in apart for cell in pair}
-        of_this = sum(found[line] for line in lines)
+        cells = {id(cell) for pair in apart for cell in pair}
+        rows = {_key(cell) for pair in apart for cell in pair}
+        of_this = sum(
+            id(f.cell) in cells
+            if f.check in ("average", "agreement")
+            else f.check == "row" and _key(f.cell) in rows
+            for f in grave
+        )
         if len(apart) > 1 and of_this > 1:
             said.append(
                 f"{len(apart)} of the {len(pairs)} numbers that both {one or 'one table'} and "
@@ -129,7 +130,7 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
     ----------
     published : Published
     reported : set of int
-        Lines of which it is already known that they are wrong: of two such rows, the one that
+        The `id` of each cell that is no average of its scenes: of two such rows, the one that
         holds none is right.
     """
     rows = published.by(_key)
@@ -139,7 +140,7 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
         for alike in _alike(compared)
         for row, other in permutations(alike, 2)
         if row[0].table != other[0].table and _is_another(row, other[0], rows)
-        if reported & _lines(row) or not reported & _lines(other)
+        if reported & set(map(id, row)) or not reported & set(map(id, other))
     ]
     tables = len({row[0].table for row in compared})
     left = _LEFT if tables < 2 else ""
@@ -176,10 +177,6 @@ def _is_another(row: Row, other: Printed, rows: dict[RowKey, Row]) -> bool:
         return False
     printed = {cell.measure: cell.number.value for cell in own}
     return any(printed.get(c.measure, c.number.value) != c.number.value for c in row)
-
-
-def _lines(row: Row) -> set[int]:
-    return {cell.line for cell in row}
 
 
 def _misplaced(row: Row, other: Printed) -> Finding:

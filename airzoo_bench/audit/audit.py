@@ -14,9 +14,9 @@ from airzoo_bench.audit.order_checks import check_medians, check_order, check_ra
 from airzoo_bench.audit.precision_checks import check_average_precision, define_average_precision
 from airzoo_bench.audit.queries import resolve_queries, row_of
 from airzoo_bench.audit.reconstruction_checks import check_chamfer, check_f1
-from airzoo_bench.errors import first_of
-from airzoo_bench.printed.cells import Published
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.tables.printed.cells import Published
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["audit"]
 
@@ -66,7 +66,7 @@ def audit(
     queries, conclusions = resolve_queries(published, counts or {}, variants, doubtful)
     counted = check_counts(published, queries)
     averages = check_averages(published, queries, variants)
-    off = {finding.cell.line for finding in averages.findings}
+    off = {id(finding.cell) for finding in averages.findings}
     ranges, order, medians, f1 = within_rows
     outcomes = (
         ranges,

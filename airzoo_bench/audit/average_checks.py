@@ -8,10 +8,11 @@ from fractions import Fraction
 from airzoo_bench.audit.averages import Averaged, example_text, has_common_weights, shown_mean
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.counts import counted_share
-from airzoo_bench.printed.numbers import Interval, decimal_text, mean_interval
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.counts import counted_share
+from airzoo_bench.tables.printed.numbers import Interval, decimal_text, mean_interval
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["check_averages"]
 
@@ -169,15 +170,17 @@ def _conclusion(known: Sequence[Averaged]) -> str:
     rounded = sum(average.fits_rounded and not average.fits_scenes for average in known)
     weighed = [average for average in known if average.is_weighed]
     medians = [average for average in known if average.is_median]
-    text = f"of {len(known)} averages, {exact} are unweighted means over scenes"
+    are = agreeing(exact, "is an unweighted mean", "are unweighted means")
+    text = f"of {counted(len(known), 'average')}, {exact} {are} over scenes"
     if medians:
         fitting = sum(average.fits_scenes for average in medians)
-        text += f" (of {len(medians)} medians {fitting})"
+        text += f" (of {counted(len(medians), 'median')} {fitting})"
     if rounded:
-        text += f", {rounded} more are so of the rounded values only"
+        text += f", {rounded} more {agreeing(rounded, 'is', 'are')} so of the rounded values only"
     if weighed:
         pooled = sum(average.fits_queries for average in weighed)
-        text += f"; {pooled} of {len(weighed)} are means over all queries"
+        are = agreeing(pooled, "is a mean", "are means")
+        text += f"; {pooled} of {len(weighed)} {are} over all queries"
     return text + example_text(weighed)
 
 
@@ -187,7 +190,7 @@ def _judge(average: Averaged, same: Sequence[Printed], *, pooled: bool) -> Findi
     if number.interval.meets(mean):
         return None
     shown, rounded = shown_mean(mean, number), decimal_text(mean.low, number.decimals)
-    of = f"{len(average.scenes)} scenes"
+    of = counted(len(average.scenes), "scene")
     if pooled and not average.is_weighed:
         why = f"no average of {of} whose values lie between {shown.replace(' to ', ' and ')}"
     else:

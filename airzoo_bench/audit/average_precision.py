@@ -11,9 +11,9 @@ import itertools
 from fractions import Fraction
 from functools import cache
 
-from airzoo_bench.printed.cells import Printed
-from airzoo_bench.printed.numbers import Interval
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.numbers import Interval
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["VARIANTS", "bounds_of", "brackets", "first_hit_bounds", "recalls_for"]
 

@@ -8,9 +8,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from airzoo_bench.printed.cells import Printed
-from airzoo_bench.printed.numbers import Interval, Rounded, decimal_text
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.numbers import Interval, Rounded, decimal_text
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["Averaged", "example_text", "has_common_weights", "shown_mean"]
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.counts import count_text, is_cut, possible_counts
-from airzoo_bench.printed.numbers import decimal_text
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.counts import count_text, is_cut, is_near, possible_counts
+from airzoo_bench.tables.printed.numbers import decimal_text
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["Share", "check_counts", "judge_shares"]
 
@@ -71,7 +72,7 @@ def check_counts(published: Published, queries: Mapping[Key, Queries]) -> Outcom
     shares = [Share(c, queries[key_of(c)], 1, queries[key_of(c)].is_given) for c in known]
     findings, conclusions = judge_shares(_CHECK, shares)
     scenes = {key_of(cell) for cell in known}
-    number = "1 scene" if len(scenes) == 1 else f"{len(scenes)} scenes"
+    number = counted(len(scenes), "scene")
     what = f"shares of queries in {number}, whether each is a whole number of queries"
     unknown = [cell for cell in of_scenes if key_of(cell) not in queries]
     left = _left(len(hits) - len(of_scenes), unknown) if hits else _NONE
@@ -82,12 +83,13 @@ def check_counts(published: Published, queries: Mapping[Key, Queries]) -> Outcom
 def _left(averages: int, unknown: Sequence[Printed]) -> str:
     parts = []
     if averages:
-        parts.append(f"{averages} averages over scenes, which are no share of queries")
+        are = agreeing(averages, "which is", "which are")
+        parts.append(f"{counted(averages, 'average')} over scenes, {are} no share of queries")
     if unknown:
         scenes = dict.fromkeys(cell.place for cell in unknown)
         names = ", ".join(list(scenes)[:3]) + (" ..." if len(scenes) > 3 else "")
         parts.append(
-            f"{len(unknown)} {'share' if len(unknown) == 1 else 'shares'} in {names}, whose number "
+            f"{counted(len(unknown), 'share')} in {names}, whose number "
             "of queries is not known and the values do not tell: give it by --counts"
         )
     return "; ".join(parts)
@@ -140,7 +142,7 @@ def _no_count(check: str, share: Share, *, cut: bool) -> Finding:
     exact = decimal_text(number.value * total / cell.full, 2)
     n = share.queries.number
     of, things = (
-        (f"{n} queries", "queries")
+        (counted(n, "query"), "queries")
         if share.places == 1
         else (f"{share.places} x {n} = {total} places of mean precision", "positives")
     )
@@ -150,7 +152,9 @@ def _no_count(check: str, share: Share, *, cut: bool) -> Finding:
     )
     if not share.queries.is_given:
         why += f" (n = {n} is what the other values of the scene imply)"
-    if share.is_cut:
-        why += ": cut off, not rounded"
+    near = is_near(number, total, cell.full)
+    if near:
+        way = "cut off, not rounded" if share.is_cut else "as if rounded up, or twice"
+        why += f": off by the last digit, {way}"
     grade = Grade.IMPOSSIBLE if share.is_sure else Grade.INCONSISTENT
-    return Finding(Grade.ROUNDING if cut else grade, check, cell, why)
+    return Finding(Grade.ROUNDING if near or cut else grade, check, cell, why)

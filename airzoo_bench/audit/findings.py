@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from airzoo_bench.printed.cells import Printed
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table
+from airzoo_bench.tables.printed.cells import Printed
 
 __all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table"]
 
@@ -16,7 +17,9 @@ class Grade(StrEnum):
 
     `IMPOSSIBLE` follows from the number itself, the others of its row, and what was given (counts,
     a definition). `INCONSISTENT` is a contradiction between printed numbers, or to what was
-    concluded from others: one of the two is wrong. `ROUNDING` is off by the last digit.
+    concluded from others: one of the two is wrong. `ROUNDING` is what a way of rounding explains:
+    it would be none if each printed number involved might be off by nearly one of its last digit,
+    as one that was cut off, rounded up or rounded twice is, instead of half of one.
     """
 
     IMPOSSIBLE = "impossible"
@@ -70,6 +73,8 @@ class Outcome:
     conclusions : tuple of Conclusion
     cells : tuple of Printed
         The values that were held against others, or against what is known.
+    said : str
+        What is wrong but was found by another check, and so is no finding of this one.
     """
 
     check: str
@@ -79,13 +84,15 @@ class Outcome:
     findings: tuple[Finding, ...] = ()
     conclusions: tuple[Conclusion, ...] = ()
     cells: tuple[Printed, ...] = ()
+    said: str = ""
 
     @property
     def text(self) -> str:
         """Say what was checked, what came of it, and what was not checked."""
         if not self.tested:
             return f"not checked: {self.left}"
-        found = f"{len(self.findings)} found" if self.findings else "all fine"
+        found = f"{len(self.findings)} found" if self.findings else ""
+        found = ", ".join(filter(None, (found, self.said))) or "all fine"
         left = f"; not checked: {self.left}" if self.left else ""
         return f"{self.tested} {self.what}: {found}{left}"
 
@@ -139,7 +146,7 @@ class Audit:
         """All in one line."""
         counts = ", ".join(f"{self.count(grade)} {grade.value}" for grade in Grade)
         if self.checked == self.cells:
-            return f"{self.source}: {counts}, in {self.cells} values"
+            return f"{self.source}: {counts}, in {counted(self.cells, 'value')}"
         told = f"only {self.checked} of {self.cells}" if self.checked else f"none of {self.cells}"
         return f"{self.source}: {counts}; {told} values could be checked, apart from their range"
 

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.printed.numbers import Rounded
+from airzoo_bench.tables.printed.numbers import Rounded
 
 __all__ = ["Implied", "implied_total"]
 
@@ -95,12 +95,23 @@ def _weigh(
     """
     fits = np.zeros(len(totals), dtype=np.int64)
     merit = -np.log(totals)
+    printed = {(places, full * 10**decimals) for _, decimals, full, places in told}
+    chances = {(p, values): _chance(totals * p, values) for p, values in printed}
     for value, decimals, full, places in told:
         fit = _fitting(value, decimals, full, totals * places)
-        chance = np.minimum(1.0, totals * (places / (full * 10.0**decimals)))
+        chance = chances[places, full * 10**decimals]
         fits += fit
         merit += np.where(fit, -np.log(chance), math.log(_MISPRINT))
     return fits, merit
+
+
+def _chance(totals: NDArray[np.int64], values: int) -> NDArray[np.float64]:
+    """Return what part of so many printed values are counts of each total.
+
+    A count that lies half way between two values may be printed as either.
+    """
+    halves = np.gcd(totals, 2 * values) - np.gcd(totals, values)
+    return np.asarray(np.minimum(1.0, (totals + halves) / values), dtype=np.float64)
 
 
 def _fitting(

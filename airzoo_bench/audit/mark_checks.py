@@ -8,16 +8,19 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import inf
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.numbers import Rounded, decimal_text
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.numbers import Rounded, decimal_text
 
 __all__ = ["check_bold", "check_gains"]
 
 _GAIN = "gain"
 # Instead of a method: the best of those that have no gains themselves.
 _BEST = "the best of the others"
+_MOST_NEAR = 50
 
 
 @dataclass(frozen=True)
@@ -29,32 +32,47 @@ class _Gain:
     base: Printed | None
 
     @property
-    def difference(self) -> Fraction:
-        """The difference of the printed values, by the sign that comes nearer to the gain."""
-        if self.base is None:
-            return Fraction(0)
-        difference = self.cell.number.value - self.base.number.value
+    def is_relative(self) -> bool:
+        """Whether it may be the difference in percent of the other number, and is nearer to it."""
+        return self._distance(relative=True) < self._distance(relative=False)
+
+    def _distance(self, *, relative: bool) -> Fraction | float:
+        """How far the gain is from the difference, by the sign that comes nearer to it."""
+        scale = self._scale if relative else Fraction(1)
+        if self.base is None or scale is None:
+            return inf
+        difference = scale * (self.cell.number.value - self.base.number.value)
         signs = (1, -1) if self.cell.score.higher_is_better is False else (1,)
-        return min((sign * difference for sign in signs), key=lambda d: abs(self.gain.value - d))
+        return min(abs(self.gain.value - sign * difference) for sign in signs)
 
     @property
-    def off(self) -> Fraction | None:
-        """How far the gain is from the difference, beyond its own rounding."""
-        if self.base is None:
+    def _scale(self) -> Fraction | None:
+        """What makes a difference one in percent, where the gain is printed with its sign."""
+        if self.base is None or not self.base.number.value or not self.gain.text.endswith("%"):
             return None
-        finer = max(self.cell.number.decimals, self.base.number.decimals)
-        own = self.gain.half if self.gain.decimals < finer else Fraction(0)
-        return max(Fraction(0), abs(self.gain.value - self.difference) - own)
+        return 100 / abs(self.base.number.value)
+
+    @property
+    def off(self) -> Fraction | float:
+        """How far the gain is from the difference, beyond its own rounding."""
+        finer = max(c.number.decimals for c in (self.cell, self.base or self.cell))
+        rounded = self.is_relative or self.gain.decimals < finer
+        own = self.gain.half if rounded else Fraction(0)
+        return max(Fraction(0), self._distance(relative=self.is_relative) - own)
 
     @property
     def slack(self) -> Fraction:
         """How far off it may be where all three were rounded, or cut off, from exact numbers."""
-        halves = self.cell.number.half + self.gain.half
-        return halves + (self.base.number.half if self.base else 0)
+        if self.base is None:
+            return self.cell.number.half + self.gain.half
+        own, other = self.cell.number, self.base.number
+        if not self.is_relative or self._scale is None:
+            return own.half + self.gain.half + other.half
+        return self.gain.half + self._scale * (own.half + other.half * abs(own.value / other.value))
 
     @property
     def is_explained(self) -> bool:
-        return self.off is not None and self.off <= self.slack
+        return self.off <= self.slack
 
 
 def check_gains(published: Published) -> Outcome:
@@ -68,8 +86,7 @@ def check_gains(published: Published) -> Outcome:
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
     columns = {
-        key: sorted(cells, key=_value)
-        for key, cells in published.by(lambda c: (c.table, *_column(c))).items()
+        key: _Rivals(cells) for key, cells in published.by(lambda c: (c.table, *_column(c))).items()
     }
     printed = [_Gain(cell, cell.gain, None) for cell in published.cells if cell.gain]
     unexplained = 0
@@ -106,51 +123,72 @@ def _column(cell: Printed) -> tuple[str, ...]:
     return *cell.group, cell.scene, cell.measure
 
 
-def _over(gain: _Gain, column: Sequence[Printed], base: str | None) -> _Gain:
+class _Rivals:
+    """The cells of one column, sorted by value, and what of them is asked for each gain."""
+
+    def __init__(self, cells: Sequence[Printed]) -> None:
+        self.cells = sorted(cells, key=_value)
+        self.half = max(cell.number.half for cell in cells)
+        self.by_method = {cell.method: cell for cell in reversed(self.cells)}
+        self.by_name = grouped(cells, lambda cell: cell.method.casefold())
+        plain = [cell for cell in self.cells if cell.gain is None]
+        pick = min if cells[0].score.higher_is_better is False else max
+        self.best = pick(plain, key=_value, default=None)
+
+    def near(self, value: Fraction, room: Fraction) -> list[Printed]:
+        """Return cells of about a value; of files made to take long not all."""
+        first = bisect_left(self.cells, value - room, key=_value)
+        last = bisect_right(self.cells, value + room, key=_value)
+        return self.cells[first : min(last, first + _MOST_NEAR)]
+
+
+def _over(gain: _Gain, column: _Rivals, base: str | None) -> _Gain:
     if base == _BEST:
-        return replace(gain, base=_best_of_others(gain, column))
-    return replace(gain, base=next((cell for cell in column if cell.method == base), None))
+        return replace(gain, base=column.best)
+    return replace(gain, base=column.by_method.get(base or ""))
 
 
-def _best_of_others(gain: _Gain, column: Sequence[Printed]) -> Printed | None:
-    others = [cell for cell in column if cell.gain is None and cell.method != gain.cell.method]
-    pick = min if gain.cell.score.higher_is_better is False else max
-    return pick(others, key=_value, default=None)
-
-
-def _baseline(method: str, beside: Sequence[tuple[_Gain, Sequence[Printed]]]) -> str | None:
+def _baseline(method: str, beside: Sequence[tuple[_Gain, _Rivals]]) -> str | None:
     """Return the method that the gains are over, by merit, then name, then place in the file."""
-    explained = Counter(name for gain, column in beside for name in _explaining(gain, column))
     stem = re.sub(r"\s*\(.*\)$", "", method).casefold()
-    rivals = {c.method: c.line for _, column in beside for c in column if c.method != method}
+    explained: Counter[str] = Counter()
+    rivals: dict[str, int] = {}
+    for gain, column in beside:
+        namesakes = column.by_name.get(stem, [])
+        cells = {c.method: c for c in (*namesakes, *_about(gain, column)) if c.method != method}
+        rivals |= {name: cell.line for name, cell in cells.items()}
+        explained.update(n for n, c in cells.items() if replace(gain, base=c).is_explained)
     merits = {
         name: (explained[name], name.casefold() == stem, -line) for name, line in rivals.items()
     }
-    if not merits:
-        return None
-    best = max(merits, key=lambda name: merits[name])
+    best = max(merits, key=lambda name: merits[name], default="")
+    most, is_namesake, _ = merits.get(best, (0, False, 0))
     over_best = sum(_over(gain, column, _BEST).is_explained for gain, column in beside)
-    if over_best > merits[best][0] and 2 * over_best > len(beside):
+    if over_best > most and 2 * over_best > len(beside):
         return _BEST
-    return best if merits[best][1] or 2 * merits[best][0] > len(beside) else None
+    return best if is_namesake or 2 * most > len(beside) else None
 
 
-def _explaining(gain: _Gain, column: Sequence[Printed]) -> set[str]:
-    """Return the methods of a column, sorted by value, that a gain is over within rounding."""
-    slack = gain.slack + gain.gain.half + max(cell.number.half for cell in column)
+def _about(gain: _Gain, column: _Rivals) -> list[Printed]:
+    """Return what a gain may be over, within rounding."""
+    slack = gain.slack + gain.gain.half + column.half
     near: list[Printed] = []
     for difference in (gain.gain.value, -gain.gain.value):
-        target = gain.cell.number.value - difference
-        first = bisect_left(column, target - slack, key=_value)
-        near += column[first : bisect_right(column, target + slack, key=_value)]
-    return {cell.method for cell in near if replace(gain, base=cell).is_explained}
+        own = gain.cell.number.value
+        near += column.near(own - difference, slack)
+        if gain.gain.text.endswith("%") and difference > -100:
+            # Of a difference in percent of the other; its slack by the slopes, and amply.
+            factor = 100 / (100 + difference)
+            near += column.near(own * factor, 4 * slack * factor * (1 + abs(own) * factor / 100))
+    return near
 
 
 def _gains_text(base: str | None, gains: Sequence[_Gain]) -> str:
     if base is None:
-        return f"no method of the table explains more than half of {len(gains)} gains"
+        return f"no method of the table explains more than half of {counted(len(gains), 'gain')}"
     explained = sum(gain.is_explained for gain in gains)
-    return f"gains are over {base}: {explained} of {len(gains)} are right up to the last digit"
+    are = agreeing(explained, "is", "are")
+    return f"gains are over {base}: {explained} of {len(gains)} {are} right up to the last digit"
 
 
 def _judge(gain: _Gain, base: str) -> Finding | None:
@@ -199,9 +237,11 @@ def check_bold(published: Published) -> Outcome:
     if plain:
         places = list(dict.fromkeys(f"{c[0].score.name} of {c[0].place}" for c in plain))
         shown = ", ".join(places[:3]) + (" ..." if len(places) > 3 else "")
-        left.append(f"{len(plain)} columns in which nothing is bold ({shown})")
+        left.append(f"{counted(len(plain), 'column')} in which nothing is bold ({shown})")
     if len(races) < len(columns):
-        left.append(f"{len(columns) - len(races)} columns of one method or an unknown score")
+        left.append(
+            f"{counted(len(columns) - len(races), 'column')} of one method or an unknown score"
+        )
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
     tables: dict[str, list[list[Printed]]] = {}

@@ -7,8 +7,9 @@ from fractions import Fraction
 from itertools import permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.scores import Family, at_most
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.scores import Family, at_most
 
 __all__ = ["check_medians", "check_order", "check_ranges", "check_units"]
 
@@ -35,7 +36,7 @@ def check_ranges(published: Published) -> Outcome:
             findings.append(Finding(Grade.IMPOSSIBLE, "range", cell, why))
     what = "values, whether shares lie within 0 to 100 % and distances are not negative"
     unknown = len(published.cells) - len(known)
-    left = f"{unknown} values of scores that are not known" if unknown else ""
+    left = f"{counted(unknown, 'value')} of scores that are not known" if unknown else ""
     return Outcome("range", len(known), what, left, tuple(findings))
 
 
@@ -50,8 +51,10 @@ def check_units(published: Published) -> Outcome:
     findings: list[Finding] = []
     for row in grouped(shares, _row).values():
         printed = [cell for cell in row if cell.number.value]
+        if not printed or not all(0 < cell.number.value <= 1 for cell in printed):
+            continue
         beside = [_percent_beside(cell, columns[_column(cell)]) for cell in printed]
-        if printed and all(beside) and all(0 < cell.number.value <= 1 for cell in printed):
+        if all(beside):
             findings.extend(
                 _share_among_percent(*pair) for pair in zip(printed, beside, strict=True)
             )

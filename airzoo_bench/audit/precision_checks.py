@@ -22,9 +22,9 @@ from airzoo_bench.audit.precision_evidence import (
     has_known_queries,
 )
 from airzoo_bench.audit.queries import Key, Queries, RowKey, key_of
-from airzoo_bench.printed.cells import Printed, Published, grouped
-from airzoo_bench.printed.numbers import decimal_text
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.numbers import decimal_text
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["Definition", "check_average_precision", "define_average_precision"]
 

@@ -9,9 +9,9 @@ from fractions import Fraction
 
 from airzoo_bench.audit.average_precision import VARIANTS
 from airzoo_bench.audit.queries import Key, Queries, RowKey, key_of, row_of
-from airzoo_bench.printed.cells import Printed
-from airzoo_bench.printed.counts import chance_of_fit, possible_counts
-from airzoo_bench.printed.numbers import Interval
+from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.counts import chance_of_fit, possible_counts
+from airzoo_bench.tables.printed.numbers import Interval
 
 __all__ = ["NAMES", "Bounded", "Definition", "Evidence", "evidence_of", "has_known_queries"]
 

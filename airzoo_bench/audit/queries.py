@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion
 from airzoo_bench.audit.implied import Implied, implied_total
-from airzoo_bench.errors import ResultError, UsageError, first_of
-from airzoo_bench.printed.cells import Printed, Published
-from airzoo_bench.printed.counts import possible_counts
-from airzoo_bench.printed.scores import Family
-from airzoo_bench.validation import nearest
+from airzoo_bench.core.errors import ResultError, UsageError, first_of
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.tables.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.counts import possible_counts
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = [
     "Key",
@@ -216,5 +217,6 @@ def _implied_text(implied: Implied, given: int | None, fits_given: int) -> str:
         return f"{text}; it is the n given"
     text += f"; the n given is {given}, which fits {fits_given}"
     if given > implied.total and fits_given < implied.fits:
-        text += f": were {given - implied.total} queries left out?"
+        left = given - implied.total
+        text += f": {agreeing(left, 'was', 'were')} {counted(left, 'query')} left out?"
     return text

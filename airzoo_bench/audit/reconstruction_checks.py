@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.printed.cells import Printed, Published
-from airzoo_bench.printed.numbers import Interval, decimal_text
-from airzoo_bench.printed.scores import Family
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.tables.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.numbers import Interval, decimal_text
+from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["check_chamfer", "check_f1", "f1_of"]
 
@@ -98,11 +99,13 @@ def check_chamfer(published: Published) -> Outcome:
     name = {2: "mean", 1: "sum"}[parts]
     text = (
         f"Chamfer distance is the {name} of accuracy and completeness in {fits[parts]} of "
-        f"{len(rows)} rows"
+        f"{counted(len(rows), 'row')}"
     )
     said = (Conclusion("Chamfer", "", text),)
     if 2 * fits[parts] <= len(rows):
-        left = f"it is neither mean nor sum of both in more than half of {len(rows)} rows"
+        left = (
+            f"it is neither mean nor sum of both in more than half of {counted(len(rows), 'row')}"
+        )
         return Outcome("Chamfer", 0, what, left, (), said)
     wrong = [_chamfer_finding(row, parts) for row in rows if not _is_chamfer(row, parts)]
     return Outcome("Chamfer", len(rows), what, "", tuple(wrong), said, _cells(rows, *needed))
@@ -125,4 +128,8 @@ def _chamfer_finding(row: Row, parts: int) -> Finding:
     total = f"{accuracy.number.text} + {completeness.number.text}"
     formula = f"({total}) / 2" if parts == 2 else total
     why = f"{formula} = {decimal_text(exact, cell.number.decimals)}, printed is {cell.number.text}"
+    # Where all three digits were cut off, or two were rounded before.
+    slack = cell.number.half + (accuracy.number.half + completeness.number.half) / parts
+    if cell.number.interval.widened(slack).meets(_sum(row).times(Fraction(1, parts))):
+        return Finding(Grade.ROUNDING, "Chamfer", cell, why + ": off by the last digit")
     return Finding(Grade.INCONSISTENT, "Chamfer", cell, why)

@@ -10,12 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, put, show
+from airzoo_bench.cli.common import Format, FormatOption, examples, put, show
 
 if TYPE_CHECKING:
     from airzoo_bench.audit.findings import Audit
 
-__all__ = ["audit"]
+__all__ = ["EXAMPLES", "audit"]
+
+EXAMPLES = examples(
+    "audit table.csv",
+    "audit paper.tex",
+    "audit table.csv --counts City=161,Rural=190 --format markdown",
+)
 
 _FOUND = 1
 
@@ -54,18 +60,12 @@ def audit(
 ) -> None:
     """Check a published table against arithmetic. Exit code 1 when it contradicts itself.
 
-    Example: airzoo-bench audit table.csv
-
-    Example: airzoo-bench audit paper.tex
-
-    Example: airzoo-bench audit table.csv --counts City=161,Rural=190 --format markdown
-
     A table as it is typed off a page: the first line 'method,scene,R@1,R@5', then a line a method
     and scene, such as 'X,City,8.70,24.84'. Keep trailing zeros. See docs/audit.md.
     """
     from airzoo_bench.audit.audit import audit as audit_published
     from airzoo_bench.audit.queries import parse_counts
-    from airzoo_bench.printed.table import read_published
+    from airzoo_bench.tables.printed.table import read_published
 
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given, ap.value if ap else None)

@@ -7,14 +7,21 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, show
-from airzoo_bench.errors import UsageError
+from airzoo_bench.cli.common import Format, FormatOption, examples, show
+from airzoo_bench.core.errors import UsageError
 
-__all__ = ["breakdown", "parse_bins"]
+__all__ = ["EXAMPLES", "breakdown", "parse_bins"]
+
+EXAMPLES = examples(
+    "breakdown results/mine/result.json --by weather",
+    "breakdown results/*/result.json --by altitude_m --bins 50,100 --score R@1",
+)
 
 
 def breakdown(
-    results: Annotated[list[Path], typer.Argument(help="One or more result.json.")],
+    results: Annotated[
+        list[Path], typer.Argument(help="One or more result.json, or their folders.")
+    ],
     by: Annotated[
         str, typer.Option("--by", help="A column of the records, such as weather or altitude_m.")
     ],
@@ -46,18 +53,14 @@ def breakdown(
     """Print scores by weather, altitude or any other column of the records.
 
     One result gives a column a score; several give a column a method, under each score.
-
-    Example: airzoo-bench breakdown results/mine/result.json --by weather
-
-    Example: airzoo-bench breakdown results/*/result.json --by altitude_m --bins 50,100 --score R@1
     """
-    from airzoo_bench.breakdown import check_column
-    from airzoo_bench.records import read_records, read_scored
-    from airzoo_bench.result import read_result
-    from airzoo_bench.result_files import result_paths
-    from airzoo_bench.statistics.breakdown_layout import breakdown_table
+    from airzoo_bench.results.files import result_paths
+    from airzoo_bench.results.records import read_records, read_scored
+    from airzoo_bench.results.result import read_result
     from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
     from airzoo_bench.statistics.samples import Plan
+    from airzoo_bench.tables.breakdown import check_column
+    from airzoo_bench.tables.breakdown_layout import breakdown_table
 
     edges = None if bins is None else parse_bins(bins)
     wanted = score or []

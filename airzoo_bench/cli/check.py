@@ -11,13 +11,16 @@ from airzoo_bench.cli.common import (
     DataOption,
     MemoryOption,
     ProtocolOption,
+    examples,
     memory_bytes,
     put,
     resolve_data,
     say,
 )
 
-__all__ = ["check"]
+__all__ = ["EXAMPLES", "check"]
+
+EXAMPLES = examples("check preds.npz")
 
 
 def check(
@@ -28,24 +31,28 @@ def check(
     data: DataOption = None,
     max_memory: MemoryOption = "2G",
 ) -> None:
-    """Say what is wrong with predictions; exit code 1 if anything is.
+    """Say what is wrong with predictions.
+
+    Exit code 0 if nothing is, 1 if anything is, 2 where there is nothing to check: no such file,
+    none of its kind, no protocol that is known.
 
     Needs no truth. Where the benchmark folder is there, ids are held against it and reconstructions
     are aligned, so that all is found that eval would refuse.
     """
-    from airzoo_bench.runner.checks import check_predictions
+    from airzoo_bench.evaluation.check import check as find_errors
+    from airzoo_bench.evaluation.resources import Resources
 
-    checked = check_predictions(
+    checked = find_errors(
         predictions,
         data=resolve_data(data),
         protocol=protocol,
-        memory_bytes=memory_bytes(max_memory),
+        resources=Resources(memory_bytes(max_memory)),
     )
-    for fault in checked.faults:
-        say(str(fault))
+    for error in checked.errors:
+        say(str(error))
     for note in checked.notes:
         say(f"{predictions}: {note}")
-    if checked.faults:
+    if checked.errors:
         raise typer.Exit(1)
     if checked.notes:
         put(f"{predictions}: nothing that eval refuses was found; see the notes\n")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, progress, put, say, show
+from airzoo_bench.cli.common import Format, FormatOption, examples, progress, put, say, show
 
 if TYPE_CHECKING:
     from airzoo_bench.geometry_checks.dataset import PosedScene
@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from airzoo_bench.geometry_checks.frame_pairs import PairRule
     from airzoo_bench.geometry_checks.report import SceneGeometry
 
-__all__ = ["check_geometry", "check_split"]
+__all__ = ["GEOMETRY_EXAMPLES", "SPLIT_EXAMPLES", "check_geometry", "check_split"]
+
+SPLIT_EXAMPLES = examples("check-split training-set airzoo-mini --out overlaps.csv")
+
+GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --out geometry")
 
 DEPTH_FOLDER = "depth"
 
@@ -61,15 +65,13 @@ def check_geometry(
         float, typer.Option(min=0.0, help="The median relative depth error must be below this.")
     ] = 0.00066,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for geometry.json, tables and the error curve.")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for geometry.json, tables and the error curve."),
     ] = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
-    """Check frames and depth of a dataset; exit code 1 where something is wrong.
-
-    Example: airzoo-bench check-geometry airzoo-mini --out geometry
-    """
-    from airzoo_bench.files import check_output_folder
+    """Check frames and depth of a dataset; exit code 1 where something is wrong."""
+    from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.geometry_checks.depth_frames import Sampling
     from airzoo_bench.geometry_checks.depth_maps import DepthKind
     from airzoo_bench.geometry_checks.frame_pairs import PairRule
@@ -103,14 +105,14 @@ def check_split(
     max_range: Annotated[
         float, typer.Option(min=1.0, help="Rays to the ground are cut at this many metres.")
     ] = 2000.0,
-    out: Annotated[Path | None, typer.Option(help="CSV of all pairs that overlap.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="CSV of all pairs that overlap.")
+    ] = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """Check that no photo of one set sees ground that a photo of another sees.
 
     Exit code 1 where one does, with the pairs named.
-
-    Example: airzoo-bench check-split training-set airzoo-mini --out overlaps.csv
     """
     from airzoo_bench.geometry_checks.footprint_sets import read_footprints
     from airzoo_bench.geometry_checks.split_overlap import compare_splits
@@ -131,7 +133,7 @@ def check_split(
 def _scenes(
     data: Path | None, scene: str | None, poses: Path | None, images: Path | None, crs: str | None
 ) -> list[PosedScene]:
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.geometry_checks.dataset import (
         open_benchmark,
         scene_from_poses,
@@ -150,7 +152,7 @@ def _scenes(
 
 
 def _check_scale(scale: float | None) -> None:
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
 
     if scale is not None and not 0.0 < scale < float("inf"):
         raise UsageError(f"--depth-scale {scale} is not a scale", expected="metres of a unit")
@@ -159,7 +161,7 @@ def _check_scale(scale: float | None) -> None:
 def _checked(
     scene: PosedScene, depth: Path | None, sampling: Sampling, rule: PairRule, median_below: float
 ) -> SceneGeometry:
-    from airzoo_bench.errors import UsageError
+    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.geometry_checks.depth_report import check_depth_consistency
     from airzoo_bench.geometry_checks.frame_chain import check_frame_chain
     from airzoo_bench.geometry_checks.report import SceneGeometry

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Annotated, TextIO, TypeVar
 
 import typer
 
-from airzoo_bench.data_root import data_root
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.data_root import data_root
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.progress import told
 from airzoo_bench.tables.model import Table
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ __all__ = [
     "MemoryOption",
     "ProtocolOption",
     "check_output",
+    "examples",
     "memory_bytes",
     "printable",
     "progress",
@@ -42,6 +44,8 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+
+MOST_JOBS = 1024
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -74,7 +78,14 @@ ProtocolOption = Annotated[
 MemoryOption = Annotated[
     str, typer.Option("--max-memory", help="Memory for all of a file, such as 512M or 4G.")
 ]
-JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Threads to work with.")]
+JobsOption = Annotated[
+    int, typer.Option("--jobs", "-j", min=1, max=MOST_JOBS, help="Threads to work with.")
+]
+
+
+def examples(*calls: str) -> str:
+    """Return what stands at the end of a command's help, where who has read it looks."""
+    return "\n\n".join(f"Example: airzoo-bench {call}" for call in calls)
 
 
 def resolve_data(data: Path | None) -> Path:
@@ -104,10 +115,10 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
     Raises
     ------
     UsageError
-        See `airzoo_bench.files.check_output_file`; or the ending is another.
+        See `airzoo_bench.core.files.check_output_file`; or the ending is another.
     """
-    from airzoo_bench.files import check_output_file
-    from airzoo_bench.result_files import records_path
+    from airzoo_bench.core.files import check_output_file
+    from airzoo_bench.results.files import records_path
 
     files = [path / "result.json" if path.is_dir() else path for path in results]
     check_output_file(out, [*files, *map(records_path, files)])
@@ -181,9 +192,9 @@ def show(table: Table, form: Format, style: LatexStyle | None = None) -> None:
 
 
 def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
-    """Yield the items and draw a bar with the time left on stderr, if that is a terminal."""
+    """Yield the items and show the time left on stderr: a bar, or lines if that is no terminal."""
     if not sys.stderr.isatty():
-        yield from items
+        yield from told(items, label, total, say=say)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn

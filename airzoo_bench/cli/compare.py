@@ -9,16 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, show
-from airzoo_bench.errors import UsageError
+from airzoo_bench.cli.common import Format, FormatOption, examples, show
+from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from airzoo_bench.records import Scored
-    from airzoo_bench.result import ScoreColumn
     from airzoo_bench.statistics.samples import Plan
     from airzoo_bench.tables.model import Table
 
-__all__ = ["compare"]
+__all__ = ["EXAMPLES", "compare"]
+
+EXAMPLES = examples(
+    "compare results/mine/result.json results/theirs/result.json",
+    "compare results/*/result.json --method Mine",
+    "compare --printed 96.21 94.32 --queries 264",
+)
 
 
 class IntervalMethod(StrEnum):
@@ -45,7 +49,9 @@ class _Request:
 def compare(
     results: Annotated[
         list[Path] | None,
-        typer.Argument(help="Two or more result.json; of one, its intervals are printed."),
+        typer.Argument(
+            help="Two or more result.json, or their folders; of one, its intervals are printed."
+        ),
     ] = None,
     form: FormatOption = Format.TERMINAL,
     score: Annotated[
@@ -94,14 +100,7 @@ def compare(
         int | None, typer.Option(min=1, help="With --printed: on how many queries.")
     ] = None,
 ) -> None:
-    """Compare methods query by query: differences, intervals, tests, a verdict in words.
-
-    Example: airzoo-bench compare results/mine/result.json results/theirs/result.json
-
-    Example: airzoo-bench compare results/*/result.json --method Mine
-
-    Example: airzoo-bench compare --printed 96.21 94.32 --queries 264
-    """
+    """Compare methods query by query: differences, intervals, tests, a verdict in words."""
     from airzoo_bench.statistics.samples import Plan
 
     if printed is not None or queries is not None:
@@ -118,8 +117,8 @@ def compare(
 def _printed(
     results: list[Path] | None, printed: tuple[str, str] | None, queries: int | None
 ) -> Table:
-    from airzoo_bench.statistics.layout import bounds_table
-    from airzoo_bench.statistics.printed import printed_bounds
+    from airzoo_bench.tables.printed_comparison import printed_bounds
+    from airzoo_bench.tables.statistics_layout import bounds_table
 
     if results or printed is None or queries is None:
         raise UsageError(
@@ -153,47 +152,36 @@ def _check(request: _Request) -> None:
 
 
 def _answer(request: _Request) -> Table:
-    from airzoo_bench.comparable import find_scene
-    from airzoo_bench.records import read_scored
-    from airzoo_bench.result import read_result
-    from airzoo_bench.result_files import result_paths
-    from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
+    from airzoo_bench.api import comparison
 
-    paths = result_paths(request.paths)
-    keys = score_keys(read_result(paths[0]), request.scores, every=request.every)
-    methods = read_scored(paths, None if request.most_different else keys)
-    check_comparable(methods)
-    scores = choose_scores(methods, request.scores, every=request.every)
-    titles = methods[0].result.truth.scene_titles
-    scene = None if request.scene is None else find_scene(titles, request.scene)
-    if len(methods) == 1:
-        return _intervals(methods[0], scores, request.plan, scene)
-    return _compared(methods, scores, request, scene)
-
-
-def _intervals(method: Scored, scores: list[ScoreColumn], plan: Plan, scene: str | None) -> Table:
-    from airzoo_bench.statistics.comparison import score_intervals
-    from airzoo_bench.statistics.layout import intervals_table
-
-    found = score_intervals(method, scores, plan, scene)
-    return intervals_table(method, scores, found, plan, scene)
-
-
-def _compared(
-    methods: list[Scored], scores: list[ScoreColumn], request: _Request, scene: str | None
-) -> Table:
-    from airzoo_bench.statistics import comparison
-    from airzoo_bench.statistics.comparison_layout import comparison_table
-    from airzoo_bench.statistics.differences import differences_table
-    from airzoo_bench.statistics.reference import find_one
-
-    reference, method = request.reference, request.method
     if request.most_different is not None:
-        one = find_one(methods, reference, method, scores[0], scene)
-        base = one if method is None else 1 - one
-        return differences_table(methods, scores, request.most_different, scene, base=base)
-    return comparison_table(
-        comparison.compare(
-            methods, scores, reference=reference, method=method, scene=scene, plan=request.plan
-        )
+        return _differences(request, request.most_different)
+    found = comparison.compare(
+        request.paths,
+        request.scores,
+        every=request.every,
+        reference=request.reference,
+        method=request.method,
+        scene=request.scene,
+        interval=request.plan.interval,
+        resamples=request.plan.resamples,
+        seed=request.plan.seed,
     )
+    return found.table
+
+
+def _differences(request: _Request, most: int) -> Table:
+    from airzoo_bench.api.comparison import Request
+    from airzoo_bench.statistics.reference import find_one
+    from airzoo_bench.tables.differences import differences_table
+
+    asked = Request.of(
+        request.paths,
+        request.scores,
+        every=request.every,
+        scene=request.scene,
+        every_column=True,
+    )
+    one = find_one(asked.methods, request.reference, request.method, asked.scores[0], asked.scene)
+    base = one if request.method is None else 1 - one
+    return differences_table(asked.methods, asked.scores, most, asked.scene, base=base)

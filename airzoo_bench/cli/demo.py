@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, JobsOption, progress, put, say, show
+from airzoo_bench.cli.common import Format, JobsOption, examples, progress, put, say, show
 
-__all__ = ["demo"]
+__all__ = ["EXAMPLES", "demo"]
+
+EXAMPLES = examples("demo")
 
 
 def demo(
@@ -22,24 +24,24 @@ def demo(
     """Make a world, run a plain method on every track, and print the tables. Needs no data.
 
     The world and its photos are kept in the data root. A run that was stopped goes on.
-
-    Example: airzoo-bench demo
     """
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
+    from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.demo import demo_benchmark, demo_tracks, run_track
-    from airzoo_bench.files import check_output_folder
+    from airzoo_bench.evaluation.resources import Resources
     from airzoo_bench.tables.build import scenes_table
 
     check_output_folder(out, ())
     say(f"AirZoo-Mini: a made-up city and a valley, kept in {data_root()}")
     data = demo_benchmark(data_root(), seed=seed, jobs=jobs, progress=progress, note=say)
-    for track in demo_tracks():
-        say(f"{track.name}: {track.method}")
-        result = run_track(track, data, out, seed=seed, jobs=jobs, progress=progress)
+    resources = Resources(jobs=jobs, progress=progress)
+    for track, baseline in demo_tracks():
+        say(f"{track.name}: {baseline.method}")
+        result = run_track(track, baseline, data, out, seed=seed, resources=resources)
         show(scenes_table(result, floors=True), Format.TERMINAL)
         put("\n")
     say(f"predictions, result.json and records.csv of each track lie in {out}")
-    first = out / demo_tracks()[0].name
+    first = out / demo_tracks()[0][0].name
     say(f"next: airzoo-bench table {first / 'result.json'} --format latex")
     say(f"      look at the photos in {data}: benchmark.toml says where they are")
     say("      put your own method beside it: airzoo-bench template airzoo-mini-retrieval")

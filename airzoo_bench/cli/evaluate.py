@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from airzoo_bench.cli.built import BuiltGroup, parameter, with_parameters
 from airzoo_bench.cli.common import (
     DataOption,
     Format,
@@ -23,20 +25,52 @@ from airzoo_bench.cli.common import (
     say,
     show,
 )
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
-    from airzoo_bench.result import Result
+    from airzoo_bench.evaluation.given import AnyTrack
+    from airzoo_bench.evaluation.parts import EvalOption
+    from airzoo_bench.results.result import Result
 
 __all__ = ["app"]
 
-OutOption = Annotated[Path | None, typer.Option(help="Folder for result.json and records.csv.")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", "-o", help="Folder for result.json and records.csv, in place of an earlier run's."
+    ),
+]
 MethodOption = Annotated[
     str | None,
     typer.Option(help="The method's name in tables (default: the name of --out, else the file's)."),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 
-app = typer.Typer(help="Score predictions and print the per-scene table.", no_args_is_help=True)
+
+class _EvalGroup(BuiltGroup):
+    registry = TRACKS
+
+    def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str]:
+        parameters = [
+            parameter("predictions", Annotated[Path, typer.Argument(help=thing.argument)]),
+            parameter("protocol", ProtocolOption, None),
+            parameter("data", DataOption, None),
+            parameter("out", OutOption, None),
+            parameter("method", MethodOption, None),
+            parameter("form", FormatOption, Format.TERMINAL),
+            parameter("every_score", AllOption, False),
+            *(parameter(one.name, _kind(one), one.default) for one in thing.options),
+            parameter("jobs", JobsOption, thing.jobs),
+            parameter("max_memory", MemoryOption, "2G"),
+        ]
+        command = with_parameters(partial(_evaluate, thing), parameters, thing.summary)
+        return command, f"eval {thing.name} {thing.example}"
+
+
+app = typer.Typer(
+    cls=_EvalGroup, help="Score predictions and print the per-scene table.", no_args_is_help=True
+)
 
 
 @app.callback()
@@ -44,170 +78,74 @@ def _group() -> None:
     """Score predictions and print the per-scene table."""
 
 
-@app.command(
-    epilog="Example: airzoo-bench eval retrieval preds.npz --out results/mymethod",
-)
-def retrieval(
-    predictions: Annotated[Path, typer.Argument(help="An .npz or .parquet prediction file.")],
-    protocol: ProtocolOption = None,
-    data: DataOption = None,
-    out: OutOption = None,
-    method: MethodOption = None,
-    form: FormatOption = Format.TERMINAL,
-    every_score: AllOption = False,
-    jobs: JobsOption = 1,
-    max_memory: MemoryOption = "2G",
-) -> None:
-    """Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."""
-    from airzoo_bench.runner.retrieval import evaluate_retrieval
-    from airzoo_bench.runner.run_files import save
+def _kind(one: EvalOption) -> Any:
+    if isinstance(one.default, bool):
+        return Annotated[bool, typer.Option(f"--{one.name}", help=one.help)]
+    return Annotated[int, typer.Option(f"--{one.name}", min=1, max=one.most, help=one.help)]
 
-    method = _named_after(out, method, "retrieval")
-    evaluation = evaluate_retrieval(
+
+def _evaluate(
+    track: AnyTrack,
+    predictions: Path,
+    protocol: str | None,
+    data: Path | None,
+    out: Path | None,
+    method: str | None,
+    form: Format,
+    every_score: bool,
+    jobs: int,
+    max_memory: str,
+    **extras: bool | int,
+) -> None:
+    from airzoo_bench.core.registry import resolve
+    from airzoo_bench.evaluation.evaluate import evaluate
+    from airzoo_bench.evaluation.resources import Resources
+    from airzoo_bench.evaluation.run_files import save
+
+    asked = [one for one in track.options if extras[one.name] != one.default]
+    _refuse_without_folder(asked, out)
+    method = _named_after(out, method)
+    keep = any(one.needs_out for one in asked)
+    resources = Resources(memory_bytes(max_memory), jobs, progress, keep)
+    evaluation = evaluate(
         predictions,
         data=resolve_data(data),
+        track=track.name,
         protocol=protocol,
         method=method,
-        memory_bytes=memory_bytes(max_memory),
-        jobs=jobs,
-        progress=progress,
+        resources=resources,
     )
-    if out is not None:
-        save(evaluation, out)
+    written = [] if out is None else save(evaluation, out)
+
+    def act(*, writing: bool) -> None:
+        for one in asked:
+            if one.needs_out == writing:
+                for line in resolve(one.act)(evaluation, extras[one.name], out, resources):
+                    say(line)
+
+    act(writing=True)
     _print_result(evaluation.result, form, every_score=every_score)
-    _print_next(out)
+    act(writing=False)
+    _print_next(written)
 
 
-@app.command(
-    epilog="Example: airzoo-bench eval matching matches.npz --out results/mymethod --figures",
-)
-def matching(
-    predictions: Annotated[
-        Path, typer.Argument(help="An .npz of matches, 2D-3D pairs or poses, or a .txt of poses.")
-    ],
-    protocol: ProtocolOption = None,
-    data: DataOption = None,
-    out: OutOption = None,
-    method: MethodOption = None,
-    form: FormatOption = Format.TERMINAL,
-    every_score: AllOption = False,
-    figures: Annotated[
-        bool, typer.Option("--figures", help="Draw error curves, matches and maps into --out.")
-    ] = False,
-    seeds: Annotated[
-        int,
-        typer.Option(
-            min=1, max=1000, help="Solve under so many seeds and say how far the scores spread."
-        ),
-    ] = 1,
-    jobs: JobsOption = 2,
-    max_memory: MemoryOption = "2G",
-) -> None:
-    """Score cross-view matching: translation and pose recall, median error, for each scene."""
-    from airzoo_bench.errors import UsageError
-    from airzoo_bench.runner.matching import evaluate_matching, save_timings
-    from airzoo_bench.runner.run_files import save
-
-    if figures and out is None:
-        raise UsageError("--figures needs a folder to draw into", mend="add --out DIR")
-    method = _named_after(out, method, "matching")
-    scored = evaluate_matching(
-        predictions,
-        data=resolve_data(data),
-        protocol=protocol,
-        method=method,
-        memory_bytes=memory_bytes(max_memory),
-        jobs=jobs,
-        progress=progress,
-    )
-    if out is not None:
-        save(scored.evaluation, out, partial(save_timings, scored))
-    if out is not None and figures:
-        from airzoo_bench.runner.matching_figures import draw_figures
-
-        drawn = draw_figures(scored, resolve_data(data), out / "figures", progress)
-        say(f"drew {drawn} pictures into {out / 'figures'}")
-    _print_result(scored.evaluation.result, form, every_score=every_score)
-    if seeds > 1:
-        from airzoo_bench.runner.matching_seeds import spread_over_seeds
-
-        say(f"average over scenes under {seeds} seeds, of which the result has the first:")
-        for spread in spread_over_seeds(scored, seeds, jobs=jobs, progress=progress):
-            say(f"  {spread}")
-    _print_next(out)
-
-
-@app.command(
-    epilog="Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures",
-)
-def reconstruction(
-    predictions: Annotated[
-        Path,
-        typer.Argument(
-            help="A folder or archive with an entry a scene (cloud, mesh, or .npz of depth or "
-            "point maps), or one such file."
-        ),
-    ],
-    protocol: ProtocolOption = None,
-    data: DataOption = None,
-    out: OutOption = None,
-    method: MethodOption = None,
-    form: FormatOption = Format.TERMINAL,
-    every_score: AllOption = False,
-    figures: Annotated[
-        bool, typer.Option("--figures", help="Draw curves and maps of errors into --out.")
-    ] = False,
-    clouds: Annotated[
-        bool, typer.Option("--clouds", help="Write clouds coloured by their errors into --out.")
-    ] = False,
-    jobs: JobsOption = 2,
-    max_memory: MemoryOption = "2G",
-) -> None:
-    """Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."""
-    from airzoo_bench.errors import UsageError
-    from airzoo_bench.runner.reconstruction import evaluate_reconstruction
-    from airzoo_bench.runner.run_files import save
-
-    if (figures or clouds) and out is None:
-        raise UsageError("--figures and --clouds need a folder", mend="add --out DIR")
-    method = _named_after(out, method, "reconstruction")
-    scored = evaluate_reconstruction(
-        predictions,
-        data=resolve_data(data),
-        protocol=protocol,
-        method=method,
-        memory_bytes=memory_bytes(max_memory),
-        jobs=jobs,
-        keep_clouds=figures or clouds,
-        progress=progress,
-    )
-    if out is not None:
-        from airzoo_bench.runner.reconstruction_figures import (
-            draw_figures,
-            save_alignments,
-            write_clouds,
+def _refuse_without_folder(asked: list[EvalOption], out: Path | None) -> None:
+    writing = [f"--{one.name}" for one in asked if one.needs_out]
+    if writing and out is None:
+        needs = "needs" if len(writing) == 1 else "need"
+        raise UsageError(
+            f"{' and '.join(writing)} {needs} a folder to write into", mend="add --out DIR"
         )
 
-        save(scored.evaluation, out, partial(save_alignments, scored))
-        if figures:
-            drawn = draw_figures(scored, out / "figures", progress)
-            say(f"drew {drawn} pictures into {out / 'figures'}")
-        if clouds:
-            written = write_clouds(scored, out / "clouds", progress)
-            say(f"wrote {written} clouds into {out / 'clouds'}")
-    _print_result(scored.evaluation.result, form, every_score=every_score)
-    _print_next(out)
 
-
-def _named_after(out: Path | None, method: str | None, track: str) -> str | None:
+def _named_after(out: Path | None, method: str | None) -> str | None:
     """Check the folder for output, and return the method's name, which can be the folder's."""
-    from airzoo_bench.files import check_output_folder
-    from airzoo_bench.runner.run_files import RESULT_FILES, earlier_run
+    from airzoo_bench.evaluation.run_files import check_run_folder, earlier_run
 
     if out is None:
         return method
-    check_output_folder(out, RESULT_FILES)
-    replaced = earlier_run(out, track)
+    check_run_folder(out)
+    replaced = earlier_run(out)
     if replaced is not None:
         say(replaced)
     return method or out.resolve().name or None
@@ -223,9 +161,10 @@ def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
         show(scenes_table(result, every_score=every_score, floors=True), form)
 
 
-def _print_next(out: Path | None) -> None:
-    if out is not None:
-        say(f"wrote {out / 'result.json'} and {out / 'records.csv'}")
-        say(f"next: airzoo-bench table {out / 'result.json'} --format latex")
+def _print_next(written: list[Path]) -> None:
+    if written:
+        *others, last = map(str, written)
+        say(f"wrote {', '.join(others)} and {last}")
+        say(f"next: airzoo-bench table {written[0]} --format latex")
     else:
         say("nothing was written; add --out DIR to keep the result and its records")

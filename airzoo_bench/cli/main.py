@@ -12,7 +12,6 @@ from typing import Annotated
 
 import typer
 
-import airzoo_bench
 from airzoo_bench.cli import (
     audit,
     baseline,
@@ -31,7 +30,8 @@ from airzoo_bench.cli import (
     template,
 )
 from airzoo_bench.cli.common import say
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.version import __version__
 
 __all__ = ["app", "main"]
 
@@ -39,37 +39,43 @@ _INPUT_IS_WRONG = 2
 _BUG = 70
 _STOPPED = 130
 
+SCORE, RESULTS, DATA = "Score", "Results", "Data"
+CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
+
 app = typer.Typer(
     name="airzoo-bench",
     help="Scores predictions for aerial 3D vision: image retrieval, cross-view matching, "
     "multi-view reconstruction.",
     epilog="Start with: airzoo-bench demo, or airzoo-bench eval retrieval preds.npz",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.add_typer(evaluate.app, name="eval")
-app.add_typer(prepare.app, name="prepare")
-app.add_typer(baseline.app, name="baseline")
-app.command("check")(check.check)
-app.command("check-geometry")(check_geometry.check_geometry)
-app.command("check-split")(check_geometry.check_split)
-app.command("template")(template.template)
-app.command("table")(table.table)
-app.command("compare")(compare.compare)
-app.command("audit")(audit.audit)
-app.command("breakdown")(breakdown.breakdown)
-app.add_typer(plot.app, name="plot")
-app.command("report")(report.report)
-app.command("demo")(demo.demo)
-app.add_typer(mini.app, name="mini")
-app.command("protocols")(protocols.protocols)
+app.add_typer(evaluate.app, name="eval", rich_help_panel=SCORE)
+app.command("check", epilog=check.EXAMPLES, rich_help_panel=SCORE)(check.check)
+app.command("template", epilog=template.EXAMPLES, rich_help_panel=SCORE)(template.template)
+app.add_typer(baseline.app, name="baseline", rich_help_panel=SCORE)
+app.command("table", epilog=table.EXAMPLES, rich_help_panel=RESULTS)(table.table)
+app.command("compare", epilog=compare.EXAMPLES, rich_help_panel=RESULTS)(compare.compare)
+app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(breakdown.breakdown)
+app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
+app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
+app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
+app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
+app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
+app.command("check-geometry", epilog=check_geometry.GEOMETRY_EXAMPLES, rich_help_panel=CHECKS)(
+    check_geometry.check_geometry
+)
+app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
+    check_geometry.check_split
+)
+app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
+app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"airzoo-bench {airzoo_bench.__version__}")
+        typer.echo(f"airzoo-bench {__version__}")
         raise typer.Exit
 
 

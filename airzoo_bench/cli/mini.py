@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, progress, put, say
+from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
+from airzoo_bench.core.plurals import agreeing, counted
 
 if TYPE_CHECKING:
-    from airzoo_bench.mini.world import World
+    from airzoo_bench.mini.world.model import World
 
 __all__ = ["app"]
 
@@ -45,13 +46,13 @@ def _group() -> None:
     """AirZoo-Mini: make its world, plan flights, and render photos of your own flight."""
 
 
-@app.command(epilog="Example: airzoo-bench mini world")
+@app.command(epilog=examples("mini world"))
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.datasets.airzoo_mini import make_worlds
-    from airzoo_bench.mini.placement import allowed_box
-    from airzoo_bench.mini.world import REGIONS
+    from airzoo_bench.mini.flights.placement import allowed_box
+    from airzoo_bench.mini.world.model import REGIONS
 
     regions = list(REGIONS.values())
     folders = make_worlds(regions, data_root(), seed, jobs=jobs, progress=progress, note=say)
@@ -62,7 +63,7 @@ def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
             put(f"  {folder / name}.tif\n")
 
 
-@app.command(epilog="Example: airzoo-bench mini trajectory --region city --out my.csv")
+@app.command(epilog=examples("mini trajectory --region city --out my.csv"))
 def trajectory(
     out: Annotated[Path, typer.Option("--out", "-o", help="The .csv or .json to write.")],
     region: RegionOption = RegionName.CITY,
@@ -77,11 +78,12 @@ def trajectory(
     seed: SeedOption = 0,
 ) -> None:
     """Plan a flight and write it as a file, to be changed at will and rendered."""
-    from airzoo_bench.mini.flight_figure import draw_flight
-    from airzoo_bench.mini.flights import Airspace, barrel_roll, survey
-    from airzoo_bench.mini.keyframes import key_frames
-    from airzoo_bench.mini.render import default_camera
-    from airzoo_bench.mini.trajectory_files import write_trajectory
+    from airzoo_bench.mini.export.pictures import draw_flight
+    from airzoo_bench.mini.flights.keyframes import key_frames
+    from airzoo_bench.mini.flights.patterns import barrel_roll, survey
+    from airzoo_bench.mini.flights.placement import Airspace
+    from airzoo_bench.mini.flights.trajectory_files import write_trajectory
+    from airzoo_bench.mini.rendering.renderer import default_camera
 
     made = _world(_folder(region, seed))
     airspace = Airspace.over(made.region, made.dsm)
@@ -89,14 +91,14 @@ def trajectory(
     if overlap is not None:
         flown = flown.take(key_frames(flown, default_camera(), airspace.ground_m, overlap))
     write_trajectory(out, flown)
-    say(f"wrote {len(flown)} frames to {out}")
+    say(f"wrote {counted(len(flown), 'frame')} to {out}")
     if picture is not None:
         draw_flight(flown, made.region, picture, f"{flight}, {region}")
         say(f"wrote {picture}")
     say(f"next: airzoo-bench mini render --trajectory {out} --region {region} --out frames")
 
 
-@app.command(epilog="Example: airzoo-bench mini render --trajectory my.csv --region city -o frames")
+@app.command(epilog=examples("mini render --trajectory my.csv --region city -o frames"))
 def render(
     trajectory: Annotated[Path, typer.Option(help="A .csv or .json; see `mini trajectory`.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write into.")],
@@ -121,20 +123,19 @@ def render(
     """
     from functools import partial
 
-    from airzoo_bench.mini.frame_list import FrameList
-    from airzoo_bench.mini.frames import render_frames
-    from airzoo_bench.mini.placement import check_inside
-    from airzoo_bench.mini.render import default_camera
-    from airzoo_bench.mini.store import load_world
-    from airzoo_bench.mini.trajectory import trajectory_poses
-    from airzoo_bench.mini.trajectory_files import read_trajectory
-    from airzoo_bench.mini.world import CRS
+    from airzoo_bench.mini.export.frame_list import FrameList
+    from airzoo_bench.mini.export.frames import render_frames
+    from airzoo_bench.mini.flights.placement import check_inside
+    from airzoo_bench.mini.flights.trajectory import trajectory_poses
+    from airzoo_bench.mini.flights.trajectory_files import read_trajectory
+    from airzoo_bench.mini.rendering.renderer import default_camera
+    from airzoo_bench.mini.world.store import load_world
 
     flown = read_trajectory(trajectory)
     frames = FrameList(
         names=flown.names,
-        cameras=default_camera(width, height, field),
-        poses=trajectory_poses(flown, CRS),
+        camera=default_camera(width, height, field),
+        poses=trajectory_poses(flown),
         weather=flown.weather or (weather,) * len(flown),
         time_of_day=flown.time_of_day or (time_of_day,) * len(flown),
         seed=seed,
@@ -145,18 +146,19 @@ def render(
     counts = render_frames(
         frames, partial(load_world, folder), out, workers=jobs, progress=progress
     )
-    kept = f", {counts.kept} were there already" if counts.kept else ""
-    say(f"rendered {counts.rendered} frames into {out}{kept}")
+    were = agreeing(counts.kept, "was", "were")
+    kept = f", {counts.kept} {were} there already" if counts.kept else ""
+    say(f"rendered {counted(counts.rendered, 'frame')} into {out}{kept}")
     put(f"{out / 'frames.csv'}\n{out / 'images'}\n{out / 'depth'}\n{out / 'colmap'}\n")
 
 
-@app.command(epilog="Example: airzoo-bench mini pictures --out pictures")
+@app.command(epilog=examples("mini pictures --out pictures"))
 def pictures(
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to draw into.")],
     seed: SeedOption = 0,
 ) -> None:
     """Draw the maps of both regions, a place in every weather and light, and the flights."""
-    from airzoo_bench.mini.pictures import draw_world
+    from airzoo_bench.mini.export.pictures import draw_world
 
     for region in RegionName:
         for path in draw_world(_world(_folder(region, seed)), out, progress):
@@ -164,15 +166,15 @@ def pictures(
 
 
 def _folder(region: RegionName, seed: int) -> Path:
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.datasets.airzoo_mini import make_worlds
-    from airzoo_bench.mini.world import REGIONS
+    from airzoo_bench.mini.world.model import REGIONS
 
     regions = [REGIONS[region]]
     return make_worlds(regions, data_root(), seed, jobs=1, progress=progress, note=say)[0]
 
 
 def _world(folder: Path) -> World:
-    from airzoo_bench.mini.store import load_world
+    from airzoo_bench.mini.world.store import load_world
 
     return load_world(folder)

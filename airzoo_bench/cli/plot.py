@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from airzoo_bench.cli.breakdown import parse_bins
+from airzoo_bench.cli.common import examples
 from airzoo_bench.cli.plot_call import (
     BareOption,
     Call,
@@ -22,7 +23,7 @@ from airzoo_bench.cli.plot_call import (
     WidthOption,
     lacking,
 )
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 
 __all__ = ["app"]
 
@@ -40,18 +41,19 @@ class _Kinds(TyperGroup):
 app = typer.Typer(cls=_Kinds, invoke_without_command=True)
 
 
-@app.callback()
+@app.callback(
+    epilog=examples("plot recall results/*/result.json -o recall.pdf --width 3.3in"),
+)
 def plot(ctx: typer.Context) -> None:
-    """Draw results as pictures; each KIND has its own help.
-
-    Example: airzoo-bench plot recall results/*/result.json -o recall.pdf --width 3.3in
-    """
+    """Draw results as pictures; each KIND has its own help."""
     if ctx.invoked_subcommand is None:
         kinds = ", ".join(ctx.command.list_commands(ctx))  # type: ignore[attr-defined]
         raise lacking("recall", f"a kind, one of {kinds}", "results", "-o, the file to save")
 
 
-@app.command()
+@app.command(
+    epilog=examples("plot recall results/*/result.json -o recall.pdf --up-to 20"),
+)
 def recall(
     results: ResultsArgument = None,
     out: OutOption = None,
@@ -68,8 +70,6 @@ def recall(
     """Draw recall at K over K, a curve a method, the mean over scenes. Of retrieval.
 
     Each curve goes as far as the method's longest list.
-
-    Example: airzoo-bench plot recall results/*/result.json -o recall.pdf --up-to 20
     """
     from airzoo_bench.report import draw
 
@@ -77,7 +77,9 @@ def recall(
     call.draw(lambda methods, _, sheet: draw.recall(methods, up_to, sheet))
 
 
-@app.command()
+@app.command(
+    epilog=examples("plot errors results/*/result.json --score rotation_deg -o errors.pdf"),
+)
 def errors(
     results: ResultsArgument = None,
     out: OutOption = None,
@@ -93,8 +95,6 @@ def errors(
 
     The score is an error in metres or degrees. Failures are infinite: their curve never reaches
     100 %.
-
-    Example: airzoo-bench plot errors results/*/result.json --score rotation_deg -o errors.pdf
     """
     from airzoo_bench.report import draw
 
@@ -102,7 +102,9 @@ def errors(
     call.draw(draw.errors, score)
 
 
-@app.command()
+@app.command(
+    epilog=examples("plot thresholds results/*/result.json -o thresholds.pdf"),
+)
 def thresholds(
     results: ResultsArgument = None,
     out: OutOption = None,
@@ -113,17 +115,16 @@ def thresholds(
     title: TitleOption = "",
     bare: BareOption = False,
 ) -> None:
-    """Draw precision, recall and F1 over the protocol's distances. Of reconstruction.
-
-    Example: airzoo-bench plot thresholds results/*/result.json -o thresholds.pdf
-    """
+    """Draw precision, recall and F1 over the protocol's distances. Of reconstruction."""
     from airzoo_bench.report import draw
 
     call = Call("thresholds", results, out, width, height, dpi, title, bare, scene)
     call.draw(lambda methods, _, sheet: draw.thresholds(methods, sheet))
 
 
-@app.command()
+@app.command(
+    epilog=examples("plot intervals results/*/result.json --score R@5 -o intervals.png"),
+)
 def intervals(
     results: ResultsArgument = None,
     out: OutOption = None,
@@ -135,17 +136,16 @@ def intervals(
     title: TitleOption = "",
     bare: BareOption = False,
 ) -> None:
-    """Draw a score of each method with its 95 % interval, the best on top.
-
-    Example: airzoo-bench plot intervals results/*/result.json --score R@5 -o intervals.png
-    """
+    """Draw a score of each method with its 95 % interval, the best on top."""
     from airzoo_bench.report import draw
 
     call = Call("intervals", results, out, width, height, dpi, title, bare, scene)
     call.draw(draw.intervals, score)
 
 
-@app.command()
+@app.command(
+    epilog=examples('plot scenes results/*/result.json -o scenes.svg --title "By scene"'),
+)
 def scenes(
     results: ResultsArgument = None,
     out: OutOption = None,
@@ -156,17 +156,16 @@ def scenes(
     title: TitleOption = "",
     bare: BareOption = False,
 ) -> None:
-    """Draw a score by method and scene as coloured cells: brighter is better.
-
-    Example: airzoo-bench plot scenes results/*/result.json -o scenes.svg --title "By scene"
-    """
+    """Draw a score by method and scene as coloured cells: brighter is better."""
     from airzoo_bench.report import draw
 
     call = Call("scenes", results, out, width, height, dpi, title, bare)
     call.draw(draw.scenes, score)
 
 
-@app.command()
+@app.command(
+    epilog=examples("plot condition results/*/result.json --by altitude_m -o altitude.svg"),
+)
 def condition(
     results: ResultsArgument = None,
     out: OutOption = None,
@@ -184,10 +183,7 @@ def condition(
     title: TitleOption = "",
     bare: BareOption = False,
 ) -> None:
-    """Draw a score in groups of queries, with 95 % intervals, a marker a method and group.
-
-    Example: airzoo-bench plot condition results/*/result.json --by altitude_m -o altitude.svg
-    """
+    """Draw a score in groups of queries, with 95 % intervals, a marker a method and group."""
     from airzoo_bench.report import draw
 
     if by is None and results and out is not None:
@@ -204,7 +200,7 @@ def condition(
 
 
 def _unknown_kind(kind: str, known: list[str]) -> UsageError:
-    from airzoo_bench.validation import nearest
+    from airzoo_bench.core.validation import nearest
 
     is_file = Path(kind).exists() or kind.endswith(".json")
     return UsageError(

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from airzoo_bench.cli.common import check_output, say, working
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from airzoo_bench.records import Scored
     from airzoo_bench.report.sheet import Sheet
-    from airzoo_bench.result import ScoreColumn
+    from airzoo_bench.results.records import Scored
+    from airzoo_bench.results.result import ScoreColumn
 
 __all__ = [
     "BareOption",
@@ -37,7 +37,7 @@ _LETTERS_SAID = 10
 
 ResultsArgument = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="RESULTS", help="One or more result.json, or their folders."),
+    typer.Argument(metavar="RESULTS", help="One or more result.json, or their folders; required."),
 ]
 OutOption = Annotated[
     Path | None,
@@ -83,10 +83,10 @@ class Call:
         score: str | None = None,
     ) -> None:
         """Read the results, draw and save; `drawing` gets the score that was asked for."""
-        from airzoo_bench.records import read_scored
         from airzoo_bench.report import draw
         from airzoo_bench.report.figures import save_figure
         from airzoo_bench.report.sheet import check_room
+        from airzoo_bench.results.records import read_scored
         from airzoo_bench.statistics.compatibility import check_comparable
 
         given, file = self._checked()

@@ -9,19 +9,33 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from airzoo_bench.cli.built import BuiltGroup
 from airzoo_bench.cli.common import JobsOption, progress, put, say
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.registry import DATASETS, TRACKS
+from airzoo_bench.datasets.dataset import Dataset
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from airzoo_bench.datasets.folder import SceneTruths
     from airzoo_bench.datasets.photos import Prepared
 
-__all__ = ["app"]
+__all__ = ["AIRZOO_MINI", "PHOTOS", "app"]
 
 _LONGEST_NAME = 48  # of which more names are made
 
-app = typer.Typer(help="Make a benchmark folder out of data.", no_args_is_help=True)
+
+class _PrepareGroup(BuiltGroup):
+    registry = DATASETS
+
+    def command_of(self, thing: Dataset) -> tuple[Callable[..., None], str]:
+        return thing.prepare, f"prepare {thing.example}"
+
+
+app = typer.Typer(
+    cls=_PrepareGroup, help="Make a benchmark folder out of data.", no_args_is_help=True
+)
 
 
 class Rule(StrEnum):
@@ -39,15 +53,19 @@ class Parts(StrEnum):
     FILES = "files"
 
 
+TilesOption = Annotated[
+    Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
+]
+CropsOption = Annotated[
+    Parts, typer.Option(help="Leave crops as windows, or write them as GeoTIFF too.")
+]
+
+
 @app.callback()
 def _group() -> None:
     """Make a benchmark folder out of data."""
 
 
-@app.command(
-    epilog="Example: airzoo-bench prepare photos --name park --images photos --poses poses.json "
-    "--dom dom.tif --dsm dsm.tif --tile-size 256 --tile-size 128"
-)
 def photos(
     name: Annotated[str, typer.Option(help="Of the benchmark and its scene.")],
     images: Annotated[Path, typer.Option(help="Folder of the photos.")],
@@ -85,14 +103,11 @@ def photos(
     ] = None,
     iou_above: Annotated[float | None, typer.Option(help="With --rule iou.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The folder to make (default: NAME in the data root).")
+        Path | None,
+        typer.Option("--out", "-o", help="The folder to make (default: NAME in the data root)."),
     ] = None,
-    tiles: Annotated[
-        Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
-    ] = Parts.WINDOWS,
-    crops: Annotated[
-        Parts, typer.Option(help="Leave crops as windows, or write them as GeoTIFF too.")
-    ] = Parts.WINDOWS,
+    tiles: TilesOption = Parts.WINDOWS,
+    crops: CropsOption = Parts.WINDOWS,
     copy: Annotated[
         bool, typer.Option("--copy", help="Copy photos, DOM and DSM into the folder.")
     ] = False,
@@ -103,18 +118,15 @@ def photos(
     It serves retrieval; matching where the photos' metadata hold GPS and gimbal angles; and
     reconstruction where there is a true --cloud.
     """
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
+    from airzoo_bench.core.errors import UsageError
+    from airzoo_bench.core.settings import SAFE_NAME
     from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
-    from airzoo_bench.errors import UsageError
-    from airzoo_bench.protocol import (
-        MatchingProtocol,
-        ReconstructionProtocol,
-        RetrievalProtocol,
-        protocol_for,
-        protocol_of_track,
-    )
-    from airzoo_bench.settings import SAFE_NAME
+    from airzoo_bench.matching.settings import MatchingProtocol
+    from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
+    from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+    from airzoo_bench.retrieval.settings import RetrievalProtocol
 
     if not re.fullmatch(SAFE_NAME, name) or len(name) > _LONGEST_NAME:
         raise UsageError(
@@ -151,14 +163,16 @@ def photos(
     _report(prepared, out)
 
 
-@app.command("airzoo-mini", epilog="Example: airzoo-bench prepare airzoo-mini")
 def airzoo_mini(
     seed: Annotated[
         int, typer.Option(min=0, help="Another seed is another place, and another benchmark.")
     ] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="The folder to make (default: in the data root).")
+        Path | None,
+        typer.Option("--out", "-o", help="The folder to make (default: in the data root)."),
     ] = None,
+    tiles: TilesOption = Parts.WINDOWS,
+    crops: CropsOption = Parts.WINDOWS,
     copy: Annotated[
         bool, typer.Option("--copy", help="Copy photos, maps and clouds into the folder.")
     ] = False,
@@ -169,7 +183,7 @@ def airzoo_mini(
 
     Needs no data. Worlds and photos are kept in the data root: a run that was stopped goes on.
     """
-    from airzoo_bench.benchmark import data_root
+    from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
 
     protocols = mini_protocols(seed)
@@ -180,6 +194,8 @@ def airzoo_mini(
         protocols,
         seed=seed,
         jobs=jobs,
+        tiles_on_disk=tiles is Parts.FILES,
+        crops_on_disk=crops is Parts.FILES,
         copy=copy,
         replace=force,
         progress=progress,
@@ -187,7 +203,7 @@ def airzoo_mini(
     )
     put(f"{prepared.folder}\n")
     for name, truths in prepared.scenes.items():
-        put(f"{name}, {len(truths.photos)} photos\n")
+        put(f"{name}, {counted(len(truths.photos), 'photo')}\n")
         _report_tracks(truths)
     _suggest([protocol.name for protocol in protocols.every], out and prepared.folder)
 
@@ -199,6 +215,7 @@ def _threshold(base: float | None, rule: Rule | None, given: float | None) -> fl
 
 
 def _report(prepared: Prepared, out: Path | None) -> None:
+    from airzoo_bench.core.errors import first_of
     from airzoo_bench.datasets.facts_lines import fact_lines
     from airzoo_bench.datasets.suspicions import suspicions
 
@@ -209,7 +226,8 @@ def _report(prepared: Prepared, out: Path | None) -> None:
     for sentence in suspicions(prepared.facts):
         say(f"warning: {sentence}")
     if prepared.without_pose:
-        say(f"{len(prepared.without_pose)} photos have no pose, such as {prepared.without_pose[0]}")
+        listed = first_of(map(repr, prepared.without_pose))
+        say(f"photos without a pose, which no track asks: {listed}")
     _suggest(prepared.protocols, out and prepared.folder)
 
 
@@ -217,16 +235,18 @@ def _report_tracks(truths: SceneTruths) -> None:
     if truths.retrieval is not None:
         truth = truths.retrieval.truth
         counts = truth.positives.counts
-        put(f"  retrieval       {len(truth.queries)} queries, {len(truth.tiles)} tiles, ")
-        put(f"{counts.min()} to {counts.max()} positives a query, mean {counts.mean():.1f}\n")
+        put(f"  retrieval       {counted(len(truth.queries), 'query')}, ")
+        put(f"{counted(len(truth.tiles), 'tile')}, ")
+        put(f"{counts.min()} to {counts.max()} positives per query, mean {counts.mean():.1f}\n")
         _report_left_out(len(truth.excluded))
     if truths.matching is not None:
-        put(f"  matching        {len(truths.matching.queries)} queries with a prior\n")
+        put(f"  matching        {counted(len(truths.matching.queries), 'query')} with a prior\n")
         _report_left_out(len(truths.matching.excluded))
     else:
         put("  matching        no: no photo has GPS position and gimbal angles (--priors)\n")
     if truths.reconstruction is not None:
-        put(f"  reconstruction  {len(truths.reconstruction.photos)} photos, a true cloud\n")
+        photos = counted(len(truths.reconstruction.photos), "photo")
+        put(f"  reconstruction  {photos}, a true cloud\n")
     else:
         put("  reconstruction  no: no true cloud was given (--cloud)\n")
 
@@ -235,10 +255,18 @@ def _suggest(protocols: Sequence[str], folder: Path | None) -> None:
     where = f" --data {folder}" if folder else ""
     for name in protocols:
         track = name.rsplit("-", 1)[1]
-        file = f"{track}.npz" if track != "reconstruction" else track
+        file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
         say(f"next: airzoo-bench baseline {track} {name}{where} --out {file}")
 
 
 def _report_left_out(count: int) -> None:
     if count:
-        put(f"                  {count} photos left out; excluded.csv says why\n")
+        put(f"                  {counted(count, 'photo')} left out; excluded.csv says why\n")
+
+
+PHOTOS = Dataset(
+    photos,
+    "photos --name park --images photos --poses poses.json --dom dom.tif --dsm dsm.tif "
+    "--tile-size 256 --tile-size 128",
+)
+AIRZOO_MINI = Dataset(airzoo_mini, "airzoo-mini")

@@ -7,9 +7,19 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, Format, FormatOption, put, resolve_data, show
+from airzoo_bench.cli.common import (
+    DataOption,
+    Format,
+    FormatOption,
+    examples,
+    put,
+    resolve_data,
+    show,
+)
 
-__all__ = ["protocols"]
+__all__ = ["EXAMPLES", "protocols"]
+
+EXAMPLES = examples("protocols uav-visloc-retrieval")
 
 
 def protocols(
@@ -20,7 +30,7 @@ def protocols(
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """List the protocols that are shipped or stand in prepared benchmark folders."""
-    from airzoo_bench.protocol import find_protocol, load_protocol, protocol_files
+    from airzoo_bench.protocol.lookup import find_protocol, load_protocol, protocol_files
     from airzoo_bench.tables.model import Cell, Column, Row, Table
 
     folder = resolve_data(data)

@@ -6,20 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    Protocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    find_protocol,
-)
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.result import score_columns
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.results.result import score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.entries import Board
 
 if TYPE_CHECKING:
-    from airzoo_bench.scores import Score
+    from airzoo_bench.results.scores import Score
 
 __all__ = ["empty_board", "published_benchmarks"]
 
@@ -56,7 +54,7 @@ def empty_board(name: str, data: Path, *, every_score: bool) -> Board:
 
 def published_benchmarks(track: str, *, by_scene: bool = False) -> list[str]:
     """Return the benchmarks on which something is published in a track, and by scene if asked."""
-    from airzoo_bench.published import published_sources, read_source
+    from airzoo_bench.tables.published import published_sources, read_source
 
     tables = [table for path in published_sources().values() for table in read_source(path)]
     fitting = [t for t in tables if t.track == track and (t.has_scenes or not by_scene)]

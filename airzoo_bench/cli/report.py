@@ -11,16 +11,21 @@ from airzoo_bench.cli.common import (
     DataOption,
     JobsOption,
     check_output,
+    examples,
     progress,
     resolve_data,
     say,
 )
 
-__all__ = ["report"]
+__all__ = ["EXAMPLES", "report"]
+
+EXAMPLES = examples("report results/*/result.json -o report.html")
 
 
 def report(
-    results: Annotated[list[Path], typer.Argument(help="One or more result.json.")],
+    results: Annotated[
+        list[Path], typer.Argument(help="One or more result.json, or their folders.")
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="The .html to write.")] = Path(
         "report.html"
     ),
@@ -35,10 +40,8 @@ def report(
 
     Results of one protocol and truth stand side by side; others get parts of their own. Maps and
     pictures are added where the benchmark folder is there.
-
-    Example: airzoo-bench report results/*/result.json -o report.html
     """
-    from airzoo_bench.files import atomic_write
+    from airzoo_bench.core.files import atomic_write
     from airzoo_bench.report.page import make_report
 
     check_output(out, results, (".html", ".htm"))

@@ -7,11 +7,19 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, show
+from airzoo_bench.cli.common import Format, FormatOption, examples, show
 from airzoo_bench.cli.table_request import Layout, TableRequest, layout_named
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.plurals import agreeing
 
-__all__ = ["table"]
+__all__ = ["EXAMPLES", "table"]
+
+EXAMPLES = examples(
+    "table results/*/result.json --format latex",
+    "table */result.json --layout scenes --published -f latex --standalone",
+    'table */result.json -f latex --fit --caption "Results." --label tab:all',
+    "table --published --protocol uav-visloc-retrieval --layout scenes",
+)
 
 
 def table(
@@ -123,16 +131,7 @@ def table(
         bool, typer.Option("--fit", help="LaTeX: shrink what is wider than the line to the line.")
     ] = False,
 ) -> None:
-    """Print one result by scene, or several side by side by method.
-
-    Example: airzoo-bench table results/*/result.json --format latex
-
-    Example: airzoo-bench table */result.json --layout scenes --published -f latex --standalone
-
-    Example: airzoo-bench table */result.json -f latex --fit --caption "Results." --label tab:all
-
-    Example: airzoo-bench table --published --protocol uav-visloc-retrieval --layout scenes
-    """
+    """Print one result by scene, or several side by side by method."""
     from airzoo_bench.cli.table_making import make_table
     from airzoo_bench.tables.latex_float import LatexStyle, check_style, options_of
 
@@ -169,5 +168,5 @@ def table(
 def _check_no_latex(given: dict[str, object]) -> None:
     odd = [name for name, value in given.items() if value]
     if odd:
-        are = "is" if len(odd) == 1 else "are"
+        are = agreeing(len(odd), "is", "are")
         raise UsageError(f"{' and '.join(odd)} {are} for LaTeX", mend="add --format latex")

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.cli.table_request import Layout, TableRequest
-from airzoo_bench.comparable import find_scene
-from airzoo_bench.errors import UsageError
-from airzoo_bench.result import Result, ScoreColumn, read_result
-from airzoo_bench.result_files import result_paths
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.results.comparable import check_score, find_scene, named_scores
+from airzoo_bench.results.files import result_paths
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.tables.entries import OVERALL, Board, board_of, with_published
 from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.layouts import AVERAGE
 from airzoo_bench.tables.marks import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.rename import rename
-from airzoo_bench.validation import nearest
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
@@ -65,7 +64,7 @@ class _TableMaker:
         return self._alone() if self.layout is Layout.RESULT else self._marked(self._laid_out())
 
     def _alone(self) -> Table:
-        from airzoo_bench.tables.build import POOLED, scenes_table
+        from airzoo_bench.tables.build import scenes_table
 
         (board,) = self._boards()
         (entry,) = board.entries
@@ -76,12 +75,21 @@ class _TableMaker:
             floors=self.request.floors,
         )
         # The table has the result's own notes, and whose they are goes without saying.
-        notes, about = board.notes, board.about_intervals
-        if self.request.intervals and any(row.cells[0].value == POOLED for row in made.rows):
-            pooled = f"no interval for {POOLED}: they are of scenes and of the average over them"
-            notes, about = (*notes, pooled), (*about, pooled)
+        without = self._without_interval(made)
+        notes, about = (*board.notes, *without), (*board.about_intervals, *without)
         made = replace(made, notes=(*notes, *made.notes), legend=(*about, *made.legend))
         return rename(self._in_digits(made), self.request.renamed)
+
+    def _without_interval(self, made: Table) -> list[str]:
+        """Say why rows that are no scene and no method have no interval."""
+        from airzoo_bench.tables.build import POOLED
+
+        if not self.request.intervals:
+            return []
+        names = [row.cells[0].value for row in made.rows]
+        floors = ", ".join(self.results[0].references) if self.request.floors else ""
+        pooled = f"no interval for {POOLED}: intervals are of scenes and of the average over scenes"
+        return [pooled] * (POOLED in names) + _of_floors(floors)
 
     def _laid_out(self) -> Table:
         from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
@@ -111,7 +119,8 @@ class _TableMaker:
             )
             for places in parts
         ]
-        _check_scores([score for board in boards for score in board.scores], wanted)
+        for name in wanted:
+            check_score(name, [score for board in boards for score in board.scores], "--score")
         chosen = [replace(board, scores=_chosen(board.scores, wanted)) for board in boards]
         return [
             self._filled(board, places) if board.scores else board
@@ -130,12 +139,15 @@ class _TableMaker:
             board = self._with_published(board, self.results[places[0]])
         if self.request.floors and self.layout is not Layout.RESULT:
             board = with_floors(board, [self.results[place] for place in places])
+            if self.request.intervals:
+                floors = ", ".join(entry.method for entry in board.entries if entry.floor)
+                board = board.noted(*_of_floors(floors), legend=True)
         return board
 
     def _with_intervals(self, board: Board, places: Sequence[int]) -> Board:
-        from airzoo_bench.records import Scored, read_records
-        from airzoo_bench.statistics.board_intervals import with_intervals
+        from airzoo_bench.results.records import Scored, read_records
         from airzoo_bench.statistics.samples import Plan
+        from airzoo_bench.tables.board_intervals import with_intervals
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
@@ -153,12 +165,13 @@ class _TableMaker:
 
     def _published_alone(self, protocol: str) -> Board:
         from airzoo_bench.cli.published_board import empty_board, published_benchmarks
-        from airzoo_bench.data_root import data_root
+        from airzoo_bench.core.data_root import data_root
 
         wanted = self.request.scores
         every_score = self.request.every_score or bool(wanted)
         board = empty_board(protocol, data_root(), every_score=every_score)
-        _check_scores(board.scores, wanted)
+        for name in wanted:
+            check_score(name, board.scores, "--score")
         board = self._beside_published(replace(board, scores=_chosen(board.scores, wanted)))
         if not board.entries:
             raise UsageError(
@@ -174,7 +187,7 @@ class _TableMaker:
         return replace(board, scores=tuple(s for s in board.scores if s.key in printed))
 
     def _with_published(self, board: Board, result: Result) -> Board:
-        from airzoo_bench.published import published_tables, shipped_fingerprints
+        from airzoo_bench.tables.published import published_tables, shipped_fingerprints
 
         tables = published_tables(board.benchmark, board.track)
         shipped = shipped_fingerprints(board.benchmark, board.track)
@@ -188,7 +201,7 @@ class _TableMaker:
 
     def _beside_published(self, board: Board) -> Board:
         from airzoo_bench.cli.published_board import published_benchmarks
-        from airzoo_bench.published import published_tables
+        from airzoo_bench.tables.published import published_tables
 
         asked = self.request
         by_scene = self.layout is Layout.SCENES or asked.scene is not None
@@ -226,13 +239,14 @@ class _TableMaker:
             shown = {column.title for column in made.columns}
             columns = {score.key: score for result in self.results for score in result.columns}
             scores = [score for score in columns.values() if score.title in shown]
-            _check_scores(scores, [wanted], "--sort")
-            wanted = _named(scores)[wanted].title
+            hidden = wanted in named_scores(columns.values())
+            check_score(wanted, scores, "--sort", f"add --score {wanted!r} to show it" * hidden)
+            wanted = named_scores(scores)[wanted].title
         return sort_rows(made, wanted, AVERAGE)
 
     def _cited(self, made: Table) -> Table:
-        from airzoo_bench.published import published_sources, read_source_file
         from airzoo_bench.tables.citations import add_citations
+        from airzoo_bench.tables.published import published_sources, read_source_file
 
         sources = {
             name: read_source_file(path).citations for name, path in published_sources().items()
@@ -247,6 +261,10 @@ class _TableMaker:
         return [f"the best of each score is that of {who}"]
 
 
+def _of_floors(names: str) -> list[str]:
+    return [f"no interval for {names}: intervals are of methods"] if names else []
+
+
 def _by_protocol(results: Sequence[Result]) -> list[list[int]]:
     """Return the places of results, those of protocols of one name together."""
     found: dict[str, list[int]] = {}
@@ -255,28 +273,9 @@ def _by_protocol(results: Sequence[Result]) -> list[list[int]]:
     return list(found.values())
 
 
-def _named(scores: Sequence[ScoreColumn]) -> dict[str, ScoreColumn]:
-    return {score.key: score for score in scores} | {score.title: score for score in scores}
-
-
-def _check_scores(
-    scores: Sequence[ScoreColumn], wanted: Sequence[str], option: str = "--score"
-) -> None:
-    """Refuse the name of a score that nothing has."""
-    by_name = _named(scores)
-    for name in wanted:
-        if name not in by_name:
-            titles = dict.fromkeys(score.title for score in scores)
-            raise UsageError(
-                f"there is no score {name[:80]!r}{nearest(name[:80], list(by_name))}",
-                where=option,
-                expected="one of " + ", ".join(titles),
-            )
-
-
 def _chosen(scores: Sequence[ScoreColumn], wanted: Sequence[str]) -> tuple[ScoreColumn, ...]:
     """Return the scores that are named by key or title, in that order; all where none is."""
     if not wanted:
         return tuple(scores)
-    by_name = _named(scores)
+    by_name = named_scores(scores)
     return tuple(dict.fromkeys(by_name[name] for name in wanted if name in by_name))

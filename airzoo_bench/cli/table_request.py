@@ -8,10 +8,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from airzoo_bench.result import Result
+    from airzoo_bench.results.result import Result
 
 __all__ = ["Layout", "TableRequest", "layout_named"]
 
@@ -33,7 +33,7 @@ def layout_named(text: str) -> Layout:
     UsageError
         There is none.
     """
-    from airzoo_bench.validation import nearest
+    from airzoo_bench.core.validation import nearest
 
     names = list(Layout)
     if text not in names:
@@ -115,7 +115,7 @@ class TableRequest:
         return Layout.METHODS if by_method else Layout.RESULT
 
     def _check(self, layout: Layout, results: Sequence[Result]) -> None:
-        from airzoo_bench.comparable import first_names
+        from airzoo_bench.results.comparable import first_names
 
         if layout is Layout.RESULT:
             self._check_alone()

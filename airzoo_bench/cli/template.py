@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, resolve_data, say, with_data
+from airzoo_bench.cli.common import DataOption, examples, resolve_data, say, with_data
 
-__all__ = ["template"]
+__all__ = ["EXAMPLES", "template"]
+
+EXAMPLES = examples("template uav-visloc-retrieval --out preds.npz")
 
 
 class Kind(StrEnum):
@@ -32,35 +34,23 @@ def template(
             show_default=False,
         ),
     ] = None,
-    kind: Annotated[Kind, typer.Option(help="What the file shall hold.")] = Kind.RANKED_IDS,
+    kind: Annotated[
+        Kind | None,
+        typer.Option(help="What a retrieval file shall hold (default: ranked-ids)."),
+    ] = None,
     data: DataOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of what is random.")] = 0,
     force: Annotated[
         bool, typer.Option("--force", help="Write over a file that is there.")
     ] = False,
 ) -> None:
-    """Write an example prediction: every query, with random tiles, matches or depth maps.
+    """Write an example prediction: every query, with random tiles, matches or depth maps."""
+    from airzoo_bench.evaluation.template import write_template
 
-    Example: airzoo-bench template uav-visloc-retrieval --out preds.npz
-    """
-    from airzoo_bench.protocol import RetrievalProtocol, find_protocol
-    from airzoo_bench.runner.templates import write_template
-
-    root = resolve_data(data)
-    chosen = find_protocol(protocol, root)
-    track = chosen.track
-    target = out or Path("template" if track == "reconstruction" else "template.npz")
-    write_template(
-        protocol,
-        data=root,
-        out=target,
-        descriptors=kind is Kind.DESCRIPTORS,
-        seed=seed,
-        force=force,
+    written = write_template(
+        protocol, data=resolve_data(data), out=out, kind=kind and kind.value, seed=seed, force=force
     )
-    say(f"wrote {target}: replace its arrays, which are random, by your own")
-    if isinstance(chosen, RetrievalProtocol):
-        from airzoo_bench.runner.retrieval import chance_words
-
-        say(f"random tiles score by chance: {chance_words(chosen, root)}")
-    say(f"next: airzoo-bench eval {track} {target}{with_data(data)}")
+    say(f"wrote {written.out}: replace its arrays, which are random, by your own")
+    if written.note is not None:
+        say(written.note)
+    say(f"next: airzoo-bench eval {written.track} {written.out}{with_data(data)}")

@@ -11,7 +11,11 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark_file import SceneFile
+from airzoo_bench.benchmark.manifest import SceneFile
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
 from airzoo_bench.datasets.folder import (
     SceneTruths,
     copied,
@@ -19,32 +23,32 @@ from airzoo_bench.datasets.folder import (
     write_folder_files,
     write_scene,
 )
-from airzoo_bench.files import atomic_folder, check_new_folder, sha256_of
+from airzoo_bench.datasets.tiles import write_parts
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
-from airzoo_bench.mini.build import build_world
-from airzoo_bench.mini.frame_files import IMAGE_SUFFIX
-from airzoo_bench.mini.frames import render_frames
-from airzoo_bench.mini.photos import SURVEY, Photos, mini_photos
-from airzoo_bench.mini.priors import PriorNoise, noisy_priors
-from airzoo_bench.mini.store import ensure_world, load_world
-from airzoo_bench.mini.truth_cloud import seen_surface
-from airzoo_bench.mini.world import CRS, REGIONS, Region
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    Protocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    protocol_of_track,
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.mini.export.frame_list import IMAGE_SUFFIX
+from airzoo_bench.mini.export.frames import render_frames
+from airzoo_bench.mini.export.photos import (
+    SURVEY,
+    Photos,
+    mini_photos,
+    noisy_priors,
+    seen_surface,
 )
-from airzoo_bench.reconstruction.ply import write_ply
+from airzoo_bench.mini.world.build import build_world
+from airzoo_bench.mini.world.model import CRS, REGIONS, Region
+from airzoo_bench.mini.world.store import ensure_world, load_world
+from airzoo_bench.protocol.lookup import protocol_of_track
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.prepared import grid_origin
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.voxels import VoxelGrid
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
-from airzoo_bench.scene_inputs import SceneInputs, photo_table
-from airzoo_bench.workers import spread
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 __all__ = ["MiniProtocols", "PreparedMini", "make_worlds", "mini_protocols", "prepare_airzoo_mini"]
 
@@ -71,18 +75,15 @@ class MiniProtocols:
 
 def mini_protocols(seed: int) -> MiniProtocols:
     """Return the shipped protocols; with a seed of its own, the benchmark is another."""
-    chosen = (
-        protocol_of_track("airzoo-mini-retrieval", Path(), RetrievalProtocol),
-        protocol_of_track("airzoo-mini-matching", Path(), MatchingProtocol),
-        protocol_of_track("airzoo-mini-reconstruction", Path(), ReconstructionProtocol),
-    )
-    retrieval, matching, reconstruction = chosen
     return MiniProtocols(
-        _reseeded(retrieval, seed), _reseeded(matching, seed), _reseeded(reconstruction, seed)
+        _protocol("retrieval", RetrievalProtocol, seed),
+        _protocol("matching", MatchingProtocol, seed),
+        _protocol("reconstruction", ReconstructionProtocol, seed),
     )
 
 
-def _reseeded(protocol: P, seed: int) -> P:
+def _protocol(track: str, kind: type[P], seed: int) -> P:
+    protocol = protocol_of_track(f"airzoo-mini-{track}", Path(), kind)
     if seed == 0:
         return protocol
     name = f"{protocol.benchmark}-{seed}"
@@ -105,6 +106,8 @@ def prepare_airzoo_mini(
     *,
     seed: int = 0,
     jobs: int = 1,
+    tiles_on_disk: bool = False,
+    crops_on_disk: bool = False,
     copy: bool = False,
     replace: bool = False,
     progress: Progress = silent,
@@ -126,6 +129,8 @@ def prepare_airzoo_mini(
         Of worlds, flights, photos and priors.
     jobs : int
         Processes; the benchmark does not depend on it.
+    tiles_on_disk, crops_on_disk : bool
+        See `photos.prepare_photos`.
     copy : bool
         Copy photos, maps and clouds into the folder; otherwise they stay below the data root.
     replace : bool
@@ -151,7 +156,15 @@ def prepare_airzoo_mini(
         entries = []
         for scene in scenes:
             name = scene.region.name
-            write_scene(staged, name, truths[name])
+            home = write_scene(staged, name, truths[name])
+            write_parts(
+                home,
+                truths[name],
+                scene.inputs.gallery_map,
+                tiles=tiles_on_disk,
+                crops=crops_on_disk,
+                progress=progress,
+            )
             images = scene.inputs.photos["image"].tolist()
             kept = copied(staged, name, scene.files, images) if copy else left_in_place(scene.files)
             entries.append(_entry(scene, truths[name], kept))
@@ -168,16 +181,7 @@ def make_worlds(
     progress: Progress = silent,
     note: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
-    """Make the worlds of some regions where they are not there yet, and return their folders.
-
-    Parameters
-    ----------
-    regions : sequence of Region
-    root : Path
-        The data root.
-    seed, jobs, progress, note
-        See `prepare_airzoo_mini`.
-    """
+    """Make worlds of regions below the data root where they are not yet; return their folders."""
     work = partial(_world, root=root, seed=seed)
     found = spread(work, list(regions), min(jobs, len(regions)))
     folders = []
@@ -199,30 +203,21 @@ class _Scene:
 
     region: Region
     inputs: SceneInputs
-    surveyed: pd.Series[bool]
     files: dict[str, Path]
 
 
 def _photographed(region: Region, world: Path, seed: int, jobs: int, progress: Progress) -> _Scene:
     photos = mini_photos(region, load_world(world).dsm, seed)
     rendered = world.with_name(f"{world.name}-{_RENDERED}")
-    load = partial(load_world, world)
-    render_frames(photos.frames, load, rendered, workers=jobs, progress=progress)
-    cloud = rendered / "cloud.ply"
-    rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
-    seen = seen_surface(
-        photos.frames,
-        rows,
-        rendered,
-        voxel_m=_CLOUD_VOXEL_M,
-        origin=grid_origin(_CLOUD_VOXEL_M),
-        progress=progress,
+    render_frames(
+        photos.frames, partial(load_world, world), rendered, workers=jobs, progress=progress
     )
-    write_ply(cloud, seen)
+    cloud = rendered / "cloud.ply"
+    voxels = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
+    write_ply(cloud, seen_surface(photos, rendered, voxels, progress))
     files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
     files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
-    inputs = _inputs(region, photos, files, seed)
-    return _Scene(region, inputs, inputs.photos["sequence"] == SURVEY, files)
+    return _Scene(region, _inputs(region, photos, files, seed), files)
 
 
 def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -> SceneInputs:
@@ -230,8 +225,8 @@ def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -
     images = tuple(f"{name}{IMAGE_SUFFIX}" for name in frames.names)
     plane = median_height(files["dsm"])
     ids = [f"{region.name}/{name}" for name in frames.names]
-    priors = noisy_priors(ids, frames.poses, PriorNoise(), seed)
-    cameras = frames.cameras.take(np.zeros(len(frames), dtype=np.int64))
+    priors = noisy_priors(ids, frames.poses, seed)
+    cameras = frames.camera.take(np.zeros(len(frames), dtype=np.int64))
     table = photo_table(region.name, images, cameras, frames.poses, priors, plane)
     conditions = pd.DataFrame(
         {"weather": frames.weather, "time_of_day": frames.time_of_day, "sequence": photos.sequence},
@@ -244,11 +239,12 @@ def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -
 
 def _truths(scene: _Scene, protocols: MiniProtocols) -> SceneTruths:
     inputs, retrieval, matching = scene.inputs, protocols.retrieval, protocols.matching
+    surveyed = inputs.photos["sequence"] == SURVEY
     return SceneTruths(
         inputs.photos,
         build_retrieval_truth(inputs, retrieval.gallery, retrieval.ground_truth),
         build_matching_truth(inputs, matching.crop, matching.prior),
-        build_reconstruction_truth(inputs, scene.files["cloud"], scene.surveyed),
+        build_reconstruction_truth(inputs, scene.files["cloud"], surveyed),
     )
 
 

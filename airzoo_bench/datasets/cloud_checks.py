@@ -13,16 +13,16 @@ from pyproj import CRS
 from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
 
-from airzoo_bench.errors import BenchmarkError, UsageError
+from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
-from airzoo_bench.geometry.rasters import check_same_crs
+from airzoo_bench.geometry.frames import check_same_crs
 from airzoo_bench.geometry.units import vertical_m
-from airzoo_bench.readers.clouds.formats import open_cloud
-from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.prepared import box_of
 from airzoo_bench.reconstruction.regions import Box
-from airzoo_bench.scene_inputs import SceneInputs
 
 __all__ = ["check_cloud", "check_cloud_crs"]
 

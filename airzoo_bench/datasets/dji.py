@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import struct
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
@@ -19,11 +17,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
-from airzoo_bench.geometry.frames import from_lonlat, horizontal_crs
+from airzoo_bench.geometry.frames import describe_crs, from_lonlat, horizontal_crs
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import describe_crs
 
 __all__ = ["PhotoPrior", "priors_to_poses", "read_prior"]
 
@@ -159,19 +157,9 @@ def _refuse(names: list[str], total: int, what: str) -> None:
 
 def _metadata(path: Path) -> tuple[dict[int, Any], bytes]:
     """Read the GPS part of EXIF and DJI's XMP packet; empty where there is none."""
-    from PIL import Image
-
-    try:
-        with warnings.catch_warnings():
-            # Only the header is read, and what is wrong with it is found out below.
-            warnings.simplefilter("ignore")
-            with Image.open(path) as image:
-                gps = dict(image.getexif().get_ifd(_GPS_IFD))
-                segments = getattr(image, "applist", [])
-    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
-        raise BenchmarkError(
-            f"not a readable photo: {error}", where=path, expected="a complete JPG"
-        ) from error
+    with opened_photo(path) as image:
+        gps = dict(image.getexif().get_ifd(_GPS_IFD))
+        segments = getattr(image, "applist", [])
     # A segment holds 64 KiB at the most, whatever it says of itself.
     packets = (data for name, data in segments if name == "APP1" and data.startswith(_XMP))
     return gps, next((data for data in packets if _NAMESPACE.encode() in data), b"")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from airzoo_bench.datasets.scene_facts import GpsFacts, PriorFacts, SceneFacts
+from airzoo_bench.datasets.photo_facts import GpsFacts, PriorFacts
+from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = ["fact_lines"]
 
@@ -13,7 +14,8 @@ def fact_lines(facts: SceneFacts) -> list[str]:
     """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
     rows = [
         ("photos", _photos(facts)),
-        ("poses", _poses(facts.gps)),
+        ("taken", _taken(facts)),
+        ("poses", _poses(facts.gps, len(facts.inputs.photos))),
         ("priors", _priors(facts.priors)),
         ("map", _map(facts)),
         ("surface", _surface(facts)),
@@ -30,23 +32,38 @@ def _photos(facts: SceneFacts) -> str:
     if math.isfinite(cameras.height_m):
         text += f", {cameras.height_m:.1f} m above the surface"
     if math.isfinite(cameras.relative_height_m):
-        text += f" ({cameras.relative_height_m:.1f} m above take-off, they say)"
-    return f"{text}, {facts.photo_gsd_m:.3g} m a pixel"
+        text += f" ({cameras.relative_height_m:.1f} m above take-off by their metadata)"
+    return f"{text}, {facts.photo_gsd_m:.3g} m per pixel (medians)"
 
 
-def _poses(gps: GpsFacts | None) -> str:
+def _taken(facts: SceneFacts) -> str:
+    cameras = [f"{name} ({len(of)})" for name, of in facts.files.cameras.items()]
+    days = [day.isoformat() for day in facts.files.days]
+    when = (
+        f"on {days[0]}"
+        if len(days) == 1
+        else f"on {len(days)} days, {days[0]} to {days[-1]}"
+        if days
+        else ""
+    )
+    return " ".join(part for part in (f"by {', '.join(cameras)}" if cameras else "", when) if part)
+
+
+def _poses(gps: GpsFacts | None, photos: int) -> str:
     if gps is None:
         return "no photo has a GPS position to hold them against"
     text = f"{gps.distance_m:.1f} m from the photos' GPS"
-    return text + (f", {gps.height_m:+.1f} m in height" if math.isfinite(gps.height_m) else "")
+    text += f" ({gps.photos} of {photos} have it)" if gps.photos < photos else ""
+    text += f", {gps.height_m:+.1f} m in height" if math.isfinite(gps.height_m) else ""
+    return f"{text} (medians)"
 
 
 def _priors(priors: PriorFacts | None) -> str:
     if priors is None:
         return ""
     return (
-        f"{priors.photos}, off by {priors.position_m:.1f} m, yaw {priors.yaw_deg:.1f}, pitch "
-        f"{priors.pitch_deg:.1f}, rotation {priors.rotation_deg:.1f} degrees"
+        f"{priors.photos}, off by {priors.position_m:.1f} m; yaw {priors.yaw_deg:.1f}, pitch "
+        f"{priors.pitch_deg:.1f}, rotation {priors.rotation_deg:.1f} degrees (medians)"
     )
 
 
@@ -58,7 +75,7 @@ def _map(facts: SceneFacts) -> str:
         else f"{across:.3g} x {down:.3g}"
     )
     return (
-        f"{dom.width} x {dom.height} px, {gsd} m a pixel; {facts.on_map:.0%} of the photos' "
+        f"{dom.width} x {dom.height} px, {gsd} m per pixel; {facts.on_map:.0%} of the photos' "
         "corners lie on it"
     )
 
@@ -74,19 +91,19 @@ def _surface(facts: SceneFacts) -> str:
 def _cloud(above_m: float | None) -> str:
     if above_m is None or math.isnan(above_m):
         return ""
-    return f"{above_m:+.2f} m from the surface in height"
+    return f"{round(above_m, 2) + 0.0:.2f} m above the surface (median)"
 
 
 def _crops(facts: SceneFacts) -> str:
     shares = facts.crop_shares
     if shares is None or not len(shares):
         return ""
-    return f"{shares.mean():.0%} of the map on average, at most {shares.max():.0%}"
+    return f"{shares.mean():.0%} of the map each on average, at most {shares.max():.0%}"
 
 
 def _chance(facts: SceneFacts) -> str:
     shares = facts.positive_shares
     if shares is None or not len(shares):
         return ""
-    text = f"a random tile answers in {shares.mean():.1%} of cases"
+    text = f"a random tile is a right answer in {shares.mean():.1%} of cases"
     return text + (f"; {facts.dropped_tiles} empty tiles left out" if facts.dropped_tiles else "")

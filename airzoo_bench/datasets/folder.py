@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import tomli_w
 
-from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
-from airzoo_bench.protocol import Protocol
-from airzoo_bench.queries import write_queries
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import write_truth as write_reconstruction_truth
 from airzoo_bench.retrieval.prepare import PreparedScene

@@ -1,24 +1,79 @@
-"""The facts of a scene of a benchmark folder, for checks of what was prepared before."""
+"""What a prepared scene holds, compared with itself, for checks of what was prepared before."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark import Benchmark
+import numpy as np
+
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import SceneFile
+from airzoo_bench.benchmark.queries import read_queries
+from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dji import PhotoPrior, read_prior
+from airzoo_bench.datasets.map_facts import check_overlap
+from airzoo_bench.datasets.photo_facts import camera_facts
+from airzoo_bench.datasets.photo_files import survey_photos
 from airzoo_bench.datasets.raster_checks import check_map, surveyed
-from airzoo_bench.datasets.scene_facts import SceneFacts, camera_facts, scene_facts
+from airzoo_bench.datasets.scene_facts import SceneFacts, scene_facts
+from airzoo_bench.geometry.frames import describe_crs, same_plane
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
-from airzoo_bench.queries import read_queries
+from airzoo_bench.retrieval.truth import RetrievalTruth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
-from airzoo_bench.scene_inputs import SceneInputs
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["folder_facts"]
+__all__ = ["check_scene_entry", "folder_facts"]
+
+_MEND = "put back what was changed, or prepare the benchmark again"
+_ROUNDED_M = 2e-3  # altitudes are written to 1 mm
+
+
+def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFrame) -> None:
+    """Hold what benchmark.toml says of a scene, which has no checksum, against what has one.
+
+    The ground plane is held against the photos' altitudes, the CRS against the surface model, and
+    the surface model against its checksum, where these are there.
+
+    Raises
+    ------
+    BenchmarkError
+        They differ.
+    """
+    where = f"{benchmark.folder / 'benchmark.toml'}, scene {scene.id}"
+    if "altitude_m" in photos:
+        off = np.abs(photos["z"] - photos["altitude_m"] - scene.plane_height_m)
+        if (off > _ROUNDED_M).any():
+            raise BenchmarkError(
+                f"plane_height_m is {scene.plane_height_m:g}, and the photos' altitudes are above "
+                f"{float((photos['z'] - photos['altitude_m']).median()):g} m",
+                where=where,
+                expected="the height that altitude_m in queries.csv is above",
+                mend=_MEND,
+            )
+    dsm = benchmark.resolve(scene.dsm or "")
+    if not scene.dsm or not dsm.is_file():
+        return
+    if not same_plane(scene.crs, open_info(dsm).crs):
+        raise BenchmarkError(
+            f"its CRS is {scene.crs}, that of the surface model {describe_crs(open_info(dsm).crs)}",
+            where=where,
+            expected="poses and surface model in one CRS",
+            mend=_MEND,
+        )
+    if scene.dsm_sha256 is not None and sha256_of(dsm) != scene.dsm_sha256:
+        raise BenchmarkError(
+            "the surface model is not the one that the benchmark was prepared with",
+            where=dsm,
+            expected=f"SHA-256 {scene.dsm_sha256[:12]}…",
+            mend=_MEND,
+        )
 
 
 def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
@@ -50,18 +105,35 @@ def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
     tracks = benchmark.file.tracks
     photos = read_queries(home, pd.DataFrame({"id": []}))
     inputs = SceneInputs(scene, photos, entry.crs, check_map(dom), dsm, entry.plane_height_m)
+    retrieval = read_retrieval_truth(home, scene) if "retrieval" in tracks else None
+    if retrieval is not None and entry.gallery is None:
+        _check_windows(retrieval, inputs.dom)
+    check_overlap(inputs.dom, open_info(dsm))
     metadata = _metadata(benchmark.resolve(entry.images), photos)
     has_matching = "matching" in tracks and (home / "matching").is_dir()
     cloud = benchmark.resolve(entry.cloud) if entry.cloud else None
     return scene_facts(
         inputs,
         metadata,
-        read_retrieval_truth(home, scene) if "retrieval" in tracks else None,
+        survey_photos(benchmark.resolve(entry.images), metadata),
+        retrieval,
         read_matching_truth(benchmark, scene) if has_matching else None,
         survey=surveyed(dsm),
         cameras=camera_facts(photos, dsm, metadata),
         cloud_over_surface_m=check_cloud(cloud, inputs) if cloud and cloud.is_file() else None,
     )
+
+
+def _check_windows(truth: RetrievalTruth, dom: RasterInfo) -> None:
+    ends = truth.tiles[["x", "y"]].to_numpy() + truth.tiles[["width", "height"]].to_numpy()
+    if (ends > (dom.width, dom.height)).any():
+        raise BenchmarkError(
+            f"is {dom.width} x {dom.height} px, and tiles reach to {ends[:, 0].max()}, "
+            f"{ends[:, 1].max()}",
+            where=dom.path,
+            expected="the map that the benchmark was prepared with",
+            mend=_MEND,
+        )
 
 
 def _metadata(folder: Path, photos: pd.DataFrame) -> dict[str, PhotoPrior]:

@@ -37,11 +37,14 @@ class MapShift:
     metres : float
     by : str
         What shows it.
+    flipped : str
+        How the map lies the wrong way round, ``"upside down"`` or so, and is no shift at all.
     """
 
     pixels: tuple[float, float]
     metres: float
     by: str
+    flipped: str = ""
 
 
 def map_shift(dom: RasterInfo, dsm: RasterInfo) -> MapShift | None:
@@ -50,7 +53,8 @@ def map_shift(dom: RasterInfo, dsm: RasterInfo) -> MapShift | None:
     Two proofs are tried. Grids of the same size and pixels, in one CRS, are one grid, and one of
     them was moved where their corners differ. Otherwise, where both have empty pixels, their
     masks are correlated (normalised, over shifts of up to 128 of at most 2,048 cells): the map is
-    shifted where another shift than none fits clearly better.
+    shifted where another shift than none fits clearly better, and flipped where it fits flipped
+    only.
     """
     return _by_grids(dom, dsm) or _by_masks(dom, dsm)
 
@@ -74,9 +78,23 @@ def _by_masks(dom: RasterInfo, dsm: RasterInfo) -> MapShift | None:
     down, across = np.unravel_index(int(np.argmax(fits)), fits.shape)
     best, still = float(fits[down, across]), float(fits[_REACH, _REACH])
     if best < _ALIKE or best - still < _LEAD:
-        return None
+        return _flipped(known, shown, best)
     moved = np.array((across - _REACH, down - _REACH), dtype=np.float64) * scale
     return _shift(dom, moved, "their empty pixels", _LEAST * scale)
+
+
+def _flipped(known: Bools, shown: Bools, upright: float) -> MapShift | None:
+    """Tell a map that fits the surface model when it is turned over, and does not as it is."""
+    ways = {
+        "upside down": shown[::-1],
+        "mirrored": shown[:, ::-1],
+        "turned by 180 degrees": shown[::-1, ::-1],
+    }
+    fits = {way: float(_correlation(known, turned).max()) for way, turned in ways.items()}
+    way = max(fits, key=lambda name: fits[name])
+    if fits[way] < _ALIKE or fits[way] - upright < _LEAD:
+        return None
+    return MapShift((0.0, 0.0), 0.0, "their empty pixels", way)
 
 
 def _shift(

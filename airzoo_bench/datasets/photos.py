@@ -7,7 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.benchmark_file import SceneFile
+from airzoo_bench.benchmark.manifest import SceneFile
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.files import atomic_folder, sha256_of
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.folder import (
@@ -17,10 +22,20 @@ from airzoo_bench.datasets.folder import (
     write_folder_files,
     write_scene,
 )
+from airzoo_bench.datasets.map_facts import check_overlap
+from airzoo_bench.datasets.photo_facts import Cameras3D, camera_facts
+from airzoo_bench.datasets.photo_files import PhotoFiles, survey_photos
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.prior_file import read_prior_file, with_given
-from airzoo_bench.datasets.raster_checks import check_map, check_tile_count, surveyed
-from airzoo_bench.datasets.scene_facts import Cameras3D, SceneFacts, camera_facts, scene_facts
+from airzoo_bench.datasets.raster_checks import (
+    check_above_surface,
+    check_map,
+    check_map_scale,
+    check_tile_count,
+    often_lowest,
+    surveyed,
+)
+from airzoo_bench.datasets.scene_facts import SceneFacts, scene_facts
 from airzoo_bench.datasets.sources import (
     PhotoSources,
     check_names,
@@ -29,25 +44,19 @@ from airzoo_bench.datasets.sources import (
     photo_sizes,
     vertical_unit_m,
 )
-from airzoo_bench.datasets.suspicions import check_above_surface, check_map_scale, often_lowest
-from airzoo_bench.datasets.tiles import write_crops, write_tiles
-from airzoo_bench.errors import BenchmarkError, UserError
-from airzoo_bench.files import atomic_folder, sha256_of
+from airzoo_bench.datasets.tiles import write_parts
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    Protocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-)
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
-from airzoo_bench.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 __all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
 
@@ -137,6 +146,7 @@ def prepare_photos(
     read = _read(sources, scene.id, sizes, progress)
     inputs = read.inputs
     check_above_surface(read.cameras, sources.dsm)
+    check_overlap(inputs.dom, open_info(sources.dsm))
     check_map_scale(inputs)
     check_tile_count(inputs.dom, protocols.retrieval.gallery)
     above = check_cloud(sources.cloud, inputs) if sources.cloud is not None else None
@@ -146,11 +156,9 @@ def prepare_photos(
     images = tuple(inputs.photos["image"])
     with atomic_folder(folder, replace=replace) as staged:
         home = write_scene(staged, scene.id, truths)
-        if truths.matching and crops_on_disk:
-            write_crops(home / "matching" / "crops", truths.matching, progress)
-        if truths.retrieval and tiles_on_disk:
-            tiles = truths.retrieval.truth.tiles
-            write_tiles(home / "retrieval" / "tiles", tiles, sources.dom, progress)
+        write_parts(
+            home, truths, inputs.dom, tiles=tiles_on_disk, crops=crops_on_disk, progress=progress
+        )
         kept = sources.kept
         places = copied(staged, scene.id, kept, images) if copy else left_in_place(kept)
         entry = SceneFile(
@@ -185,6 +193,7 @@ class _Read:
     inputs: SceneInputs
     survey: HeightSurvey
     metadata: dict[str, PhotoPrior]
+    files: PhotoFiles
     cameras: Cameras3D
 
     def facts(self, truths: SceneTruths, cloud_over_surface_m: float | None) -> SceneFacts:
@@ -192,6 +201,7 @@ class _Read:
         return scene_facts(
             self.inputs,
             self.metadata,
+            self.files,
             retrieval,
             truths.matching,
             survey=self.survey,
@@ -218,7 +228,8 @@ def _read(
     table = photo_table(scene, photos.names, photos.cameras, poses, _priors(metadata, crs), plane)
     unposed = tuple(sorted(set(sizes) - set(photos.names)))
     inputs = SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
-    return _Read(inputs, survey, metadata, camera_facts(table, sources.dsm, metadata))
+    files = survey_photos(sources.images, photos.names)
+    return _Read(inputs, survey, metadata, files, camera_facts(table, sources.dsm, metadata))
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
@@ -247,7 +258,7 @@ def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources, read: _Read)
     tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "
     excluded = prepared.truth.excluded
     reasons = excluded["reason"].value_counts()
-    listed = "; ".join(f"{count} photos: {reason}" for reason, count in reasons.items())
+    listed = "; ".join(f"{counted(count, 'photo')}: {reason}" for reason, count in reasons.items())
     return BenchmarkError(
         f"no photo has a tile that answers it ({listed}); cameras are about "
         f"({centres['x']:.0f}, {centres['y']:.0f}, {centres['z']:.0f}), the surface model is "

@@ -20,12 +20,13 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from airzoo_bench.errors import CameraError, first_of
-from airzoo_bench.files import read_text
+from airzoo_bench.core.errors import CameraError, first_of
+from airzoo_bench.core.files import read_text
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.core.validation import validation_message
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
-from airzoo_bench.pycolmap_loader import load_pycolmap
-from airzoo_bench.validation import validation_message
 
 __all__ = ["PosedPhotos", "read_poses"]
 
@@ -176,6 +177,7 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
 
     try:
         model = pycolmap.Reconstruction(str(path))
+    # What pybind11 makes of C++ exceptions over damaged files, absurd counts among it.
     except (RuntimeError, ValueError, LookupError, OSError, MemoryError) as error:
         raise CameraError(
             f"not a COLMAP model: {_without_source_line(error)}",
@@ -261,7 +263,7 @@ def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> 
         raise CameraError("has no image with a pose", where=path, mend="register images first")
     if not names:
         raise CameraError(
-            f"none of its {len(posed)} images is among the {len(sizes)} photos",
+            f"none of its {counted(len(posed), 'image')} is among {counted(len(sizes), 'photo')}",
             where=path,
             expected=f"names such as {next(iter(sorted(sizes)))}",
             mend=f"it has names such as {posed[0]!r}; rename one or the other",
@@ -280,8 +282,20 @@ def _check_centred(photos: PosedPhotos, path: Path) -> None:
         raise CameraError(
             f"camera matrices of another image size: {named}; "
             f"the first is {size[row, 0]}x{size[row, 1]} px, with the principal point at "
-            f"({cx:.1f}, {cy:.1f})",
+            f"({cx:.1f}, {cy:.1f})" + _sizes_of(photos, size),
             where=path,
             expected="a principal point near the middle of the photo",
-            mend="scale K to the size of the photos",
+            mend="scale K to the size of the photos; photos of several cameras need a K each (in "
+            "their entry of 'images'), or a benchmark for each camera, from a folder of its own",
         )
+
+
+def _sizes_of(photos: PosedPhotos, size: NDArray[np.int64]) -> str:
+    """Name the sizes of photos and which have them, where there are several."""
+    found = sorted({(int(width), int(height)) for width, height in size})
+    groups = [
+        f"{width}x{height} px: "
+        + first_of(photos.names[i] for i in np.flatnonzero((size == (width, height)).all(axis=1)))
+        for width, height in found
+    ]
+    return f"; photos of {len(found)} cameras: {', '.join(groups)}" if len(found) > 1 else ""

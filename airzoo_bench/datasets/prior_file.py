@@ -10,9 +10,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.files import read_text
 from airzoo_bench.datasets.dji import PhotoPrior
-from airzoo_bench.errors import BenchmarkError, first_of
-from airzoo_bench.files import read_text
 
 __all__ = ["PRIOR_VALUES", "read_prior_file", "with_given"]
 

@@ -1,4 +1,4 @@
-"""What map and surface model cannot be, found before anything is made from them."""
+"""What map, surface model and cameras cannot be, found before truth is made from them."""
 
 from __future__ import annotations
 
@@ -6,20 +6,36 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.datasets.photo_facts import Cameras3D
+from airzoo_bench.datasets.scene_facts import footprints_of
 from airzoo_bench.geometry.blocks import HeightSurvey, survey_heights
+from airzoo_bench.geometry.frames import describe_crs
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import CORNERS
-from airzoo_bench.geometry.rasters import RasterInfo, describe_crs, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.settings import Gallery
 
-__all__ = ["check_map", "check_tile_count", "surveyed"]
+__all__ = [
+    "FOOT_M",
+    "LOWEST_SHARE",
+    "check_above_surface",
+    "check_map",
+    "check_map_scale",
+    "check_tile_count",
+    "often_lowest",
+    "surveyed",
+]
 
 # No ground is lower or higher, above sea level or ellipsoid.
 _LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
 # Some 130,000 px a side: a larger raster takes hours to pass over.
 _MOST_PIXELS = 1 << 34
+FOOT_M = 0.3048
+LOWEST_SHARE = 0.01
+"""So many heights may be the lowest one, to the last bit, before it looks like a missing one."""
 _MOST_TILES = 500_000  # some 0.8 GB
 _POLE_DEG = 90.0 + 1e-6
 
@@ -105,3 +121,55 @@ def _check_pixels(info: RasterInfo) -> None:
             expected=f"at most {_MOST_PIXELS:,} pixels",
             mend="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
         )
+
+
+def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
+    """Refuse a scene all of whose cameras are on the surface model or below it.
+
+    Raises
+    ------
+    BenchmarkError
+        With the heights, and what they would be in feet.
+    """
+    known = np.isfinite(cameras.heights_m)
+    if not known.any() or cameras.below < known.sum():
+        return
+    surface = float(np.median(cameras.surface_m[known]))
+    centre = surface + cameras.height_m
+    in_feet = centre - surface * FOOT_M
+    hint = "look at the vertical datum and unit of both"
+    if in_feet > 0.0:
+        hint += (
+            f"; were the DSM in feet, the cameras would be {in_feet:.1f} m above it: name the unit "
+            "with gdal_edit.py -units ft"
+        )
+    raise BenchmarkError(
+        f"every camera is below the surface: they are at {centre:.1f} m, the "
+        f"surface below them is at {surface:.1f} m (medians)",
+        where=dsm,
+        expected="cameras above the surface model, both in the same vertical unit and datum",
+        mend=hint,
+    )
+
+
+def check_map_scale(inputs: SceneInputs) -> None:
+    """Refuse a map of which a whole photo sees less than a pixel.
+
+    Raises
+    ------
+    RasterError
+        With both sizes.
+    """
+    pixel, (_, footprint, _) = max(gsd_m(inputs.dom)), footprints_of(inputs)
+    if 0.0 < footprint < pixel:
+        raise RasterError(
+            f"a pixel is {pixel:,.1f} m wide on the ground, and a photo sees {footprint:,.1f} m",
+            where=inputs.dom.path,
+            expected="a map of about the photos' resolution",
+            mend="look at the geotransform and the CRS of the map",
+        )
+
+
+def often_lowest(survey: HeightSurvey) -> bool:
+    """Whether the lowest height stands so often that it may stand for a missing one."""
+    return survey.low < survey.high and survey.at_low > LOWEST_SHARE * survey.valid

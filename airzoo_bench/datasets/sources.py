@@ -8,9 +8,8 @@ from pathlib import Path
 
 from pyproj import CRS
 
-from airzoo_bench.datasets.images import photo_size
-from airzoo_bench.datasets.poses import PosedPhotos
-from airzoo_bench.errors import (
+from airzoo_bench.benchmark.images import photo_size
+from airzoo_bench.core.errors import (
     BenchmarkError,
     CameraError,
     RasterError,
@@ -18,12 +17,13 @@ from airzoo_bench.errors import (
     UserError,
     first_of,
 )
-from airzoo_bench.files import check_new_folder
-from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
-from airzoo_bench.geometry.rasters import check_same_crs, describe_crs, open_info
+from airzoo_bench.core.files import check_new_folder
+from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.geometry.frames import check_same_crs, describe_crs, horizontal_crs, to_lonlat
+from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.units import check_true_metres, vertical_m
-from airzoo_bench.ids import PHOTO_SUFFIXES
-from airzoo_bench.progress import Progress
 
 __all__ = [
     "PhotoSources",

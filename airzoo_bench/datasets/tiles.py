@@ -3,45 +3,101 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.matching.crops import write_crop
+from airzoo_bench.benchmark.images import read_tile
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.folder import SceneTruths
+from airzoo_bench.geometry.grids import pixel_to_world
+from airzoo_bench.geometry.rasters import RasterInfo
+from airzoo_bench.matching.crop_files import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.progress import Progress
+from airzoo_bench.retrieval.truth import BOX_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["read_tile", "write_crops", "write_tiles"]
+__all__ = ["write_parts"]
+
+_WINDOW = ["x", "y", "width", "height"]
 
 
-def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
-    """Read one tile (height, width, 3) from its window of the map."""
-    window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
-    return read_rgb(dom, window)
+def write_parts(
+    home: Path,
+    truths: SceneTruths,
+    gallery: RasterInfo,
+    *,
+    tiles: bool,
+    crops: bool,
+    progress: Progress,
+) -> None:
+    """Write the tiles and crops of a scene as files, as far as they are wanted and there are any.
+
+    Parameters
+    ----------
+    home : Path
+        The scene's folder.
+    truths : SceneTruths
+    gallery : RasterInfo
+        The map that tiles are cut from.
+    tiles, crops : bool
+        Which are wanted.
+    progress : Progress
+
+    Raises
+    ------
+    UserError
+        A map cannot be read, or a file not be written.
+    """
+    if truths.retrieval is not None and tiles:
+        _write_tiles(home / "retrieval" / "tiles", truths.retrieval.truth.tiles, gallery, progress)
+    if truths.matching is not None and crops:
+        _write_crops(home / "matching" / "crops", truths.matching, progress)
 
 
-def write_tiles(folder: Path, tiles: pd.DataFrame, dom: Path, progress: Progress) -> None:
-    """Write every tile as ``<name>.png``, the name being its id without the scene."""
+def _write_tiles(
+    folder: Path, tiles: pd.DataFrame, gallery: RasterInfo, progress: Progress
+) -> None:
+    """Write every tile as ``<name>.png``, the name being its id without the scene, and a list."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
-    for _, tile in progress(tiles.iterrows(), "tiles", len(tiles)):
-        name = str(tile["id"]).split("/", 1)[1]
-        Image.fromarray(read_tile(dom, tile)).save(folder / f"{name}.png")
+    files = [f"{_name(tile)}.png" for tile in tiles["id"]]
+    rows = zip(files, tiles.iterrows(), strict=True)
+    for file, (_, tile) in progress(rows, "tiles", len(tiles)):
+        Image.fromarray(read_tile(gallery.path, tile)).save(folder / file)
+    listed = tiles[["id", *BOX_COLUMNS, "size_m", *_WINDOW]].copy()
+    listed.insert(1, "file", files)
+    _write_list(folder / "tiles.csv", listed, gallery)
 
 
-def write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
-    """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``.
+def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
+    """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``, and a list.
 
-    The name is the query's id without the scene, with ``_`` for the slashes in it.
+    The name is the query's id without the scene, with folders for the slashes in it.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = zip(truth.queries["id"], truth.crops.tolist(), strict=True)
-    for query, (x, y, width, height) in progress(rows, "crops", len(truth.queries)):
-        name = str(query).split("/", 1)[1].replace("/", "_")
-        write_crop(truth.dom.path, truth.dsm, (x, y, width, height), folder, name)
+    import pandas as pd
+
+    ids = truth.queries["id"].tolist()
+    names = [_name(query) for query in ids]
+    for name, window in progress(zip(names, truth.crops.tolist(), strict=True), "crops", len(ids)):
+        write_crop(truth.dom.path, truth.dsm, tuple(window), folder, name)
+    files = {f"{kind}_file": [f"{name}_{kind}.tif" for name in names] for kind in ("dom", "dsm")}
+    windows = dict(zip(_WINDOW, truth.crops.T, strict=True))
+    _write_list(folder / "crops.csv", pd.DataFrame({"id": ids, **files, **windows}), truth.dom)
+
+
+def _write_list(path: Path, parts: pd.DataFrame, whole: RasterInfo) -> None:
+    """Write a row a part of a map, with the transform of its own pixels to the map's CRS."""
+    a, b, _, d, e, _ = whole.transform[:6]
+    corners = pixel_to_world(whole.transform, parts[["x", "y"]].to_numpy(np.float64))
+    transform = {"a": a, "b": b, "c": corners[:, 0], "d": d, "e": e, "f": corners[:, 1]}
+    columns = parts.assign(**transform, crs=whole.crs.to_string())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    columns.to_csv(path, index=False, lineterminator="\n")
+
+
+def _name(part: str) -> str:
+    return part.split("/", 1)[1]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import CameraError, first_of
+from airzoo_bench.core.errors import CameraError, first_of
 
 __all__ = ["Bools", "Floats", "Ints", "apply_matrix", "multiply", "refuse_cameras"]
 

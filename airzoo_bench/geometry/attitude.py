@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import from_lonlat, horizontal_crs
 

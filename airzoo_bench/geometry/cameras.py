@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, refuse_cameras
 from airzoo_bench.geometry.lens import distort, in_range, undistort
 
@@ -99,6 +99,12 @@ class Cameras:
             principal_point=matrices[:, :2, 2].copy(),
             distortion=_distortion(distortion, count, names),
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
+        """Return the cameras of some batches, one after the other; at least one batch."""
+        names = ("width", "height", "focal", "principal_point", "distortion")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def __len__(self) -> int:
         return len(self.focal)

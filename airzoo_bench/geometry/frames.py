@@ -15,16 +15,19 @@ from numpy.typing import ArrayLike
 from pyproj import CRS, Geod, Transformer
 from pyproj.exceptions import CRSError
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats, apply_matrix
 
 __all__ = [
     "Enu",
+    "check_same_crs",
+    "describe_crs",
     "ecef_to_geodetic",
     "from_lonlat",
     "geodesic_distance_m",
     "geodetic_to_ecef",
     "horizontal_crs",
+    "same_plane",
     "to_lonlat",
     "unwrapped",
 ]
@@ -192,3 +195,74 @@ def _transformed(transformer: Transformer, points: ArrayLike) -> Floats:
     # PROJ answers with infinity where it cannot, and looks at one coordinate at a time.
     usable = np.isfinite(given).all(axis=-1) & np.isfinite(moved).all(axis=-1)
     return np.where(usable[..., None], moved, np.nan)
+
+
+def check_same_crs(a: Any, b: Any, what: str) -> None:
+    """Refuse two CRS whose map planes differ.
+
+    Parameters
+    ----------
+    a, b : Any
+        See `same_plane`.
+    what : str
+        What the two belong to, such as ``"DOM and DSM"``.
+
+    Raises
+    ------
+    RasterError
+        They differ; both are named.
+    UserError
+        See `horizontal_crs`.
+    """
+    if same_plane(a, b):
+        return
+    first, second = horizontal_crs(a), horizontal_crs(b)
+    raise RasterError(
+        f"{what} differ in CRS: {describe_crs(first)} and {describe_crs(second)}",
+        expected="one CRS",
+        mend="reproject one of them, e.g. with gdalwarp",
+    )
+
+
+def same_plane(first: Any, second: Any) -> bool:
+    """Whether two CRS have one map plane.
+
+    They do when PROJ finds them equivalent, or gives them one EPSG code, or finds their
+    datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
+    their axes. A vertical part is left aside.
+
+    Parameters
+    ----------
+    first, second : Any
+        See `horizontal_crs`.
+
+    Raises
+    ------
+    UserError
+        See `horizontal_crs`.
+    """
+    a, b = horizontal_crs(first), horizontal_crs(second)
+    code = a.to_epsg()
+    if a.equals(b, ignore_axis_order=True) or (code is not None and code == b.to_epsg()):
+        return True
+    # WKT 1 has no place for EPSG:4547's northing-easting axes: PROJ then finds whole and part
+    # different, though the parts agree.
+    if a.geodetic_crs is None or b.geodetic_crs is None:
+        return False
+    return (
+        a.geodetic_crs.equals(b.geodetic_crs, ignore_axis_order=True)
+        and a.coordinate_operation == b.coordinate_operation
+        and _axes(a) == _axes(b)
+    )
+
+
+def _axes(crs: CRS) -> list[tuple[str, float]]:
+    return sorted((axis.direction, axis.unit_conversion_factor) for axis in crs.axis_info)
+
+
+def describe_crs(crs: CRS) -> str:
+    """Name a CRS for messages: its EPSG code where it has one, and its name."""
+    code = crs.to_epsg()
+    if code is None:
+        return crs.name if crs.name != "unknown" else crs.to_string()[:80]
+    return f"EPSG:{code} ({crs.name})"

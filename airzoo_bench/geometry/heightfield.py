@@ -18,7 +18,7 @@ from rasterio import Affine
 from rasterio.enums import MaskFlags
 from rasterio.windows import Window
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from airzoo_bench.errors import RasterError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
-from airzoo_bench.geometry.rasters import check_same_crs
+from airzoo_bench.geometry.frames import from_lonlat, same_plane, to_lonlat
 
 __all__ = ["change_of_plane"]
 
@@ -16,11 +14,9 @@ __all__ = ["change_of_plane"]
 def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
     """Return what takes coordinates (..., 2) of one CRS to another, x before y.
 
-    Coordinates are left as they are where the two are one CRS (see `rasters.check_same_crs`);
+    Coordinates are left as they are where the two are one CRS (see `frames.same_plane`);
     otherwise they go through WGS84, and are NaN beyond the domain of either.
     """
-    try:
-        check_same_crs(source, target, "the two")
-    except RasterError:
-        return lambda xy: from_lonlat(target, to_lonlat(source, xy))
-    return lambda xy: xy
+    if same_plane(source, target):
+        return lambda xy: xy
+    return lambda xy: from_lonlat(target, to_lonlat(source, xy))

@@ -21,14 +21,17 @@ from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
-from airzoo_bench.errors import RasterError, UserError
-from airzoo_bench.geometry.frames import geodesic_distance_m, horizontal_crs, to_lonlat
+from airzoo_bench.core.errors import RasterError, UserError
+from airzoo_bench.geometry.frames import (
+    describe_crs,
+    geodesic_distance_m,
+    horizontal_crs,
+    to_lonlat,
+)
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 
 __all__ = [
     "RasterInfo",
-    "check_same_crs",
-    "describe_crs",
     "gsd_m",
     "open_info",
     "opened",
@@ -146,62 +149,6 @@ def gsd_m(info: RasterInfo) -> tuple[float, float]:
             mend="check the geotransform and the CRS of the file",
         )
     return x, y
-
-
-def check_same_crs(a: Any, b: Any, what: str) -> None:
-    """Refuse two CRS whose map planes differ.
-
-    They are the same when PROJ finds them equivalent, or gives them one EPSG code, or finds their
-    datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
-    their axes. A vertical part is left aside.
-
-    Parameters
-    ----------
-    a, b : Any
-        See `frames.horizontal_crs`.
-    what : str
-        What the two belong to, such as ``"DOM and DSM"``.
-
-    Raises
-    ------
-    RasterError
-        They differ; both are named.
-    UserError
-        See `frames.horizontal_crs`.
-    """
-    first, second = horizontal_crs(a), horizontal_crs(b)
-    if _same_plane(first, second):
-        return
-    raise RasterError(
-        f"{what} differ in CRS: {describe_crs(first)} and {describe_crs(second)}",
-        expected="one CRS",
-        mend="reproject one of them, e.g. with gdalwarp",
-    )
-
-
-def _same_plane(a: CRS, b: CRS) -> bool:
-    code = a.to_epsg()
-    if a.equals(b, ignore_axis_order=True) or (code is not None and code == b.to_epsg()):
-        return True
-    # WKT 1 has no place for EPSG:4547's northing-easting axes: PROJ then finds whole and part
-    # different, though the parts agree.
-    if a.geodetic_crs is None or b.geodetic_crs is None:
-        return False
-    return (
-        a.geodetic_crs.equals(b.geodetic_crs, ignore_axis_order=True)
-        and a.coordinate_operation == b.coordinate_operation
-        and _axes(a) == _axes(b)
-    )
-
-
-def _axes(crs: CRS) -> list[tuple[str, float]]:
-    return sorted((axis.direction, axis.unit_conversion_factor) for axis in crs.axis_info)
-
-
-def describe_crs(crs: CRS) -> str:
-    """Name a CRS for messages: its EPSG code where it has one, and its name."""
-    code = crs.to_epsg()
-    return crs.name if code is None else f"EPSG:{code} ({crs.name})"
 
 
 def read_rgb(

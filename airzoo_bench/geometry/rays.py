@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.frames import horizontal_crs
+from airzoo_bench.geometry.frames import describe_crs, horizontal_crs
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.march import first_crossings
-from airzoo_bench.geometry.rasters import describe_crs
 
 __all__ = ["RayHits", "RayStatus", "intersect_heightfield", "intersect_plane"]
 

@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike
 from pyproj import CRS, Proj
 from pyproj.database import get_units_map
 
-from airzoo_bench.errors import CameraError, RasterError
+from airzoo_bench.core.errors import CameraError, RasterError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import horizontal_crs
-from airzoo_bench.geometry.rasters import describe_crs
+from airzoo_bench.geometry.frames import describe_crs, horizontal_crs
 
 __all__ = ["MOST_SCALE_ERROR", "check_true_metres", "height_unit_m", "scale_error", "vertical_m"]
 

@@ -6,15 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark import Benchmark, data_root
-from airzoo_bench.errors import UsageError
+from airzoo_bench.benchmark.folder import Benchmark, data_root
+from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.datasets.folder_facts import check_scene_entry
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.queries import cameras_of, poses_of, read_queries
 
 if TYPE_CHECKING:
-    from airzoo_bench.benchmark_file import SceneFile
+    from airzoo_bench.benchmark.manifest import SceneFile
     from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = ["PosedScene", "open_benchmark", "scene_from_poses", "scenes_of_benchmark"]
@@ -86,7 +87,8 @@ def scenes_of_benchmark(benchmark: Benchmark, only: str | None = None) -> list[P
     UsageError
         There is no scene `only`.
     BenchmarkError
-        A photo lacks its camera or pose.
+        A photo lacks its camera or pose, or benchmark.toml does not say of the scene what the
+        files do that it was prepared from.
     """
     scenes = [scene for scene in benchmark.file.scenes if only in (None, scene.id)]
     if not scenes:
@@ -137,6 +139,7 @@ def _scene(benchmark: Benchmark, scene: SceneFile) -> PosedScene:
 
     nothing_left_out = pd.DataFrame({"id": []})
     photos = read_queries(benchmark.scene_folder(scene.id), nothing_left_out)
+    check_scene_entry(benchmark, scene, photos)
     return PosedScene(
         scene.id,
         tuple(photos["id"]),

@@ -6,19 +6,24 @@ depths are zero, negative, NaN, infinite or the file's nodata, there is no depth
 
 from __future__ import annotations
 
-import tokenize
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError, PredictionError, RasterError, UsageError, first_of
-
-if TYPE_CHECKING:
-    from airzoo_bench.readers.npz import NpzFile
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    PredictionError,
+    RasterError,
+    UsageError,
+    first_of,
+)
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.formats.npy import read_header
+from airzoo_bench.formats.npz import NpzFile
 
 __all__ = ["SUFFIXES", "DepthKind", "find_depths", "read_depth"]
 
@@ -27,19 +32,8 @@ SUFFIXES = (".tif", ".tiff", ".npy", ".npz", ".png")
 
 Depths = NDArray[np.float32]
 
-_NPY_MAGIC = b"\x93NUMPY"
 _BYTES_OF_A_DEPTH = 8
 _FIELD = "depth"
-_DAMAGE = (
-    EOFError,
-    OSError,
-    OverflowError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    tokenize.TokenError,
-)
-"""What NumPy raises over a damaged .npy file."""
 
 
 class DepthKind(StrEnum):
@@ -90,7 +84,7 @@ def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
         )
     if not any(found):
         raise BenchmarkError(
-            f"holds no depth map of any of the {len(images)} photos",
+            f"holds no depth map of any of {counted(len(images), 'photo')}",
             where=folder,
             expected=f"such as {Path(images[0]).with_suffix('').as_posix()}.tif "
             f"({', '.join(SUFFIXES)})",
@@ -155,22 +149,21 @@ def _read_raster(path: Path, shape: tuple[int, int]) -> tuple[NDArray[Any], floa
 
 
 def _read_npy(path: Path, shape: tuple[int, int]) -> tuple[NDArray[Any], None]:
-    with path.open("rb") as stream:
-        if stream.read(len(_NPY_MAGIC)) != _NPY_MAGIC:
-            raise _damaged(path, "is not a .npy file")
     try:
-        # Mapped: a header's claims are held against the file before memory is taken.
-        stored = np.load(path, mmap_mode="r", allow_pickle=False)
-    except _DAMAGE as error:
-        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
-        raise _damaged(path, f"cannot be read: {reason}") from error
-    _check_type(stored.dtype, path)
-    return _check_size(stored.shape, shape, path, stored), None
+        with path.open("rb") as stream:
+            header, start = read_header(stream), stream.tell()
+    except ValueError as error:
+        raise _damaged(path, f"is not a .npy file: {str(error)[:200]}") from error
+    _check_type(header.dtype, path)
+    _check_size(header.shape, shape, path)
+    if path.stat().st_size < start + shape[0] * shape[1] * header.dtype.itemsize:
+        raise _damaged(path, "ends before its depths do")
+    order: Literal["C", "F"] = "F" if header.fortran_order else "C"
+    stored = np.memmap(path, header.dtype, "r", start, header.shape, order)
+    return stored.reshape(shape), None
 
 
 def _read_npz(path: Path, shape: tuple[int, int]) -> tuple[NDArray[Any], None]:
-    from airzoo_bench.readers.npz import NpzFile
-
     try:
         file = NpzFile(path, limit_bytes=_BYTES_OF_A_DEPTH * shape[0] * shape[1])
         name = _depth_field(file)
@@ -203,9 +196,7 @@ def _check_type(dtype: np.dtype[Any], path: Path) -> None:
         )
 
 
-def _check_size(
-    have: tuple[int, ...], want: tuple[int, int], path: Path, array: Any = None
-) -> NDArray[Any]:
+def _check_size(have: tuple[int, ...], want: tuple[int, int], path: Path) -> None:
     """Refuse another size than the photo's; axes of length 1 are dropped."""
     if tuple(n for n in have if n != 1) != tuple(n for n in want if n != 1):
         size = " x ".join(str(n) for n in reversed(have)) or "0"
@@ -218,7 +209,6 @@ def _check_size(
             if turned
             else "render it at the photo's size, or use the photos that it belongs to",
         )
-    return np.asarray(array).reshape(want) if array is not None else np.empty(0)
 
 
 def _damaged(path: Path, what: str) -> BenchmarkError:

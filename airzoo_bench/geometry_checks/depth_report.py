@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry_checks.dataset import PosedScene
 from airzoo_bench.geometry_checks.depth_consistency import OCCLUSION, Comparison, compare_depths
@@ -18,7 +19,6 @@ from airzoo_bench.geometry_checks.depth_faults import COLUMNS, Explanation, desi
 from airzoo_bench.geometry_checks.depth_frames import FrameStore, Sampling
 from airzoo_bench.geometry_checks.depth_maps import find_depths
 from airzoo_bench.geometry_checks.frame_pairs import PairRule, choose_pairs
-from airzoo_bench.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.frames import to_lonlat
@@ -88,13 +88,15 @@ def cast_corners(
     lonlat : (N, 4, 2) array
         Degrees; NaN where all four rays go up: the photo sees no ground.
     unknown : (N,) bool array
-        The camera is below the plane, a corner has no ray, or the place is none of the CRS.
+        The camera is below the plane, a corner has no ray, the place is none of the CRS, or a pole
+        is inside, so that no polygon in degrees describes it.
     """
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, 0.0)))
     hits = intersect_plane(poses.centres, rays, plane_height_m, max_range_m)
     ends = poses.centres[:, None] + max_range_m * rays
     lonlat = to_lonlat(crs, np.where(hits.valid[..., None], hits.points, ends)[..., :2])
     unknown = (poses.centres[:, 2] <= plane_height_m) | np.isnan(lonlat).any(axis=(1, 2))
+    unknown |= _round_pole(lonlat)
     blind = (rays[..., 2] >= 0.0).all(axis=1)
     lonlat[unknown | blind] = np.nan
     return lonlat, unknown
@@ -109,7 +111,7 @@ def _cast_scene(scene: PosedScene, max_range_m: float) -> tuple[Floats, Bools]:
 def _read_csv(path: Path) -> NamedFootprints:
     import pandas as pd
 
-    from airzoo_bench.benchmark_tables import read_table
+    from airzoo_bench.benchmark.tables import read_table
 
     table = read_table(path, ("id", *CORNER_COLUMNS))
     columns = [pd.to_numeric(table[name], errors="coerce") for name in CORNER_COLUMNS]
@@ -123,5 +125,14 @@ def _read_csv(path: Path) -> NamedFootprints:
             where=path,
             expected="longitude and latitude in WGS84",
         )
-    unknown = np.asarray(~np.isfinite(lonlat).all(axis=(1, 2)))
+    unknown = np.asarray(~np.isfinite(lonlat).all(axis=(1, 2))) | _round_pole(lonlat)
+    lonlat[unknown] = np.nan
     return NamedFootprints(str(path), ids, lonlat, unknown)
+
+
+def _round_pole(lonlat: Floats) -> Bools:
+    """Tell footprints whose border goes once round the earth."""
+    lon = lonlat[..., 0]
+    steps = (np.roll(lon, -1, axis=1) - lon + 180.0) % 360.0 - 180.0
+    round_it: Bools = np.abs(steps.sum(axis=1)) > 180.0
+    return round_it

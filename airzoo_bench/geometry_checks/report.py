@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.core.errors import CameraError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.datasets.suspicions import suspicions
-from airzoo_bench.errors import CameraError
-from airzoo_bench.files import atomic_write
 from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
 from airzoo_bench.geometry.units import check_true_metres
 from airzoo_bench.geometry_checks.dataset import PosedScene
@@ -93,7 +94,8 @@ class SceneGeometry:
             notes.append("depth not checked: there are no depth maps (--depth)")
         elif self.depth.without_depth:
             names = self.depth.without_depth
-            notes.append(f"{len(names)} photos have no depth map, such as {names[0]}")
+            who, have = counted(len(names), "photo"), agreeing(len(names), "has", "have")
+            notes.append(f"{who} {have} no depth map, such as {names[0]}")
         return notes
 
 
@@ -122,9 +124,9 @@ def _chain_faults(chain: FrameChain, ids: tuple[str, ...]) -> list[str]:
     named = [f"{int(mask.sum())} with {cause}" for mask, cause in causes if mask.any()]
     because = "; ".join(named) or "the CRS cannot be inverted so exactly"
     return [
-        f"the frame chain of {bad.size} of {len(ids)} photos does not close to {CLOSES_M:g} m and "
-        f"{CLOSES_PX:g} px (worst: {ids[worst]}, {chain.closure_m[worst]:.2g} m, "
-        f"{chain.closure_px[worst]:.2g} px): {because}"
+        f"the frame chain of {bad.size} of {counted(len(ids), 'photo')} does not close "
+        f"to {CLOSES_M:g} m and {CLOSES_PX:g} px (worst: {ids[worst]}, "
+        f"{chain.closure_m[worst]:.2g} m, {chain.closure_px[worst]:.2g} px): {because}"
     ]
 
 
@@ -148,7 +150,9 @@ def _depth_faults(depth: DepthConsistency) -> list[str]:
             f"of its points float{why}"
         )
     if len(bad) > _SHOWN and depth.everywhere is None:
-        faults.append(f"{len(bad) - _SHOWN} more frames stand out; photos.csv has all (--out)")
+        more = len(bad) - _SHOWN
+        stand = f"{counted(more, 'more frame')} {agreeing(more, 'stands', 'stand')}"
+        faults.append(f"{stand} out; photos.csv has all (--out)")
     return faults + (_conventions(depth) if faults else [])
 
 

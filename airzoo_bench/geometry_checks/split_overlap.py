@@ -13,10 +13,10 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.files import atomic_write
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry_checks.footprint_sets import NamedFootprints
-from airzoo_bench.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,7 +99,7 @@ def find_overlaps(train: Floats, test: Floats, progress: Progress = silent) -> I
     """
     from shapely import STRtree
 
-    shapes, rows = _polygons(*_with_copies(train))
+    shapes, rows = _polygons(*_with_copies(train, test))
     tree = STRtree(shapes)
     starts = range(0, len(test), _BLOCK)
     for start in progress(starts, "footprints", len(starts)):
@@ -202,11 +202,9 @@ def _unwrapped(lonlat: Floats) -> Floats:
     return np.stack((beside, lonlat[..., 1]), axis=-1)
 
 
-def _with_copies(lonlat: Floats) -> tuple[Floats, Ints]:
-    """Unwrap, and repeat what lies near the 180th meridian on its other side."""
-    unwrapped = _unwrapped(lonlat)
-    lon = unwrapped[:, 0, 0]
-    east, west = np.flatnonzero(lon > 179.0), np.flatnonzero(lon < -179.0)
-    turn = np.array((360.0, 0.0))
-    copies = (unwrapped, unwrapped[east] - turn, unwrapped[west] + turn)
-    return np.concatenate(copies), np.concatenate((np.arange(len(lonlat)), east, west))
+def _with_copies(lonlat: Floats, other: Floats) -> tuple[Floats, Ints]:
+    """Unwrap, and repeat all a turn away where either set reaches across the 180th meridian."""
+    unwrapped, turn = _unwrapped(lonlat), np.array((360.0, 0.0))
+    across = any((np.abs(found[..., 0]) > 180.0).any() for found in (unwrapped, _unwrapped(other)))
+    copies = (unwrapped, unwrapped - turn, unwrapped + turn) if across else (unwrapped,)
+    return np.concatenate(copies), np.tile(np.arange(len(lonlat)), len(copies))

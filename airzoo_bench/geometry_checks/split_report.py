@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from airzoo_bench.errors import first_of
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry_checks.split_overlap import SplitOverlap
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
@@ -25,12 +26,11 @@ def split_table(found: SplitOverlap) -> Table:
 
 
 def _notes(found: SplitOverlap) -> list[str]:
-    sizes = f"{len(found.train.ids):,} training and {len(found.test.ids):,} test photos"
+    sizes = f"{len(found.train.ids):,} training and {counted(len(found.test.ids), 'test photo')}"
     notes = [f"{sizes}: no two see the same ground"]
     if found.pairs:
-        notes = [
-            f"{sizes}: {found.pairs:,} pairs overlap, with {found.tainted:,} of the test photos"
-        ]
+        overlap = f"{counted(found.pairs, 'pair')} {agreeing(found.pairs, 'overlaps', 'overlap')}"
+        notes = [f"{sizes}: {overlap}, with {found.tainted:,} of the test photos"]
     if found.pairs > len(found.first):
         notes.append(f"the first {len(found.first)} are shown; --out writes all")
     if found.unknown:

@@ -9,32 +9,33 @@ SIFT finds its own orientation, so a prior whose yaw is wrong does no harm.
 
 from __future__ import annotations
 
-import struct
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
+from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, world_to_pixel
+from airzoo_bench.geometry.sift import Descriptors, Grey, extract, mutual_nearest
 from airzoo_bench.matching.resampling import resample
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.sift import Descriptors, Grey, extract, mutual_nearest
-from airzoo_bench.workers import spread
 
 __all__ = ["SiftSettings", "Task", "match", "match_photos", "plan"]
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 # Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
 _LEAST_SINE = 0.1
+_MEND = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class SiftSettings:
     max_features, max_map_features : int
         The largest SIFT features of the photo, and of the crop, that are kept.
     peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1.
+        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
     ratio : float
         A match is kept where its distance is below this share of the second nearest's.
     max_side_px : int
@@ -55,12 +56,14 @@ class SiftSettings:
         See `sift.extract`.
     """
 
-    max_features: int
-    max_map_features: int
-    peak_threshold: float
-    ratio: float
-    max_side_px: int
-    doubled: bool
+    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
+    max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
+    peak_threshold: float = 0.02 / 3
+    ratio: Annotated[
+        float, Option("ratio", "Of the nearest to the second distance.", 0.01, 1.0)
+    ] = 0.8
+    max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
+    doubled: Annotated[bool, DOUBLED] = True
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class Task:
 def plan(
     photo: Path,
     camera: Cameras,
-    prior: Poses,
+    prior: Poses | None,
     crs: Any,
     dom: RasterInfo,
     window: tuple[int, int, int, int],
@@ -105,8 +108,10 @@ def plan(
     Parameters
     ----------
     photo : Path
-    camera, prior : Cameras, Poses
-        One of each.
+    camera : Cameras
+        One.
+    prior : Poses or None
+        One; where there is none, the photo is taken to lie on the map as it is.
     crs : Any
         Of the prior: projected, in metres.
     dom : RasterInfo
@@ -116,6 +121,23 @@ def plan(
         Of the crop, such as the median of its DSM. Where the prior is not above it, or it is NaN,
         the ground resolution of the photo is taken for the map's.
     """
+    turn, ratio = (
+        _lie(camera, prior, crs, dom, ground_height_m) if prior is not None else (0.0, 1.0)
+    )
+    return Task(
+        photo=photo,
+        camera=camera,
+        dom=dom.path,
+        window=window,
+        turn_deg=turn if np.isfinite(turn) else 0.0,
+        gsd_ratio=ratio if ratio > 0.0 else 1.0,
+    )
+
+
+def _lie(
+    camera: Cameras, prior: Poses, crs: Any, dom: RasterInfo, ground_height_m: float
+) -> tuple[float, float]:
+    """Return the turn and the ratio of ground sizes as `Task` has them, perhaps not usable."""
     right, forward = prior.rotation[0, 0], prior.rotation[0, 2]
     centre = prior.centres[0]
     ends = np.stack((centre[:2], centre[:2] + right[:2]))
@@ -123,14 +145,7 @@ def plan(
     turn = float(np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
     away = (centre[2] - ground_height_m) / max(-forward[2], _LEAST_SINE)
     ratio = away / np.sqrt(camera.focal[0].prod()) / np.sqrt(np.prod(gsd_m(dom)))
-    return Task(
-        photo=photo,
-        camera=camera,
-        dom=dom.path,
-        window=window,
-        turn_deg=turn if np.isfinite(turn) else 0.0,
-        gsd_ratio=float(ratio) if ratio > 0.0 else 1.0,
-    )
+    return turn, float(ratio)
 
 
 def match_photos(
@@ -241,24 +256,16 @@ def _read_crop(dom: Path, window: tuple[int, int, int, int]) -> Grey:
 
 
 def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
-    from PIL import Image
+    from PIL.Image import Resampling
 
-    try:
-        with warnings.catch_warnings(), Image.open(path) as image:
-            warnings.simplefilter("ignore")
-            _require_size(path, image.size, size)
-            target = (int(wanted[0]), int(wanted[1]))
-            # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
-            # so the box says where that is.
-            reduced = image.draft("L", target)
-            box = reduced[1] if reduced else (0, 0, *image.size)
-            small = image.convert("L").resize(target, Image.Resampling.LANCZOS, box)
-    except (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
-        raise BenchmarkError(
-            f"not a readable photo: {error}",
-            where=path,
-            expected="the photo that the benchmark was prepared from",
-        ) from error
+    with opened_photo(path, _MEND) as image:
+        _require_size(path, image.size, size)
+        target = (int(wanted[0]), int(wanted[1]))
+        # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
+        # so the box says where that is.
+        reduced = image.draft("L", target)
+        box = reduced[1] if reduced else (0, 0, *image.size)
+        small = image.convert("L").resize(target, Resampling.LANCZOS, box)
     grey: Grey = np.asarray(small)
     return grey
 

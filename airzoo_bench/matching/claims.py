@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
@@ -201,7 +202,7 @@ def _check_image_size(claim: Correspondences, truth: MatchingTruth, rows: NDArra
     if bad.size:
         first = bad[0]
         raise PredictionError(
-            f"matches in another image size than the query's: {_named(truth, bad)} queries; the "
+            f"matches in another image size than the query's: {_named(truth, bad)}; the "
             f"first is {true[first, 0]}x{true[first, 1]} px, its matches are for "
             f"{said[first, 0]}x{said[first, 1]}",
             where="field 'image_size'",
@@ -221,8 +222,9 @@ def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[n
         rows = np.unique(query[outside])
         width, height = size[outside][0]
         raise PredictionError(
-            f"{int(outside.sum())} pixels outside the photo, in {_named(truth, rows)} queries; "
-            f"the first is ({first[0]:.1f}, {first[1]:.1f}) in a photo of {width}x{height} px",
+            f"{counted(int(outside.sum()), 'pixel', 'pixels')} outside the photo, in "
+            f"{_named(truth, rows)}; the first is ({first[0]:.1f}, {first[1]:.1f}) in a photo of "
+            f"{width}x{height} px",
             where="field 'query_xy'",
             expected="pixels of the photo at its full size, the corner being (0, 0)",
             mend="write x, the column, before y: the other way round all lie inside"
@@ -238,8 +240,9 @@ def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.i
         first, rows = map_xy[outside][0], np.unique(query[outside])
         width, height = size[outside][0]
         raise PredictionError(
-            f"{int(outside.sum())} map pixels outside the crop, in {_named(truth, rows)} queries; "
-            f"the first is ({first[0]:.1f}, {first[1]:.1f}) in a crop of {width}x{height} px",
+            f"{counted(int(outside.sum()), 'map pixel', 'map pixels')} outside the crop, in "
+            f"{_named(truth, rows)}; the first is ({first[0]:.1f}, {first[1]:.1f}) in a crop of "
+            f"{width}x{height} px",
             where="field 'map_xy'",
             expected="pixels of the query's crop, the corner being (0, 0)",
             mend="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
@@ -247,4 +250,4 @@ def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.i
 
 
 def _named(truth: MatchingTruth, rows: NDArray[np.intp]) -> str:
-    return first_of(truth.queries["id"].iloc[rows], len(truth.queries))
+    return first_of(truth.queries["id"].iloc[rows], len(truth.queries), noun="query")

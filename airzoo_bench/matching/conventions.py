@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.errors import PredictionError
-from airzoo_bench.geometry.poses import (
-    Poses,
-    matrix_to_quaternion,
-    quaternion_to_matrix,
-    rotation_angle_deg,
-)
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
 
-__all__ = ["refuse_other_conventions"]
+__all__ = ["refuse_other_conventions", "suspect_inverted"]
 
 # Poses are taken for inverted where that brings most of them this many times nearer to the priors.
 _TIMES_NEARER = 10.0
@@ -21,6 +18,9 @@ _TIMES_NEARER = 10.0
 # inverse differ by little more than their tilt. Yaw may be wrong by 180 degrees in a few photos:
 # medians do not mind.
 _FAR_DEG, _TIMES_NEARER_DEG = 20.0, 3.0
+# Where cameras look straight down, the inverse of a rotation looks the other way off the vertical.
+# It is suspected where so many photos agree by so much, and by so many standard errors.
+_LEAST_PHOTOS, _LEAST_GAIN_DEG, _STANDARD_ERRORS = 5, 0.5, 3.0
 # From camera axes x right, y down, z forward to x right, y up, z backward, or back.
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 
@@ -52,6 +52,38 @@ def refuse_other_conventions(given: Poses, priors: Poses) -> None:
             mend=_way_back(given, priors),
         )
     _refuse_turned(given, priors)
+
+
+def suspect_inverted(given: Poses, priors: Poses) -> str | None:
+    """Say so where rotations of cameras that look down fit the gimbal better when inverted.
+
+    Nothing is refused for it: a gimbal's signs can be wrong in the metadata, too.
+
+    Parameters
+    ----------
+    given, priors : Poses
+        Of the same N queries; N may be 0.
+    """
+    if len(given) < _LEAST_PHOTOS:
+        return None
+    gimbal = priors.rotation[:, 2]
+    as_given = _degrees_between(given.rotation[:, 2], gimbal)
+    inverted = _degrees_between(given.rotation[:, :, 2], gimbal)
+    gain = as_given - inverted
+    error = float(gain.std(ddof=1)) / len(gain) ** 0.5
+    if gain.mean() < max(_LEAST_GAIN_DEG, _STANDARD_ERRORS * error):
+        return None
+    return (
+        "are the rotations camera-to-world? Read so, cameras look "
+        f"{inverted.mean():.1f} degrees from where the gimbal says, as they stand "
+        f"{as_given.mean():.1f} (means)"
+    )
+
+
+def _degrees_between(one: Floats, other: Floats) -> Floats:
+    cosine = np.clip((one * other).sum(axis=1), -1.0, 1.0)
+    degrees: Floats = np.degrees(np.arccos(cosine))
+    return degrees
 
 
 def _way_back(given: Poses, priors: Poses) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rasterio.windows import Window
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.blocks import small_cache, window_shape
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel

@@ -6,27 +6,25 @@ in every denominator and in the median.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
 
 __all__ = [
     "PoseErrors",
     "area_share",
-    "error_auc",
-    "median_error",
     "pose_errors",
-    "pose_recall",
-    "translation_recall",
     "within",
 ]
 
 
-@dataclass(frozen=True, eq=False)
-class PoseErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseErrors(Shown):
     """Errors of Q estimated poses, infinite for failures.
 
     Attributes
@@ -43,6 +41,16 @@ class PoseErrors:
     horizontal_m: Floats
     vertical_m: Floats
     rotation_deg: Floats | None
+
+    def _shown(self) -> Mapping[str, object]:
+        errors = {"median_m": self.translation_m, "median_deg": self.rotation_deg}
+        medians = {
+            name: number(float(np.median(values)))
+            for name, values in errors.items()
+            if values is not None and len(values)
+        }
+        failures = int(np.isinf(self.translation_m).sum())
+        return {"poses": len(self.translation_m), "failures": failures, **medians}
 
 
 def pose_errors(
@@ -126,55 +134,17 @@ def within(
     return near.astype(np.float64)
 
 
-def pose_recall(
-    translation_m: Floats, rotation_deg: Floats | None, limit_m: float, limit_deg: float
-) -> float:
-    """Share of the queries with both errors below their limits, strictly.
-
-    Raises
-    ------
-    ValueError
-        See `within`; there is no query.
-    """
-    return _mean(within(translation_m, rotation_deg, limit_m, limit_deg))
-
-
-def translation_recall(translation_m: Floats, limit_m: float) -> float:
-    """Share of the queries with a translation error below the limit, strictly.
-
-    Raises
-    ------
-    ValueError
-        See `within`; there is no query.
-    """
-    return _mean(within(translation_m, None, limit_m))
-
-
-def median_error(errors: Floats) -> float:
-    """Median over all queries, failures too.
-
-    Parameters
-    ----------
-    errors : (Q,) array
-
-    Returns
-    -------
-    float
-        The mean of the two middle errors where their number is even; infinite when either is.
-
-    Raises
-    ------
-    ValueError
-        Errors that are NaN or negative; there is no query.
-    """
-    _require_queries(errors)
-    return float(np.median(_checked(errors)))
-
-
 def area_share(errors: Floats, limit: float) -> Floats:
     r"""Share of [0, limit] that lies beyond each error: :math:`\max(0, 1 - e / L)`.
 
-    Its mean over queries is `error_auc`.
+    Its mean over Q queries is the area under the recall curve up to the limit L, as a share of the
+    best possible:
+
+    .. math:: \frac{1}{L} \int_0^L \frac{|\{q : e_q \le e\}|}{Q} \, de
+        = \frac{1}{Q} \sum_q \max\!\left(0, 1 - \frac{e_q}{L}\right)
+
+    Exact for the curve as it is, which is a step function. SuperGlue's ``pose_auc`` joins the
+    steps' upper ends by straight lines, which gives up to 1 / (2 Q) more.
 
     Parameters
     ----------
@@ -192,42 +162,14 @@ def area_share(errors: Floats, limit: float) -> Floats:
     ------
     ValueError
         Errors that are NaN or negative, or a limit that is not above 0 and finite.
-    """
-    if not 0.0 < limit < np.inf:
-        raise ValueError(f"limit is {limit}, expected above 0 and finite")
-    return 1.0 - np.minimum(_checked(errors), limit) / limit
-
-
-def error_auc(errors: Floats, limit: float) -> float:
-    r"""Area under the recall curve up to a limit, as a share of the best possible.
-
-    .. math:: \frac{1}{L} \int_0^L \frac{|\{q : e_q \le e\}|}{Q} \, de
-        = \frac{1}{Q} \sum_q \max\!\left(0, 1 - \frac{e_q}{L}\right)
-
-    Exact for the curve as it is, which is a step function. SuperGlue's ``pose_auc`` joins the
-    steps' upper ends by straight lines, which gives up to 1 / (2 Q) more.
-
-    Parameters
-    ----------
-    errors : (Q,) array
-        In metres or degrees.
-    limit : float
-        L, in the same unit, above 0.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        See `area_share`; there is no query.
 
     References
     ----------
     Sarlin, DeTone, Malisiewicz, Rabinovich, SuperGlue, CVPR 2020, section 5.2, for the measure.
     """
-    return _mean(area_share(errors, limit))
+    if not 0.0 < limit < np.inf:
+        raise ValueError(f"limit is {limit}, expected above 0 and finite")
+    return 1.0 - np.minimum(_checked(errors), limit) / limit
 
 
 def _check_truth(
@@ -251,13 +193,3 @@ def _checked(errors: Floats) -> Floats:
     if errors.ndim != 1 or not (errors >= 0.0).all():
         raise ValueError("errors must be (Q,), not NaN and not negative")
     return errors
-
-
-def _require_queries(values: Floats) -> None:
-    if len(values) == 0:
-        raise ValueError("a score of no queries is not defined")
-
-
-def _mean(values: Floats) -> float:
-    _require_queries(values)
-    return float(values.mean())

@@ -10,17 +10,18 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.matching.estimates import PoseEstimate, Status
 from airzoo_bench.matching.solvers import Ransac, Solver, check_settings, find_pose
-from airzoo_bench.progress import Progress, silent
 
 __all__ = [
     "MIN_MATCHES",
@@ -38,42 +39,6 @@ MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
 _LINE_TOLERANCE = 1e-6
 # Problems under way or waiting, for each worker: enough that a slow one does not idle the others.
 _WINDOW = 64
-
-
-class Status(StrEnum):
-    """How the search for a pose ended."""
-
-    SOLVED = "solved"
-    TOO_FEW_MATCHES = "too few matches"
-    NO_POSE = "no pose"
-
-
-@dataclass(frozen=True, eq=False)
-class PoseEstimate:
-    """The answer of a solver for one query of M matches.
-
-    Attributes
-    ----------
-    rotation : (3, 3) array
-        World-to-camera; NaN on failure.
-    centre : (3,) array
-        Camera centre in the coordinates of the points; NaN on failure.
-    inliers : (M,) bool array
-        Matches that the pose explains; none on failure.
-    status : Status
-        A failure is anything but ``SOLVED``.
-    left_out : int
-        Matches beyond `max_matches`, which were not used.
-    seconds : float
-        Spent on it; the one thing that differs from run to run.
-    """
-
-    rotation: Floats
-    centre: Floats
-    inliers: Bools
-    status: Status
-    left_out: int = 0
-    seconds: float = 0.0
 
 
 class PoseProblem(NamedTuple):
@@ -245,6 +210,7 @@ def solve_poses(
         estimate = solve_pose(*problem, **settings)
         return replace(estimate, seconds=perf_counter() - begin)
 
+    load_pycolmap()  # here, since signals that it takes are given back in the main thread only
     return list(progress(_threaded(solve, problems, workers), "poses", len(problems)))
 
 

@@ -15,10 +15,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import check_ids
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M
-from airzoo_bench.ids import check_ids
 
 __all__ = [
     "FIELDS",
@@ -153,9 +154,8 @@ def check_digits(claim: PoseClaim, query_ids: NDArray[np.str_]) -> None:
     if coarse.size:
         error = float(np.sqrt((claim.errors_m[coarse] ** 2).mean()))
         raise PredictionError(
-            f"poses have too few digits in {first_of(query_ids[coarse], len(query_ids))} queries: "
-            f"what they leave out moves a camera by {error:.2g} m on average, since its centre is "
-            "-R^T t",
+            f"too few digits in the poses of {_queries(query_ids[coarse], query_ids)}: what they "
+            f"leave out moves a camera by {error:.2g} m on average, since its centre is -R^T t",
             where="the poses",
             expected=f"digits that fix camera centres to {COARSEST_M:g} m",
             mend="compute in float64 and write all digits (%.17g in text), or write an .npz with "
@@ -191,9 +191,15 @@ def _check_finite(predictions: MatchingPredictions, claim: Correspondences) -> N
             queries = np.unique(np.searchsorted(claim.offsets, bad, side="right") - 1)
             # Offsets that do not add up, which is a fault of its own, may point beyond the ids.
             known = (queries >= 0) & (queries < len(predictions.query_ids))
-            named = first_of(predictions.query_ids[queries[known]])
+            named = _queries(predictions.query_ids[queries[known]], predictions.query_ids)
+            rows = counted(len(bad), "row is", "rows are")
             raise PredictionError(
-                f"{len(bad)} rows are NaN or infinite, in queries: {named}",
+                f"{rows} NaN or infinite, in {named}",
                 where=f"{predictions.path}, field '{name}'",
-                expected="finite coordinates; leave out what was not matched",
+                expected="finite coordinates",
+                mend="leave out what was not matched",
             )
+
+
+def _queries(some: NDArray[np.str_], every: NDArray[np.str_]) -> str:
+    return first_of(some, len(every), noun="query")

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_of, poses_of
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, with_truth_as_prior
-from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_of, poses_of
-from airzoo_bench.scene_inputs import SceneInputs, with_unposed
 
 if TYPE_CHECKING:
     import pandas as pd

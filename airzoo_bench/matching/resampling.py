@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.sift import Grey
+from airzoo_bench.geometry.sift import Grey
 
 __all__ = ["resample"]
 

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from airzoo_bench.matching.settings import MatchingScores
-from airzoo_bench.scores import Score
+import numpy as np
 
-__all__ = ["RECORDED", "auc_column", "matching_scores", "pose_column", "translation_column"]
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.matching.metrics import PoseErrors, area_share, within
+from airzoo_bench.matching.settings import MatchingScores
+from airzoo_bench.results.scores import Score
+
+__all__ = [
+    "RECORDED",
+    "auc_column",
+    "matching_scores",
+    "pose_column",
+    "pose_columns",
+    "translation_column",
+]
 
 RECORDED = frozenset(
     (
@@ -41,7 +52,7 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
     Returns
     -------
     list of Score
-        The columns are those of `airzoo_bench.matching.track.score_scene`.
+        The columns are those of `airzoo_bench.matching.scoring.score_scene`.
     """
     trusted = settings.orientation_is_trusted
     pose = [
@@ -65,6 +76,37 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
         )
     beyond += [_share(auc_column(m), f"AUC@{m:g}m") for m in settings.auc_up_to_m]
     return [median, *within, *pose, *beyond]
+
+
+def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
+    """Return the columns of the records that errors of Q poses give: the errors, then scores.
+
+    Parameters
+    ----------
+    errors : PoseErrors
+    settings : MatchingScores
+
+    Returns
+    -------
+    dict of str to (Q,) array
+    """
+    metres, degrees = errors.translation_m, errors.rotation_deg
+    columns = {
+        "error_m": metres,
+        "horizontal_m": errors.horizontal_m,
+        "vertical_m": errors.vertical_m,
+    }
+    if degrees is not None:
+        worst = settings.failed_rotation_deg
+        failed = np.inf if worst == "infinite" else worst
+        columns["rotation_deg"] = np.where(np.isfinite(degrees), degrees, failed)
+    columns |= {
+        translation_column(m): within(metres, None, m) for m in settings.translation_below_m
+    }
+    if settings.orientation_is_trusted:
+        for m, deg in settings.pose_below_m_deg:
+            columns[pose_column(m, deg)] = within(metres, degrees, m, deg)
+    return columns | {auc_column(m): area_share(metres, m) for m in settings.auc_up_to_m}
 
 
 def _share(column: str, title: str, *, headline: bool = False) -> Score:

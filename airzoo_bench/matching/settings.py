@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from airzoo_bench.settings import Limits, Positive, Strict
+from airzoo_bench.core.settings import Limits, Positive, Strict
+from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["Crop", "Lift", "MatchingScores", "Prior", "Solver"]
+__all__ = [
+    "Crop",
+    "Lift",
+    "MatchingProtocol",
+    "MatchingScores",
+    "Prior",
+    "Solver",
+]
 
 _MOST_TRIALS = 10_000_000
 _MOST_MATCHES = 1_000_000
@@ -84,3 +92,16 @@ class MatchingScores(Strict):
         AfterValidator(_ascending_pairs),
     ]
     auc_up_to_m: Limits
+
+
+class MatchingProtocol(Protocol):
+    """A protocol of cross-view matching."""
+
+    truth_sections: ClassVar[tuple[str, ...]] = ("crop", "prior")
+
+    track: Literal["matching"]
+    crop: Crop
+    prior: Prior
+    lift: Lift
+    solver: Solver
+    scores: MatchingScores

@@ -12,10 +12,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.pycolmap_loader import load_pycolmap
 
 __all__ = ["Found", "Ransac", "Solver", "check_settings", "find_pose"]
 

@@ -1,239 +1,200 @@
-"""Scoring one scene of the matching track: truth and claim become records, a row a query."""
+"""The matching track: a UAV photo is matched to an orthophoto and posed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.claims import SceneClaim
-from airzoo_bench.matching.lifting import LiftStatus, lift
-from airzoo_bench.matching.metrics import PoseErrors, area_share, pose_errors, within
-from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
-from airzoo_bench.matching.scores import auc_column, pose_column, translation_column
-from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
-from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.progress import Progress, silent
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.parts import EvalOption
+from airzoo_bench.evaluation.query_track import QueryTrack
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.matching.baseline_run import SIFT
+from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
+from airzoo_bench.matching.notes import claim_notes, equal_to_prior, lifting_notes, scored_notes
+from airzoo_bench.matching.predictions import (
+    MatchingPredictions,
+    PoseClaim,
+    check_digits,
+    faults,
+)
+from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.scoring import ScoredScene, score_priors, score_scene
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.template import match_template
+from airzoo_bench.matching.truth import MatchingTruth, read_truth
+from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.scores import Score, concatenate, summarise
 
-if TYPE_CHECKING:
-    import pandas as pd
+__all__ = ["PRIOR_ITSELF", "TRACK", "MatchingTrack"]
 
-__all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
+PRIOR_ITSELF = "Prior itself"
+"""The reference of every result of the track."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-MISSING = "missing from the predictions"
-NOT_GIVEN = "no pose given"
-GIVEN = "given"
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredScene:
-    """Records of a scene, and what pictures need beside them.
-
-    Attributes
-    ----------
-    records : DataFrame
-        A row a query.
-    centres : (Q, 3) float64
-        Estimated camera centres; NaN for failures.
-    inliers : list of (m,) bool
-        Of the matches of each query; empty where poses were given.
-    seconds : (Q,) float64
-        Spent in the solver. Not part of the records, which are the same for the same input.
-    """
-
-    records: pd.DataFrame
-    centres: Floats
-    inliers: list[NDArray[np.bool_]]
-    seconds: Floats
+_MATCHES = 20
 
 
-@dataclass(frozen=True, eq=False)
-class _Posed:
-    """Poses of Q queries however they came about, with the counts of what led to them."""
-
-    rotations: Floats
-    centres: Floats
-    status: list[str]
-    inliers: list[NDArray[np.bool_]]
-    seconds: Floats
-    counts: dict[str, Ints]
-
-
-def score_scene(
-    truth: MatchingTruth,
-    claim: SceneClaim,
-    lifting: Lift,
-    solver: Solver,
-    settings: MatchingScores,
-    *,
-    workers: int = 1,
-    progress: Progress = silent,
-) -> ScoredScene:
-    """Score every query of a scene.
-
-    Parameters
-    ----------
-    truth : MatchingTruth
-        With Q queries.
-    claim : SceneClaim
-        Of the same Q queries.
-    lifting, solver, settings : Lift, Solver, MatchingScores
-        The protocol's.
-    workers : int
-        Threads; the records do not depend on it.
-    progress : Progress
-
-    Returns
-    -------
-    ScoredScene
-        A failure has infinite errors and stays in the records.
-    """
-    if claim.poses is not None:
-        posed = _given(claim.poses)
-    else:
-        posed = _solved(truth, claim, lifting, solver, workers, progress)
-    records = _records(truth, claim.answered, posed, settings)
-    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds)
-
-
-def _records(
-    truth: MatchingTruth, answered: NDArray[np.bool_], posed: _Posed, settings: MatchingScores
-) -> pd.DataFrame:
-    import pandas as pd
-
-    true = truth.poses
-    rotation = true.rotation if settings.orientation_is_trusted else None
-    errors = pose_errors(posed.rotations, posed.centres, rotation, true.centres)
-    columns: dict[str, Any] = {
-        "scene": truth.scene,
-        "query": truth.queries["id"].to_numpy(),
-        "answered": answered,
-        "status": np.where(answered, posed.status, MISSING),
-        "failed": ~np.isfinite(errors.translation_m),
-        **posed.counts,
-        **_error_columns(errors, settings),
-        **_score_columns(errors, settings),
-    }
-    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
-
-
-def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
-    """Return the records of a method that answers every query by its prior pose."""
-    answered = np.ones(len(truth.queries), np.bool_)
-    return _records(truth, answered, _given(truth.priors), settings)
-
-
-def _given(poses: Poses) -> _Posed:
-    none: NDArray[np.bool_] = np.zeros(0, np.bool_)
-    found: NDArray[np.bool_] = np.asarray(np.isfinite(poses.centres).all(axis=1))
-    return _Posed(
-        poses.rotation,
-        poses.centres,
-        np.where(found, GIVEN, NOT_GIVEN).tolist(),
-        [none] * len(found),
-        np.zeros(len(found)),
-        {},
-    )
-
-
-def _solved(
-    truth: MatchingTruth,
-    claim: SceneClaim,
-    lifting: Lift,
-    solver: Solver,
-    workers: int,
-    progress: Progress,
-) -> _Posed:
-    points, status = lifted_points(truth, claim, lifting, workers)
-    given = np.diff(claim.offsets)
-    lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
-    cameras = truth.cameras
-    problems = [
-        PoseProblem(
-            cameras.take(row), claim.query_xy[part][lifted[part]], points[part][lifted[part]]
-        )
-        for row, part in enumerate(claim.parts())
+def _write_timings(evaluation: Evaluation, path: Path) -> None:
+    """Write seconds of the solver for each query, which differ by run."""
+    parts = [
+        scene.records[["scene", "query"]].assign(seconds=np.round(scene.seconds, 6))
+        for scene in evaluation.scored.values()
     ]
-    settings = solver.model_dump(exclude={"name", "least_matches"})
-    found = solve_poses(
-        problems, workers=workers, progress=progress, solver=solver.name, **settings
+    with atomic_write(path, "w") as stream:
+        concatenate(parts).to_csv(stream, index=False, lineterminator="\n")
+
+
+class MatchingTrack(
+    QueryTrack[MatchingProtocol, MatchingPredictions, MatchingTruth, SceneClaim, ScoredScene]
+):
+    """Cross-view matching; see `Track`."""
+
+    name = "matching"
+    summary = (
+        "Score cross-view matching: translation and pose recall, median error, for each scene."
     )
-    return _Posed(
-        np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
-        np.array([estimate.centre for estimate in found]).reshape(-1, 3),
-        [estimate.status.value for estimate in found],
-        [
-            _of_all(estimate, lifted[part])
-            for estimate, part in zip(found, claim.parts(), strict=True)
-        ],
-        np.array([estimate.seconds for estimate in found]),
-        _counts(claim, status, found),
+    protocol = MatchingProtocol
+    kinds = ".npz or .txt"
+    suffixes = (".npz", ".txt")
+    argument = "An .npz of matches, 2D-3D pairs or poses, or a .txt of poses."
+    example = "matches.npz --out results/mymethod --figures"
+    options = (
+        EvalOption(
+            "figures",
+            "Draw error curves, matches and maps into --out.",
+            "airzoo_bench.report.matching_run:draw_figures",
+        ),
+        EvalOption(
+            "seeds",
+            "Solve under so many seeds and say how far the scores spread.",
+            "airzoo_bench.matching.seeds:spread_over_seeds",
+            default=1,
+            most=1000,
+            needs_out=False,
+        ),
     )
+    files = {"timings.csv": _write_timings}  # noqa: RUF012 - never changed
+    baseline = SIFT
+
+    def read(self, path: Path, memory_bytes: int) -> MatchingPredictions:
+        """See `read_matching`."""
+        return read_matching(path, memory_bytes)
+
+    def validation_errors(
+        self, predictions: MatchingPredictions, protocol: MatchingProtocol, *, thorough: bool
+    ) -> Iterator[PredictionError]:
+        """See `predictions.faults`."""
+        yield from faults(predictions)
+
+    def read_truth(self, benchmark: Benchmark, scene: str) -> MatchingTruth:
+        """See `truth.read_truth`."""
+        return read_truth(benchmark, scene)
+
+    def claim(
+        self,
+        predictions: MatchingPredictions,
+        truth: MatchingTruth,
+        rows: NDArray[np.intp],
+        protocol: MatchingProtocol,
+        resources: Resources,
+    ) -> SceneClaim:
+        """See `claim_of_scene`."""
+        return claim_of_scene(predictions, truth, rows)
+
+    def score(
+        self,
+        claim: SceneClaim,
+        truth: MatchingTruth,
+        protocol: MatchingProtocol,
+        resources: Resources,
+    ) -> ScoredScene:
+        """See `score_scene`."""
+        scored = score_scene(
+            truth,
+            claim,
+            protocol.lift,
+            protocol.solver,
+            protocol.scores,
+            workers=resources.jobs,
+            progress=resources.progress,
+        )
+        same = {"equal_to_prior": equal_to_prior(truth, claim)}
+        return replace(scored, counts=scored.counts | same)
+
+    def scores(self, protocol: MatchingProtocol, scored: Sequence[ScoredScene]) -> list[Score]:
+        """See `matching_scores`."""
+        return matching_scores(protocol.scores)
+
+    def notes(
+        self,
+        predictions: MatchingPredictions,
+        protocol: MatchingProtocol,
+        truths: Sequence[MatchingTruth],
+        claims: Sequence[SceneClaim],
+        scored: Sequence[ScoredScene],
+    ) -> list[str]:
+        """See `scored_notes` and `claim_notes`."""
+        return [
+            *scored_notes(self.records(scored, protocol), predictions, truths, scored),
+            *claim_notes(truths, claims),
+        ]
+
+    def inspect_alone(
+        self, predictions: MatchingPredictions, protocol: MatchingProtocol, resources: Resources
+    ) -> Iterator[PredictionError | str]:
+        """See `check_digits`, which claims do where there are queries to make them for."""
+        if isinstance(predictions.claim, PoseClaim):
+            try:
+                check_digits(predictions.claim, predictions.query_ids)
+            except PredictionError as error:
+                yield error.inside(predictions.path)
+
+    def check_notes(
+        self,
+        predictions: MatchingPredictions,
+        protocol: MatchingProtocol,
+        truths: Sequence[MatchingTruth],
+        claims: Sequence[SceneClaim],
+        resources: Resources,
+    ) -> list[str]:
+        """See `lifting_notes` and `claim_notes`."""
+        return [
+            *lifting_notes(truths, claims, protocol.lift, protocol.solver, resources.jobs),
+            *claim_notes(truths, claims),
+        ]
+
+    def references(
+        self, protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
+    ) -> dict[str, Reference]:
+        """Score the priors as if they were a method's poses; where they are the truth, nothing."""
+        if protocol.prior.source == "truth":
+            return {}
+        records = concatenate([score_priors(truth, protocol.scores) for truth in truths])
+        scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
+        floor = Reference(
+            meaning="what the photos' own GPS and gimbal angles score, without any matching",
+            **with_summary(summarise(records, scores, scenes)),
+        )
+        return {PRIOR_ITSELF: floor}
+
+    def template(
+        self,
+        protocol: MatchingProtocol,
+        truths: Sequence[MatchingTruth],
+        kind: str,
+        seed: int,
+    ) -> dict[str, NDArray[Any]]:
+        """See `match_template`."""
+        return match_template(truths, _MATCHES, seed)
 
 
-def lifted_points(
-    truth: MatchingTruth, claim: SceneClaim, lifting: Lift, workers: int
-) -> tuple[Floats, NDArray[np.uint8]]:
-    """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
-    if claim.map_xy is None:
-        return claim.points, np.full(len(claim.points), LiftStatus.LIFTED, np.uint8)
-    heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
-    shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
-    lifted = lift(
-        claim.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
-    )
-    return lifted.points, lifted.status
-
-
-def _of_all(estimate: PoseEstimate, lifted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Spread inliers among lifted matches over all matches of a query."""
-    inliers = np.zeros(len(lifted), np.bool_)
-    inliers[lifted] = estimate.inliers
-    return inliers
-
-
-def _counts(
-    claim: SceneClaim, status: NDArray[np.uint8], found: list[PoseEstimate]
-) -> dict[str, Ints]:
-    names = {
-        "lifted": LiftStatus.LIFTED,
-        "outside_map": LiftStatus.OUTSIDE_MAP,
-        "outside_dsm": LiftStatus.OUTSIDE_DSM,
-        "no_height": LiftStatus.NO_HEIGHT,
-    }
-    parts = claim.parts()
-    counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
-    for name, kind in names.items():
-        counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)
-    counts["beyond_limit"] = np.array([estimate.left_out for estimate in found], np.int64)
-    counts["inliers"] = np.array([estimate.inliers.sum() for estimate in found], np.int64)
-    return counts
-
-
-def _error_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    columns = {
-        "error_m": errors.translation_m,
-        "horizontal_m": errors.horizontal_m,
-        "vertical_m": errors.vertical_m,
-    }
-    if errors.rotation_deg is not None:
-        worst = settings.failed_rotation_deg
-        failed = np.inf if worst == "infinite" else worst
-        known = np.isfinite(errors.rotation_deg)
-        columns["rotation_deg"] = np.where(known, errors.rotation_deg, failed)
-    return columns
-
-
-def _score_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    metres, degrees = errors.translation_m, errors.rotation_deg
-    columns = {translation_column(m): within(metres, None, m) for m in settings.translation_below_m}
-    if settings.orientation_is_trusted:
-        for m, deg in settings.pose_below_m_deg:
-            columns[pose_column(m, deg)] = within(metres, degrees, m, deg)
-    return columns | {auc_column(m): area_share(metres, m) for m in settings.auc_up_to_m}
+TRACK = MatchingTrack()

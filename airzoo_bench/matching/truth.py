@@ -11,14 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import read_text, sha256_of
-from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, check_same_crs, open_info
-from airzoo_bench.queries import (
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import (
     POSE_COLUMNS,
     PRIOR_COLUMNS,
     cameras_of,
@@ -26,6 +20,13 @@ from airzoo_bench.queries import (
     poses_of,
     read_queries,
 )
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import read_text, sha256_of
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.frames import check_same_crs
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,14 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.errors import UsageError, first_of
+from airzoo_bench.core.errors import UsageError, first_of
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.sfm.model import (
     Lens,
     Model,
@@ -40,7 +41,6 @@ from airzoo_bench.reconstruction.sfm.steps import (
     match_batch,
     plan_batches,
 )
-from airzoo_bench.workers import spread
 
 __all__ = ["Reader", "SfmResult", "SfmSettings", "photo_pairs", "sparse_reconstruction"]
 
@@ -103,7 +103,7 @@ def sparse_reconstruction(
     sizes : (N, 2) int64 array
         Width and height of the photos, as stored.
     read : Reader
-        Such as `airzoo_bench.datasets.images.read_rgb_photo`; must be picklable.
+        Such as `airzoo_bench.benchmark.images.read_rgb_photo`; must be picklable.
     settings : SfmSettings
     folder : Path
         Keeps what steps have made; a second run takes it up.

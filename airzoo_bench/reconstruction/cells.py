@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.regions import Box
 

@@ -62,7 +62,7 @@ def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
         raise ValueError("no true point")
     precision = counts_below(to_truth, thresholds) / max(len(to_truth), 1)
     recall = counts_below(to_prediction, thresholds) / len(to_prediction)
-    return Curve(np.asarray(thresholds, np.float64), precision, recall, f1_score(precision, recall))
+    return Curve(thresholds, precision, recall, f1_score(precision, recall))
 
 
 def counts_below(distances: Floats, thresholds: Floats) -> Ints:

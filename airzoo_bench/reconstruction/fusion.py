@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.clouds import Cloud
 
 __all__ = ["DepthCloud", "DepthMaps", "PointCloudOfMaps", "PointMaps", "surface_depth"]
 

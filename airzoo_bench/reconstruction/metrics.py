@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.curves import counts_below, f1_score
 

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses
@@ -61,7 +62,7 @@ def observed_cells(
     keys = occupied.keys[times >= photos]
     if not len(keys):
         raise BenchmarkError(
-            f"no point of the true cloud is seen by {photos} photos",
+            f"no point of the true cloud is seen by {counted(photos, 'photo')}",
             expected="a cloud of what the photos show, in the same coordinates",
             mend='check poses and cloud, or choose region = "all" in the protocol',
         )

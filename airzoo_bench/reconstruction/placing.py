@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, refined
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.alignment.icp import refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 from airzoo_bench.reconstruction.cells import CellSet
-from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointCloudOfMaps, PointMaps
 from airzoo_bench.reconstruction.observed import observed_cells
 from airzoo_bench.reconstruction.prepared import (
@@ -220,7 +221,8 @@ def _distrusted(claim: Claim, transform: Similarity, fusion: Fusion, points: int
 def _refuse_nothing_finite(cloud: PreparedCloud) -> None:
     if cloud.not_finite and not (cloud.source.count or cloud.outside):
         raise PredictionError(
-            f"all {cloud.not_finite:,} points have a coordinate that is NaN or infinite",
+            f"all {counted(cloud.not_finite, 'point has', 'points have')} a coordinate that is "
+            "NaN, infinite or too large to compute with",
             expected="finite coordinates",
             mend="write the cloud again, without points that were not reconstructed",
         )

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from airzoo_bench.errors import UsageError
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
-from airzoo_bench.scene_inputs import SceneInputs, with_unposed
 
 __all__ = ["build_truth"]
 

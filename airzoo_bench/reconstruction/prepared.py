@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.cells import Columns, covered_columns
-from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
 from airzoo_bench.reconstruction.settings import Preparation
 from airzoo_bench.reconstruction.voxels import VoxelGrid

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.reconstruction.clouds import Cloud
 
-__all__ = ["Box", "bounding_box", "finite_points", "finite_rows", "take"]
+__all__ = ["Box", "bounding_box", "finite_rows", "take"]
 
 _ENDLESS = 1e150
-
-E = TypeVar("E", bound=UserError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,43 +57,6 @@ def finite_rows(points: Floats) -> Bools:
     """Whether each of points (N, 3) has coordinates whose squares are numbers."""
     finite: Bools = np.all(np.abs(points) < _ENDLESS, axis=1)
     return finite
-
-
-def finite_points(cloud: Cloud, *, where: object, kind: type[E]) -> tuple[Cloud, int]:
-    """Drop points with a coordinate that is NaN or infinite, or whose square would be infinite.
-
-    Parameters
-    ----------
-    cloud : Cloud
-    where : object
-        The file, for the message.
-    kind : type of UserError
-        Which error to raise.
-
-    Returns
-    -------
-    Cloud
-        The same object where nothing is dropped.
-    int
-        How many were dropped, for the caller to tell.
-
-    Raises
-    ------
-    UserError
-        Of class `kind`: there are points, and none is finite.
-    """
-    finite = finite_rows(cloud.points)
-    dropped = len(cloud) - int(np.count_nonzero(finite))
-    if dropped == 0:
-        return cloud, 0
-    if dropped == len(cloud):
-        raise kind(
-            f"all {dropped:,} points have a coordinate that is NaN or infinite",
-            where=where,
-            expected="finite coordinates",
-            mend="write the cloud again, without points that were not reconstructed",
-        )
-    return take(cloud, finite), dropped
 
 
 def take(cloud: Cloud, rows: Bools | slice) -> Cloud:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from airzoo_bench.reconstruction.settings import ReconstructionScores
-from airzoo_bench.scores import Score
+from airzoo_bench.results.scores import Score
 
 __all__ = ["RECORDED", "f1_column", "pose_auc_column", "reconstruction_scores", "share_column"]
 
@@ -47,7 +47,7 @@ def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -
     Returns
     -------
     list of Score
-        The columns are those of `airzoo_bench.reconstruction.track.score_scene`.
+        The columns are those of `airzoo_bench.reconstruction.scoring.score_scene`.
     """
     main = settings.headline_below_m
     scores = [

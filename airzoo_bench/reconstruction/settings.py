@@ -6,12 +6,20 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from airzoo_bench.core.settings import Count, Limits, Positive, Seed, Strict
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.alignment.consensus import RansacSettings
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings
 from airzoo_bench.reconstruction.tsdf import TsdfSettings
-from airzoo_bench.settings import Count, Limits, Positive, Seed, Strict
 
-__all__ = ["Alignment", "Fusion", "Meshes", "Preparation", "ReconstructionScores"]
+__all__ = [
+    "Alignment",
+    "Fusion",
+    "Meshes",
+    "Preparation",
+    "ReconstructionProtocol",
+    "ReconstructionScores",
+]
 
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
 _LARGEST_ANGLE_DEG = 180.0
@@ -151,3 +159,24 @@ class ReconstructionScores(Strict):
     def clip_m(self) -> float | None:
         """What a larger distance counts as in means; None clips nothing."""
         return None if isinstance(self.max_distance_m, str) else self.max_distance_m
+
+
+class ReconstructionProtocol(Protocol):
+    """A protocol of multi-view reconstruction."""
+
+    track: Literal["reconstruction"]
+    alignment: Alignment
+    fusion: Fusion
+    meshes: Meshes
+    preparation: Preparation
+    scores: ReconstructionScores
+
+    @model_validator(mode="after")
+    def _voxels_below_scores(self) -> Self:
+        voxel, finest = self.preparation.voxel_m, self.scores.finest_m
+        if not isinstance(voxel, str) and finest < 2 * voxel:
+            raise ValueError(
+                f"scores at {finest:g} m of clouds thinned by voxels of {voxel:g} m mean nothing: "
+                "thresholds must be at least two voxels"
+            )
+        return self

@@ -1,175 +1,285 @@
-"""Scoring a scene: a claim is aligned, made a cloud, prepared like the truth, and compared."""
+"""The reconstruction track: photos become a cloud."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.alignment.cameras import Alignment
-from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
-from airzoo_bench.reconstruction.curves import Curve, curve, even_thresholds
-from airzoo_bench.reconstruction.distances.both_ways import CloudDistances, cloud_distances
-from airzoo_bench.reconstruction.metrics import CloudScores, score_distances
-from airzoo_bench.reconstruction.placing import Claim, PlacedClaim, Rules, Work
-from airzoo_bench.reconstruction.pose_scores import pose_scores
-from airzoo_bench.reconstruction.prepared import PreparedCloud, finite_pieces
-from airzoo_bench.reconstruction.scores import f1_column, share_column
-from airzoo_bench.reconstruction.settings import ReconstructionScores
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError, first_of
+from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.parts import EvalOption
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.track import Track
+from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.formats import SUFFIXES
+from airzoo_bench.reconstruction.alignment.file import write_alignments
+from airzoo_bench.reconstruction.baseline_run import STRUCTURE_FROM_MOTION
+from airzoo_bench.reconstruction.notes import listing_notes
+from airzoo_bench.reconstruction.pose_scores import worst_poses
+from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
+from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
+from airzoo_bench.reconstruction.scenes import read_through, scored_scene
+from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.template import depth_template
+from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
+from airzoo_bench.results.scores import Score
 
-__all__ = ["ScoredScene", "score_missing", "score_scene"]
+if TYPE_CHECKING:
+    import pandas as pd
 
+__all__ = ["TRACK", "ReconstructionTrack"]
 
-@dataclass(frozen=True, eq=False)
-class ScoredScene:
-    """What came of a scene.
-
-    Attributes
-    ----------
-    record : dict
-        One row of the records.
-    counts : dict of str to int
-    curve : Curve or None
-        None where there is no prediction.
-    alignment : Alignment or None
-    clouds : tuple of PreparedCloud, or None
-        Prediction and truth as they were compared.
-    distances : CloudDistances or None
-    """
-
-    record: dict[str, Any]
-    counts: dict[str, int]
-    curve: Curve | None = None
-    alignment: Alignment | None = None
-    clouds: tuple[PreparedCloud, PreparedCloud] | None = None
-    distances: CloudDistances | None = field(default=None, repr=False)
+_PIECE = 1 << 20
+_UNPACKED_BYTES = 1 << 40
 
 
-def score_scene(
-    claim: Claim, placed: PlacedClaim, cameras: PosedCameras, rules: Rules, work: Work
-) -> ScoredScene:
-    """Score the claim of one scene.
+@dataclass(frozen=True)
+class _Listed:
+    """Which scenes there are entries of."""
 
-    Parameters
-    ----------
-    claim : Claim
-    placed : PlacedClaim
-        What `placing.place_claim` makes of it.
-    cameras : PosedCameras
-        All true cameras.
-    rules : Rules
-    work : Work
+    predictions: ReconstructionPredictions
+    known: list[str]
 
-    Raises
-    ------
-    BenchmarkError
-        The protocol's crop leaves no point of the truth.
-    UserError
-        Temporary files of large clouds cannot be written.
-    """
-    alignment, predicted, true = placed.alignment, placed.cloud, placed.truth
-    distances = cloud_distances(
-        predicted.source,
-        true.source,
-        block_points=work.block_points,
-        threads=work.threads,
-        folder=None,
-        progress=work.progress,
+    @property
+    def strange(self) -> tuple[str, ...]:
+        return self.predictions.unknown(self.known)
+
+    def notes(self) -> list[str]:
+        return listing_notes(self.predictions, self.known)
+
+
+def _write_alignments(evaluation: Evaluation, path: Path) -> None:
+    found = {name: scene.alignment for name, scene in evaluation.scored.items()}
+    write_alignments({name: one for name, one in found.items() if one is not None}, path)
+
+
+class ReconstructionTrack(
+    Track[
+        ReconstructionProtocol,
+        ReconstructionPredictions,
+        ReconstructionTruth,
+        _Listed,
+        ReconstructionPredictions,
+        ScoredScene,
+    ]
+):
+    """Multi-view reconstruction; see `Track`. A claim is all predictions, whose scene is opened."""
+
+    name = "reconstruction"
+    summary = (
+        "Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."
     )
-    recalled = _recalled(distances, placed, work)
-    scores = _scores(distances.to_truth, recalled, rules.scores)
-    poses = pose_scores(claim.cameras, alignment.transform, cameras, rules.scores)
-    steps = even_thresholds(rules.scores.curve_up_to_m, rules.scores.curve_steps)
-    counts = {
-        "queries": 1,
-        "missing": 0,
-        "points": len(distances.to_truth),
-        "truth_points": len(distances.to_prediction),
-        "truth_unseen": len(distances.to_prediction) - len(recalled),
-        "distrusted": placed.distrusted,
-        "not_finite": predicted.not_finite,
-        "outside": predicted.outside,
-        "thinned": predicted.thinned,
-        "truth_outside": true.outside,
-        "truth_thinned": true.thinned,
-        "cameras": alignment.cameras,
-        "cameras_missing": alignment.missing,
-        "inlier_cameras": alignment.inliers,
-    }
-    record = {"scene": claim.scene, "answered": True, **_without(counts, "queries", "missing")}
-    return ScoredScene(
-        record | _alignment_columns(alignment) | _columns(scores, rules.scores) | poses,
-        counts,
-        curve(distances.to_truth, recalled, steps),
-        alignment,
-        (predicted, true),
-        distances,
+    protocol = ReconstructionProtocol
+    kinds = f"a folder, an archive, or {', '.join(SUFFIXES)}"
+    suffixes = (*SUFFIXES, *ARCHIVE_SUFFIXES)
+    fields = ("depth", "world_points", "points")
+    folders = True
+    says_protocol = (
+        "protocol.txt in the folder or archive, or a field 'protocol' in a file alone",
+        "name it with --protocol; `airzoo-bench protocols` lists them",
     )
-
-
-def score_missing(scene: str, scores: ReconstructionScores) -> ScoredScene:
-    """Score a scene that the prediction lacks: 0, and infinite distances."""
-    worst = score_distances(
-        np.zeros(0),
-        np.full(1, np.inf),
-        thresholds=_thresholds(scores),
-        percentiles=(),
-        max_distance=scores.clip_m,
+    argument = (
+        "A folder or archive with an entry a scene (cloud, mesh, or .npz of depth or point maps), "
+        "or one such file."
     )
-    record = {"scene": scene, "answered": False, "points": 0, **_columns(worst, scores)}
-    return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
-
-
-def _thresholds(settings: ReconstructionScores) -> list[float]:
-    return sorted({*settings.f1_below_m, settings.headline_below_m})
-
-
-def _recalled(distances: CloudDistances, placed: PlacedClaim, work: Work) -> Floats:
-    """Distances of the true points that recall and completeness are over."""
-    if placed.observed is None:
-        return distances.to_prediction
-    pieces = finite_pieces(placed.truth.source, work.block_points)
-    seen = [placed.observed.holds(points) for points in pieces]
-    return distances.to_prediction[np.concatenate(seen)]
-
-
-def _scores(to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores) -> CloudScores:
-    return score_distances(
-        to_truth,
-        to_prediction,
-        thresholds=_thresholds(settings),
-        percentiles=(),
-        max_distance=settings.clip_m,
+    example = "clouds --out results/mymethod --figures"
+    options = (
+        EvalOption(
+            "figures",
+            "Draw curves and maps of errors into --out.",
+            "airzoo_bench.report.reconstruction_run:draw_figures",
+        ),
+        EvalOption(
+            "clouds",
+            "Write clouds coloured by their errors into --out.",
+            "airzoo_bench.report.reconstruction_run:write_clouds",
+        ),
     )
+    files = {"alignment.json": _write_alignments}  # noqa: RUF012 - never changed
+    baseline = STRUCTURE_FROM_MOTION
+    template_out = "template"
+
+    def read(self, path: Path, memory_bytes: int) -> ReconstructionPredictions:
+        """List predictions; see `open_reconstruction`."""
+        if path.is_file() and not path.name.lower().endswith(self.suffixes):
+            raise UnreadableError(
+                f"no kind of file that reconstructions come in: {path.suffix[:20]!r}",
+                where=path,
+                expected=f"a folder with an entry a scene, an archive of it "
+                f"({', '.join(ARCHIVE_SUFFIXES)}), or one scene's {', '.join(SUFFIXES)}",
+                mend="`airzoo-bench template` writes an example",
+            )
+        predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
+        if path.is_file() and path.suffix == ".npz":
+            return replace(predictions, protocol=protocol_name(open_arrays(path, memory_bytes)))
+        return predictions
+
+    def read_truth(self, benchmark: Benchmark, scene: str) -> ReconstructionTruth:
+        """See `truth.read_truth`."""
+        return read_truth(benchmark, scene)
+
+    def assign(
+        self,
+        predictions: ReconstructionPredictions,
+        protocol: ReconstructionProtocol,
+        truths: Sequence[ReconstructionTruth],
+        data: Path,
+    ) -> _Listed:
+        """See `Track.assign`."""
+        known = [scene.id for scene in protocol.scenes]
+        if not set(known) & set(predictions.scenes):
+            raise PredictionError(
+                f"holds none of the scenes of {protocol.name}: {first_of(predictions.scenes)}"
+                + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
+                where=predictions.path,
+                expected=f"an entry a scene: {first_of(known)}",
+                mend="name files or folders by their scenes, or the right protocol with --protocol",
+            )
+        return _Listed(predictions, known)
+
+    def claims(
+        self,
+        predictions: ReconstructionPredictions,
+        assigned: _Listed,
+        truths: Sequence[ReconstructionTruth],
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> Iterator[ReconstructionPredictions | PredictionError]:
+        """Claim all for each scene: entries are opened one at a time, when they are scored."""
+        for _ in truths:
+            yield predictions
+
+    def score(
+        self,
+        claim: ReconstructionPredictions,
+        truth: ReconstructionTruth,
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> ScoredScene:
+        """See `scored_scene` and `score_missing`."""
+        if truth.scene not in claim.scenes:
+            return score_missing(truth.scene, protocol.scores)
+        with scored_scene(claim, truth, protocol, resources) as scored:
+            return _kept(scored, claim.path) if resources.keep else _without_clouds(scored)
+
+    def records(
+        self, scored: Sequence[ScoredScene], protocol: ReconstructionProtocol
+    ) -> pd.DataFrame:
+        """Put the records of scenes under each other; missing poses are the worst."""
+        import pandas as pd
+
+        records = pd.DataFrame([scene.record for scene in scored])
+        counted = {name for scene in scored for name in scene.counts} & set(records)
+        records = records.astype(dict.fromkeys(sorted(counted), "Int64"))
+        # A scene without poses, where others have some, has failed.
+        return records.fillna(worst_poses(protocol.scores)) if _with_poses(scored) else records
+
+    def scores(
+        self, protocol: ReconstructionProtocol, scored: Sequence[ScoredScene]
+    ) -> list[Score]:
+        """See `reconstruction_scores`."""
+        return reconstruction_scores(protocol.scores, with_poses=_with_poses(scored))
+
+    def kind(self, predictions: ReconstructionPredictions, scored: Sequence[ScoredScene]) -> str:
+        """See `Track.kind`."""
+        return ", ".join(sorted({scene.kind for scene in scored if scene.kind is not None}))
+
+    def method(self, path: Path) -> str:
+        """See `Track.method`."""
+        return path.stem if path.is_file() else path.name
+
+    def notes(
+        self,
+        predictions: ReconstructionPredictions,
+        protocol: ReconstructionProtocol,
+        truths: Sequence[ReconstructionTruth],
+        claims: Sequence[ReconstructionPredictions],
+        scored: Sequence[ScoredScene],
+    ) -> list[str]:
+        """See `scored_scene`."""
+        return [note for scene in scored for note in scene.notes]
+
+    def inspect(
+        self,
+        claim: ReconstructionPredictions,
+        truth: ReconstructionTruth,
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> list[str]:
+        """Score the scene, since only that finds all that scoring would refuse."""
+        return list(self.score(claim, truth, protocol, resources).notes)
+
+    def inspect_alone(
+        self,
+        predictions: ReconstructionPredictions,
+        protocol: ReconstructionProtocol,
+        resources: Resources,
+    ) -> Iterator[PredictionError | str]:
+        """See `read_through`."""
+        for scene in protocol.scenes:
+            if scene.id in predictions.scenes:
+                try:
+                    yield from read_through(predictions, scene.id, protocol, resources.memory_bytes)
+                except PredictionError as error:
+                    yield error
+
+    def check_template_path(self, out: Path, *, force: bool) -> None:
+        """See `Track.check_template_path`."""
+        if out.suffix == ".npz" or out.is_file() or (out.is_dir() and any(out.iterdir())):
+            what = "is there and not empty" if out.exists() else "is the name of a file"
+            raise UsageError(
+                f"templates of reconstruction are written as a folder, and this {what}",
+                where=out,
+                expected="a new folder, such as preds",
+                mend="name another with --out",
+            )
+
+    def write_template(
+        self,
+        out: Path,
+        protocol: ReconstructionProtocol,
+        truths: Sequence[ReconstructionTruth],
+        kind: str,
+        seed: int,
+    ) -> None:
+        """Write a folder with random depth maps of each scene."""
+        for number, truth in enumerate(truths):
+            with atomic_write(out / f"{truth.scene}.npz") as stream:
+                write_npz(stream, depth_template(truth, seed + number))
+        with atomic_write(out / "protocol.txt", "w") as text:
+            text.write(protocol.name + "\n")
 
 
-def _columns(scores: CloudScores, settings: ReconstructionScores) -> dict[str, float]:
-    columns = {
-        "chamfer_m": scores.chamfer,
-        "accuracy_m": scores.accuracy,
-        "completeness_m": scores.completeness,
-        "accuracy_median_m": scores.to_truth.median,
-        "completeness_median_m": scores.to_prediction.median,
-    }
-    for limit, at in zip(_thresholds(settings), scores.at, strict=True):
-        columns[share_column("precision", limit)] = at.precision
-        columns[share_column("recall", limit)] = at.recall
-        columns[f1_column(limit)] = at.f1
-    return columns
+def _with_poses(scored: Sequence[ScoredScene]) -> bool:
+    return any("ate_m" in scene.record for scene in scored)
 
 
-def _alignment_columns(alignment: Alignment) -> dict[str, Any]:
-    centres, turns = alignment.centres, alignment.rotations_deg
-    return {
-        "alignment": alignment.method,
-        "scale": alignment.transform.scale,
-        "centres_rms_m": np.nan if centres is None else centres.rms,
-        "centres_median_m": np.nan if centres is None else centres.median,
-        "rotations_median_deg": np.nan if turns is None else turns.median,
-    }
+def _without_clouds(scene: ScoredScene) -> ScoredScene:
+    return replace(scene, clouds=None, distances=None)
 
 
-def _without(counts: dict[str, int], *names: str) -> dict[str, int]:
-    return {name: count for name, count in counts.items() if name not in names}
+def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
+    """Return the scene with clouds that can be read once the predictions are closed."""
+    if path.is_dir() or scene.clouds is None:
+        return scene
+    predicted, true = scene.clouds
+    return replace(scene, clouds=(_in_memory(predicted), true))
+
+
+def _in_memory(cloud: PreparedCloud) -> PreparedCloud:
+    pieces = [piece.points for piece in cloud.source.pieces(_PIECE)]
+    return replace(cloud, source=Held(Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))))
+
+
+TRACK = ReconstructionTrack()

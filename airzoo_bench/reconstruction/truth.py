@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.queries import cameras_of, poses_of, read_queries
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.open3d_loader import load_open3d
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.fusion import DepthMaps, surface_depth
 
 __all__ = ["TsdfSettings", "fuse"]

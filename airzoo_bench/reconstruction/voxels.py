@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.regions import take
 
-__all__ = ["VoxelGrid", "voxel_downsample"]
+__all__ = ["VoxelGrid"]
 
 _UNIT = 2.0**32  # 2^31 points of one voxel fit into a signed 64-bit sum
 _MOST_CELLS = 1 << 62
@@ -127,33 +127,6 @@ class VoxelGrid:
     def _join_last_two(self) -> None:
         one, other = self._parts[-2:]
         self._parts[-2:] = [_merged(_stacked(one, other))]
-
-
-def voxel_downsample(cloud: Cloud, *, size: float, origin: Floats) -> Cloud:
-    """One point for each occupied voxel: the mean of its points.
-
-    Parameters
-    ----------
-    cloud : Cloud
-        Finite points.
-    size : float
-        Side of a voxel, positive.
-    origin : (3,) array
-        A corner of the grid.
-
-    Returns
-    -------
-    Cloud
-        By x, then y, then z of the voxels; the same for any order of the points.
-
-    Raises
-    ------
-    ValueError
-        See `VoxelGrid`.
-    """
-    grid = VoxelGrid(size, origin)
-    grid.add(cloud)
-    return grid.cloud()
 
 
 def _stacked(one: _Voxels, other: _Voxels) -> _Voxels:

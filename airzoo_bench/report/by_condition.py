@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.report.figures import label_text, series_style
 from airzoo_bench.report.labels import axis_label, shown_value
 from airzoo_bench.report.marks import add_band
 from airzoo_bench.report.sheet import Sheet, finish, new_canvas, slant, wrapped
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

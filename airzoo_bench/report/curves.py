@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matplotlib_loader import default_style
-from airzoo_bench.records import Scored
 from airzoo_bench.report.figures import name_text, series_style
 from airzoo_bench.report.labels import axis_label, error_label, over_scenes, shown_value, who
 from airzoo_bench.report.marks import draw_lines, draw_markers
 from airzoo_bench.report.sheet import Sheet, finish, new_canvas, wrapped
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

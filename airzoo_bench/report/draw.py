@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.breakdown import condition_title, group_averages, group_records
-from airzoo_bench.comparable import find_scene
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.records import Scored
 from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.curves import (
     draw_error_curves,
@@ -23,15 +21,18 @@ from airzoo_bench.report.curves import (
 from airzoo_bench.report.labels import small_print, who
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet
-from airzoo_bench.result import ScoreColumn
-from airzoo_bench.statistics.breakdown_layout import group_intervals
+from airzoo_bench.results.comparable import find_scene
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import FEWEST, Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import Plan, Sample
 from airzoo_bench.statistics.significance import is_share
-from airzoo_bench.statistics.wording import intervals_made, plural, resampled
+from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
+from airzoo_bench.tables.breakdown_layout import group_intervals
+from airzoo_bench.tables.wording import intervals_made, resampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -216,7 +217,7 @@ def condition(
     Raises
     ------
     UsageError
-        See `airzoo_bench.breakdown.group_records`.
+        See `airzoo_bench.tables.breakdown.group_records`.
     """
     grouping = group_records(methods[0].records, by, bins)
     values = np.array([method.records[score.key].to_numpy(np.float64) for method in methods])

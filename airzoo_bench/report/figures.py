@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.errors import UsageError
-from airzoo_bench.files import atomic_write
-from airzoo_bench.matplotlib_loader import default_style
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 
 __all__ = ["meaning"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.report.labels import error_label
@@ -18,7 +18,7 @@ from airzoo_bench.report.packing import data_uri
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.retrieved import retrieved
 from airzoo_bench.report.sections import Section
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 
 __all__ = ["hardest", "hardest_rows", "order_said"]
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from airzoo_bench.errors import first_of
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.records import Scored
 from airzoo_bench.report.figures import name_text
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 
 __all__ = ["axis_label", "error_label", "over_scenes", "shown_value", "small_print", "who"]
 
@@ -54,16 +55,12 @@ def small_print(methods: Sequence[Scored]) -> str:
     result = methods[0].result
     truth, protocol = result.truth, result.protocol
     titles = list(truth.scene_titles.values())
-    scenes = f"scene {titles[0]}" if len(titles) == 1 else f"{len(titles)} scenes"
+    scenes = f"scene {titles[0]}" if len(titles) == 1 else counted(len(titles), "scene")
     measured = scenes
     if result.track != "reconstruction":
-        measured = f"{_count(len(methods[0].records), 'query', 'queries')} in {scenes}"
-    used = f"protocol {protocol.name} v{protocol.version}"
-    return f"{truth.benchmark} v{truth.version}, {used}: {measured}"
-
-
-def _count(number: int, one: str, several: str) -> str:
-    return f"{number} {one if number == 1 else several}"
+        measured = f"{counted(len(methods[0].records), 'query')} in {scenes}"
+    used = f"protocol {protocol.name}, version {protocol.version}"
+    return f"benchmark {truth.benchmark}, version {truth.version}; {used}: {measured}"
 
 
 def who(names: Sequence[str]) -> str:

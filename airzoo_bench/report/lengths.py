@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 
 __all__ = ["parse_length"]
 

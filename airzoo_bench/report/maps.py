@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import gsd_m, read_rgb
 from airzoo_bench.report.packing import Blobs, data_uri

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.report.curves import share_below
 from airzoo_bench.report.figures import COLOURS, new_figure, series_style
 
@@ -113,7 +114,8 @@ def draw_matches(
     axes.set(xlim=(0, shift + crop.shape[1] * scale), ylim=(query.shape[0], 0))
     axes.set_axis_off()
     axes.set_title(
-        f"{title}: {int(inliers.sum())} of {len(inliers)} matches are inliers", fontsize=9
+        f"{title}: {counted(int(inliers.sum()), 'inlier')} of {counted(len(inliers), 'match')}",
+        fontsize=9,
     )
     return figure
 

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.breakdown import condition_title, group_averages, group_records
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import marks_of
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.wording import intervals_made, resampled
+from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
+from airzoo_bench.tables.wording import intervals_made, resampled
 
 __all__ = ["Intervals", "breakdowns", "intervals", "queries"]
 
@@ -80,7 +80,9 @@ def _note(
         return f"no intervals: {why}"
     others = "; of the other scores they would take too long"
     lacking = others if len(scores) < len(section.headline) else ""
-    return f"{made}{lacking}{f'; none where {why}' if why else ''}"
+    has_pooled = section.by_query and len(section.first.scenes) > 1
+    pooled = "; of scenes and of the average over scenes, none of pooled values" * has_pooled
+    return f"{made}{lacking}{f'; none where {why}' if why else ''}{pooled}"
 
 
 def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:

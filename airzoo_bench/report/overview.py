@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matplotlib_loader import default_style
 from airzoo_bench.report.figures import COLOURS, NO_ROOM, any_letters, label_text, name_text
 from airzoo_bench.report.labels import axis_label, shown_value
 from airzoo_bench.report.marks import add_band
 from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, new_canvas, slant, wrapped
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import Column, show_number
 
 if TYPE_CHECKING:

@@ -12,14 +12,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import airzoo_bench
-from airzoo_bench.errors import BenchmarkError, UserError
-from airzoo_bench.progress import Progress, silent
+from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.version import __version__
 from airzoo_bench.report.packing import Blobs, page_json
 from airzoo_bench.report.parts import make_part
 from airzoo_bench.report.places import Place, find_places
 from airzoo_bench.report.sections import Section, read_sections
-from airzoo_bench.result import Result
+from airzoo_bench.results.result import Result
 from airzoo_bench.tables.build import methods_table
 from airzoo_bench.tables.render import render
 
@@ -124,7 +124,7 @@ def _page(
     )
     values = {
         "policy": _policy(script, read["style.css"]),
-        "version": html.escape(airzoo_bench.__version__),
+        "version": html.escape(__version__),
         "title": html.escape(title),
         "style": read["style.css"],
         "tables": "\n".join(render(methods_table(these), "html") for these in results),

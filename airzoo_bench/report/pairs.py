@@ -14,14 +14,12 @@ from airzoo_bench.report.standings import test_plan
 from airzoo_bench.statistics.comparison import Pair, compare
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import LEAST_P, sentence, verdict
-from airzoo_bench.statistics.wording import score_cell, score_title
 from airzoo_bench.tables.entries import as_shown
 from airzoo_bench.tables.model import Cell, show_number
+from airzoo_bench.tables.verdicts import LEAST_P, sentence, verdict
+from airzoo_bench.tables.wording import score_cell, score_title
 
 __all__ = ["compared_pairs"]
-
-_UNTOLD = {"unclear": "not told apart", "too few": "not told apart: too few differ"}
 
 
 def compared_pairs(section: Section, blobs: Blobs) -> dict[str, Any] | None:
@@ -91,6 +89,6 @@ def _shown(pair: Pair, plan: Plan) -> dict[str, Any]:
         or f"none: {pair.interval.reason}",
         "p": Cell(pair.test.p_value, least=LEAST_P).text(4),
         "pHolm": Cell(pair.p_holm, least=LEAST_P).text(4),
-        "verdict": _UNTOLD.get(verdict(pair), verdict(pair)),
+        "verdict": verdict(pair),
         "sentence": sentence(pair, plan),
     }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report import draw
 from airzoo_bench.report.curves import threshold_scores
@@ -15,7 +15,7 @@ from airzoo_bench.report.labels import axis_label, error_label
 from airzoo_bench.report.numbers import Intervals
 from airzoo_bench.report.overview import draw_intervals
 from airzoo_bench.report.sections import Section
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

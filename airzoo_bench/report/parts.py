@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from airzoo_bench.files import canonical_json
+from airzoo_bench.core.files import canonical_json
 from airzoo_bench.report.figures import figure_bytes
 from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest, order_said
@@ -18,7 +18,7 @@ from airzoo_bench.report.part_figures import part_figures
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import references, standings
-from airzoo_bench.result import Result
+from airzoo_bench.results.result import Result
 from airzoo_bench.statistics.significance import is_hit
 
 __all__ = ["make_part"]

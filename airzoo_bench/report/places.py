@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark import Benchmark, find_benchmark
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import fingerprint
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.grids import world_to_pixel

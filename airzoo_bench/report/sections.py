@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark_file import TRACKS
-from airzoo_bench.breakdown import condition_names, is_condition
-from airzoo_bench.records import Scored, read_records
-from airzoo_bench.result import Result, ScoreColumn, read_result
-from airzoo_bench.result_files import method_names, records_path, result_paths
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.workers import spread
+from airzoo_bench.results.files import method_names, records_path, result_paths
+from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.retrieval.scores import RANKED_TILE
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
-from airzoo_bench.workers import spread
+from airzoo_bench.tables.breakdown import condition_names, is_condition
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,14 +128,14 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
     -------
     list of Section
         Benchmarks in the order in which their first results stand; of each its tracks in the order
-        of `TRACKS`; in each the best method first, by the first of the paper's scores.
+        of `registry.TRACKS`; in each the best method first, by the first of the paper's scores.
 
     Raises
     ------
     UsageError
         A file is named twice.
     ResultError
-        See `airzoo_bench.records.read_records`; or results of one protocol and truth are on
+        See `airzoo_bench.results.records.read_records`; or results of one protocol and truth are on
         different queries.
     """
     paths = result_paths(paths)
@@ -163,7 +163,7 @@ def _best_first(methods: list[Scored]) -> list[Scored]:
 def _in_order(sections: list[Section]) -> list[Section]:
     benchmarks = [section.first.truth.benchmark for section in sections]
     places = {name: place for place, name in enumerate(dict.fromkeys(benchmarks))}
-    tracks = {name: place for place, name in enumerate(TRACKS)}
+    tracks = {name: place for place, name in enumerate(TRACKS.names())}
     return sorted(
         sections,
         key=lambda s: (places[s.first.truth.benchmark], tracks.get(s.track, len(tracks))),

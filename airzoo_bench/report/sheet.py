@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.errors import UsageError
-from airzoo_bench.matplotlib_loader import default_style
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.report.figures import (
     NO_ROOM,
     any_letters,
@@ -131,7 +132,8 @@ def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bo
     size = sheet.font(figure.get_figwidth())
     _set_fonts(figure, size)
     if len(names) > MOST_IN_LEGEND:
-        sheet = sheet.noting(f"{len(names) - MOST_IN_LEGEND} more methods are not named")
+        more = counted(len(names) - MOST_IN_LEGEND, "more method")
+        sheet = sheet.noting(f"not named: {more}")
     small = max(LEAST_PT, _SMALL * size)
     notes = _wrapped(figure, sheet.notes, small) if sheet.aside is None else []
     if sheet.aside is not None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from airzoo_bench.report.sections import Section
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.best import AgainstBest, against_best
+from airzoo_bench.statistics.corrections import LEVEL
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import LEVEL
 from airzoo_bench.tables.entries import as_shown, score_column
 from airzoo_bench.tables.floors import shared_references
 from airzoo_bench.tables.model import Cell, best_texts, share_to_percent

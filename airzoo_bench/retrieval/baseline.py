@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.sift import extract
-from airzoo_bench.workers import spread
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
+from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.geometry.sift import extract
 
 __all__ = ["VladSettings", "describe", "learn_words", "root_sift", "vlad"]
 
@@ -45,13 +47,16 @@ class VladSettings:
         Of the sampling and of k-means.
     doubled : bool
         See `sift.extract`.
+    long_side_px : int
+        Photos are made this small.
     """
 
-    words: int = 64
+    words: Annotated[int, Option("words", "Visual words.", 2, 4096)] = 64
     max_features: int = 2048
     training_features: int = 200_000
-    seed: int = 0
-    doubled: bool = True
+    seed: Annotated[int, Option("seed", "Of sampling and k-means.", 0)] = 0
+    doubled: Annotated[bool, DOUBLED] = True
+    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1024
 
 
 def describe(

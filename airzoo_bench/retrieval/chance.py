@@ -6,15 +6,19 @@ without replacement do. All expectations here are exact.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.retrieval.scores import ap_name
+from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.scores import concatenate, summarise
+from airzoo_bench.retrieval.scores import ap_name, retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["chance_scores"]
+__all__ = ["chance_level", "chance_scores"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -61,6 +65,24 @@ def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> d
         best = gain[np.clip(kinds, 1, depth)]
         scores[f"ndcg@{depth}"] = right / n_tiles * gain[min(depth, n_tiles)] / best
     return {name: values[back] for name, values in scores.items()}
+
+
+def chance_level(truths: Sequence[RetrievalTruth], settings: RetrievalScores) -> Reference:
+    """Return what tiles in random order score, by scene; see `chance_scores`."""
+    import pandas as pd
+
+    tables = [
+        pd.DataFrame(chance_scores(truth.positives.counts, len(truth.tiles), settings)).assign(
+            scene=truth.scene
+        )
+        for truth in truths
+    ]
+    scores = [score for score in retrieval_scores(settings) if score.column in tables[0]]
+    summary = summarise(concatenate(tables), scores, [truth.scene for truth in truths])
+    return Reference(
+        meaning="what tiles in random order score on average, computed exactly",
+        **with_summary(summary),
+    )
 
 
 def _none_among(positives: Ints, n_tiles: int, most: int) -> Floats:

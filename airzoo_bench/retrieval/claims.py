@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.ids import scene_of, with_endings
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import scene_of, with_endings
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.retrieval.hits import hit_matrix
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
@@ -22,9 +24,60 @@ from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["is_answered", "rank_scene", "strange_tiles"]
+__all__ = ["RankedScene", "rank_scene", "strange_tiles"]
 
 _CELLS = 1 << 20  # ranks at a time
+
+
+@dataclass(frozen=True)
+class RankedScene:
+    """What predictions claim of a scene with Q queries.
+
+    Attributes
+    ----------
+    truth : RetrievalTruth
+    ranking : Ranking
+        Q rows; those of missing queries hold no tile.
+    answered : (Q,) bool
+        Which queries have a list that is not empty.
+    given : (Q,) bool
+        Which queries have a list.
+    """
+
+    truth: RetrievalTruth
+    ranking: Ranking
+    answered: NDArray[np.bool_]
+    given: NDArray[np.bool_]
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """How many ranks each query has a tile at."""
+        lengths: NDArray[np.int64] = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
+        return lengths
+
+    def shorter(self, depth: int) -> int:
+        """Count the lists that end before a rank, and not all of whose positives they hold."""
+        positives = self.truth.positives
+        hits = hit_matrix(
+            self.ranking.tiles, positives.offsets, positives.tiles, len(self.truth.tiles)
+        )
+        short = (self.lengths > 0) & (self.lengths < min(depth, len(self.truth.tiles)))
+        return int((short & (np.count_nonzero(hits, axis=1) < positives.counts)).sum())
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What a result states of the scene."""
+        truth = self.truth
+        return {
+            "queries": len(truth.queries),
+            "tiles": len(truth.tiles),
+            "missing": int((~self.answered).sum()),
+            "empty_lists": int((self.given & ~self.answered).sum()),
+            "tie_dependent": int(self.ranking.tie_dependent.sum()),
+            "without_positive": len(truth.excluded) + int((truth.positives.counts == 0).sum()),
+            "without_ground_point": truth.without_ground_point,
+            "dropped_tiles": len(truth.dropped_tiles),
+        }
 
 
 def rank_scene(
@@ -35,7 +88,7 @@ def rank_scene(
     *,
     memory_bytes: int,
     workers: int,
-) -> Ranking:
+) -> RankedScene:
     """Rank the gallery of one scene for each of its queries, as the claim has it.
 
     Parameters
@@ -49,11 +102,6 @@ def rank_scene(
         The protocol's.
     memory_bytes, workers : int
         For ranking descriptors.
-
-    Returns
-    -------
-    Ranking
-        Q rows; those of missing queries hold no tile.
 
     Raises
     ------
@@ -84,30 +132,27 @@ def rank_scene(
                 )
     except PredictionError as error:
         raise error.inside(predictions.path) from error
-    return _spread(ranking, answered, len(rows))
+    every = _spread(ranking, answered, len(rows))
+    return RankedScene(truth, every, _is_answered(predictions, rows), rows >= 0)
 
 
-def is_answered(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Tell which queries have an answer: a row in the file, whose list is not empty.
-
-    Parameters
-    ----------
-    predictions : RetrievalPredictions
-    rows : (Q,) int
-        From `ids.assign_queries`.
-    """
+def _is_answered(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Tell which queries have a row in the file, whose list is not empty."""
     claim, answered = predictions.claim, rows >= 0
     if isinstance(claim, RankedIds):
         answered = answered & (claim.ids[rows] != "").any(axis=1)
     return answered
 
 
-def strange_tiles(predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]) -> int:
-    """Count the described tiles that are in no gallery."""
+def strange_tiles(
+    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
+) -> NDArray[np.str_]:
+    """Return the described tiles that are in no gallery."""
     if isinstance(predictions.claim, RankedIds):
-        return 0
+        return np.zeros(0, "<U1")
+    given = predictions.claim.gallery_ids
     known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
-    return int((~np.isin(predictions.claim.gallery_ids, known)).sum())
+    return given[~np.isin(given, known)]
 
 
 @dataclass(frozen=True)
@@ -190,7 +235,8 @@ def _tile_indices(
         tile = str(ids[rows[0]][strange[rows[0]]][0])
         raise PredictionError(
             f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
-            f"{first_of(names[rows], len(names))} queries; the first is {tile}",
+            f"{first_of(names[rows], len(names), noun='query')}; the first is {tile!r}"
+            + nearest(tile, truth.tiles["id"].tolist(), 1),
             where="field 'ranked_ids'",
             expected=f"ids such as {truth.tiles['id'].iloc[0]}",
             mend=_mend_strange_tile(tile, truth),
@@ -239,12 +285,19 @@ def _gallery_rows(claim: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]
     if lacking.size:
         raise PredictionError(
             f"lacks descriptors of tiles of scene {truth.scene}: "
-            f"{first_of(lacking, len(truth.tiles))}",
+            f"{first_of(lacking, len(truth.tiles))}{_meant(str(lacking[0]), claim, truth)}",
             where="field 'gallery_ids'",
             expected="every tile of the gallery: leaving some out would make the task easier",
             mend="describe all tiles of tiles.parquet",
         )
     return rows
+
+
+def _meant(lacking: str, claim: Descriptors, truth: RetrievalTruth) -> str:
+    """Show the id that could be a tile's that is lacking, written in another way."""
+    strange = claim.gallery_ids[~np.isin(claim.gallery_ids, truth.tiles["id"].to_numpy(str))]
+    near = nearest(lacking, strange.tolist(), 1)
+    return near.replace("did you mean", "it has") if near else ""
 
 
 def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:

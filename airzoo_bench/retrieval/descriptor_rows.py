@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
 
 __all__ = ["RowSource", "as_float32"]
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["is_within", "pdm_at", "sdm_at", "share_within", "top1_distance"]
+__all__ = ["is_within", "pdm_at", "sdm_at", "top1_distance"]
 
 _Floats = NDArray[np.float64]
 
@@ -58,29 +58,6 @@ def is_within(top1_m: _Floats, limit_m: float) -> _Floats:
     Environments, arXiv:2201.09201; ``evaluateDistance.py`` of Dmmm1997/DenseUAV.
     """
     return (top1_m < limit_m).astype(np.float64)
-
-
-def share_within(top1_m: _Floats, limit_m: float) -> float:
-    """Share of the queries whose first tile is nearer than the limit, strictly.
-
-    Parameters
-    ----------
-    top1_m : (Q,) float64
-        Metres, from `top1_distance`.
-    limit_m : float
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        There is no query.
-    """
-    if len(top1_m) == 0:
-        raise ValueError("a share of no queries is not defined")
-    return float(is_within(top1_m, limit_m).mean())
 
 
 def sdm_at(distances_m: _Floats, k: int, scale: float) -> _Floats:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 
 __all__ = ["Positives", "offsets_of"]
 
@@ -130,6 +130,7 @@ def _fault(
         return "tiles do not ascend within each query", "ascending tiles without repeats"
     if overlap is None:
         return None
-    if overlap.shape != tiles.shape or not ((overlap >= 0) & (overlap <= 1)).all():
+    is_number = overlap.dtype.kind in "fiu"
+    if overlap.shape != tiles.shape or not (is_number and ((overlap >= 0) & (overlap <= 1)).all()):
         return "overlaps do not fit", "an overlap in [0, 1] for each tile"
     return None

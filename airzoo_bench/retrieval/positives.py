@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.retrieval.overlap import box_areas, intersection_areas, polygon_areas, untangled
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.tile_grid import TileRun, find_runs

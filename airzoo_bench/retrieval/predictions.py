@@ -15,18 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
-from airzoo_bench.ids import check_ids, scene_of
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.retrieval.descriptor_rows import as_float32
 from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 
-__all__ = [
-    "Descriptors",
-    "RankedIds",
-    "RetrievalPredictions",
-    "deep_faults",
-    "faults",
-]
+__all__ = ["Descriptors", "RankedIds", "RetrievalPredictions", "deep_faults", "faults"]
 
 Texts = NDArray[np.str_]
 Bools = NDArray[np.bool_]
@@ -118,7 +112,9 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
     yield from _raised(checks)
 
 
-def deep_faults(predictions: RetrievalPredictions, metric: Metric) -> Iterator[PredictionError]:
+def deep_faults(
+    predictions: RetrievalPredictions, metric: Metric, scenes: Sequence[str]
+) -> Iterator[PredictionError]:
     """Yield what else can be seen without truth, and what scoring finds by itself.
 
     Reads descriptors through, which for a mapped gallery takes as long as its file is large.
@@ -129,10 +125,12 @@ def deep_faults(predictions: RetrievalPredictions, metric: Metric) -> Iterator[P
         As read.
     metric : Metric
         The protocol's, for descriptors.
+    scenes : sequence of str
+        The protocol's; queries of others are left aside.
     """
     claim = predictions.claim
     if isinstance(claim, RankedIds):
-        yield from _raised([partial(_check_scenes, predictions, claim)])
+        yield from _raised([partial(_check_scenes, predictions, claim, scenes)])
         return
     queries = ("query_descriptors", claim.queries, predictions.query_ids)
     gallery = ("gallery_descriptors", claim.gallery, claim.gallery_ids)
@@ -210,22 +208,28 @@ def _check_scores(predictions: RetrievalPredictions, claim: RankedIds) -> None:
         )
 
 
-def _check_scenes(predictions: RetrievalPredictions, claim: RankedIds) -> None:
+def _check_scenes(
+    predictions: RetrievalPredictions, claim: RankedIds, scenes: Sequence[str]
+) -> None:
     own = scene_of(predictions.query_ids)[:, None]
+    known = np.isin(own, scenes)
 
     def strange(part: slice | NDArray[np.intp]) -> Bools:
-        found: Bools = (scene_of(claim.ids[part]) != own[part]) & (claim.ids[part] != "")
+        other = (scene_of(claim.ids[part]) != own[part]) & (claim.ids[part] != "")
+        found: Bools = other & known[part]
         return found
 
     rows = _rows_where(claim, lambda part: np.any(strange(part), axis=1))
     if rows.size:
-        tile = claim.ids[rows[0]][strange(rows[:1])[0]][0]
+        tile, scene = str(claim.ids[rows[0]][strange(rows[:1])[0]][0]), own[rows[0], 0]
         raise PredictionError(
             f"tiles of another scene are ranked for {_rows(predictions, rows)}; the first is "
-            f"{str(tile)!r}",
+            f"{tile!r}",
             where=f"{predictions.path}, field 'ranked_ids'",
-            expected=f"tiles of the query's own scene, such as {own[rows[0], 0]}/...",
-            mend="rank each query against the gallery of its own scene only",
+            expected=f"tiles of the query's own scene, such as {scene}/...",
+            mend="rank each query against the gallery of its own scene only"
+            if "/" in tile
+            else f"put the scene before each tile: {scene}/{tile}",
         )
 
 
@@ -282,7 +286,8 @@ def _check_descriptors(predictions: RetrievalPredictions, claim: Descriptors) ->
 
 
 def _rows(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> str:
-    return first_of(predictions.query_ids[rows], len(predictions.query_ids)) + " queries"
+    ids = predictions.query_ids
+    return first_of(ids[rows], len(ids), noun="query")
 
 
 def _rows_where(claim: RankedIds, test: Callable[[slice], Bools]) -> NDArray[np.intp]:

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.benchmark.queries import cameras_of, poses_of
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
+from airzoo_bench.core.errors import RasterError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import RasterInfo
-from airzoo_bench.queries import cameras_of, poses_of
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
 from airzoo_bench.retrieval.pairs import Positives
@@ -32,7 +34,6 @@ from airzoo_bench.retrieval.truth import (
     RetrievalTruth,
     boxes_of,
 )
-from airzoo_bench.scene_inputs import SceneInputs, with_unposed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,7 +113,7 @@ def _without_empty(
         kept = (share > 0) & (share >= gallery.least_valid_share)
     if not kept.any():
         raise RasterError(
-            f"none of its {len(tiles)} tiles holds more than "
+            f"none of its {counted(len(tiles), 'tile')} holds more than "
             f"{tiles['valid_share'].max():.0%} of valid pixels",
             where=info.path,
             expected=f"tiles of which {gallery.least_valid_share:.0%} are valid, and more than 0",

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.retrieval.descriptor_search import Candidates, nearest
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.similarity import Metric, Names, Queries

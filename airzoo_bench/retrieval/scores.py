@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
-from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
-from airzoo_bench.scores import Score
+from collections.abc import Mapping, Sequence
 
-__all__ = ["AP_VARIANTS", "RANKED_TILE", "RECORDED", "ap_name", "retrieval_scores"]
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.results.scores import Score
+from airzoo_bench.retrieval import metrics
+from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
+
+__all__ = [
+    "AP_VARIANTS",
+    "RANKED_TILE",
+    "RECORDED",
+    "ap_name",
+    "hit_columns",
+    "retrieval_scores",
+]
 
 RECORDED = frozenset(
     (
@@ -32,7 +45,7 @@ def retrieval_scores(settings: RetrievalScores) -> list[Score]:
     Returns
     -------
     list of Score
-        The columns are those of `airzoo_bench.retrieval.track.score_scene`.
+        The columns are those of `airzoo_bench.retrieval.scoring.score_scene`.
     """
     headline = [_share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     ap = ap_name(settings.ap_at, settings.ap)
@@ -46,6 +59,39 @@ def retrieval_scores(settings: RetrievalScores) -> list[Score]:
     beyond += [_share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at]
     beyond += [_share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at]
     return headline + beyond
+
+
+def hit_columns(
+    hits: NDArray[np.bool_],
+    n_positives: NDArray[np.int64],
+    *,
+    recall_at: Sequence[int],
+    ap_at: Mapping[int, Sequence[ApVariant]],
+    ndcg_at: Sequence[int],
+) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of the records that follow from which ranks are hits.
+
+    Parameters
+    ----------
+    hits : (Q, K) bool
+    n_positives : (Q,) int
+        See `metrics`.
+    recall_at, ndcg_at : sequence of int
+    ap_at : mapping of int to sequence of ApVariant
+        Which readings of AP are taken at which rank.
+
+    Returns
+    -------
+    dict of str to (Q,) array
+    """
+    columns = {f"recall@{k}": metrics.recall_at(hits, k) for k in recall_at}
+    for k, variants in ap_at.items():
+        for variant in variants:
+            found = metrics.average_precision_at(hits, n_positives, k, variant)
+            columns[ap_name(k, variant)] = found
+    columns["map"] = metrics.average_precision(hits, n_positives)
+    columns["mrr"] = metrics.reciprocal_rank(hits)
+    return columns | {f"ndcg@{k}": metrics.ndcg_at(hits, n_positives, k) for k in ndcg_at}
 
 
 def _share(column: str, title: str, *, headline: bool = False) -> Score:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from airzoo_bench.settings import Limits, Positive, Ranks, Strict
+from airzoo_bench.core.settings import Limits, Positive, Ranks, Strict
+from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["ApVariant", "Gallery", "GroundTruth", "RetrievalScores"]
+__all__ = [
+    "ApVariant",
+    "Gallery",
+    "GroundTruth",
+    "RetrievalProtocol",
+    "RetrievalScores",
+]
 
 ApVariant = Literal["precision", "min", "trec", "hits"]
 
@@ -76,3 +83,14 @@ class RetrievalScores(Strict):
     def depth(self) -> int:
         """The deepest rank that a headline score (recall, AP) reads."""
         return max(*self.recall_at, self.ap_at)
+
+
+class RetrievalProtocol(Protocol):
+    """A protocol of aerial image retrieval."""
+
+    truth_sections: ClassVar[tuple[str, ...]] = ("gallery", "ground_truth")
+
+    track: Literal["retrieval"]
+    gallery: Gallery
+    ground_truth: GroundTruth
+    scores: RetrievalScores

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
 
 __all__ = [

@@ -1,127 +1,154 @@
-"""Scoring one scene of the retrieval track: truth and claim become records, a row a query."""
+"""The retrieval track: a UAV photo finds its satellite tile."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.frames import geodesic_distance_m
-from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
-from airzoo_bench.retrieval.hits import hit_matrix
-from airzoo_bench.retrieval.metrics import (
-    average_precision,
-    average_precision_at,
-    first_hit_rank,
-    ndcg_at,
-    recall_at,
-    reciprocal_rank,
-)
-from airzoo_bench.retrieval.scores import AP_VARIANTS, ap_name
-from airzoo_bench.retrieval.settings import RetrievalScores
-from airzoo_bench.retrieval.ties import Ranking
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.query_track import QueryTrack
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.results.result import Reference
+from airzoo_bench.results.scores import Score
+from airzoo_bench.retrieval.baseline_run import VLAD
+from airzoo_bench.retrieval.chance import chance_level
+from airzoo_bench.retrieval.claims import RankedScene, rank_scene
+from airzoo_bench.retrieval.notes import retrieval_notes
+from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
+from airzoo_bench.retrieval.reading import read_retrieval
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import score_scene
+from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.template import descriptor_template, ranked_template
+from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["score_scene"]
+__all__ = ["TRACK", "RetrievalTrack"]
 
 
-def score_scene(
-    truth: RetrievalTruth,
-    ranking: Ranking,
-    answered: NDArray[np.bool_],
-    settings: RetrievalScores,
-) -> pd.DataFrame:
-    """Score every query of a scene.
-
-    Parameters
-    ----------
-    truth : RetrievalTruth
-        With Q queries and G tiles.
-    ranking : Ranking
-        Ranked tile indices (Q, K); a query without an answer has no tile in its row.
-    answered : (Q,) bool
-        Whether the predictions have the query.
-    settings : RetrievalScores
-        The protocol's.
-
-    Returns
-    -------
-    DataFrame
-        A row a query: identity, what was ranked, all scores, and the query's conditions.
-    """
-    import pandas as pd
-
-    hits = hit_matrix(
-        ranking.tiles, truth.positives.offsets, truth.positives.tiles, len(truth.tiles)
-    )
-    columns: dict[str, Any] = {
-        "scene": truth.scene,
-        "query": truth.queries["id"].to_numpy(),
-        "answered": answered,
-        "positives": truth.positives.counts,
-        "tie_dependent": ranking.tie_dependent,
-        "first_hit_rank": first_hit_rank(hits),
-        **_ranked_tiles(truth, ranking, max(settings.recall_at)),
-        **_hit_scores(hits, truth.positives.counts, settings),
-        **_distance_scores(truth, ranking, settings),
-    }
-    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+@dataclass(frozen=True, eq=False)
+class _ScoredScene:
+    records: pd.DataFrame
+    counts: dict[str, int]
 
 
-def _hit_scores(
-    hits: NDArray[np.bool_], positives: NDArray[np.int64], settings: RetrievalScores
-) -> dict[str, NDArray[np.float64]]:
-    scores = {f"recall@{k}": recall_at(hits, k) for k in settings.recall_at}
-    for variant in AP_VARIANTS:
-        name = ap_name(settings.ap_at, variant)
-        scores[name] = average_precision_at(hits, positives, settings.ap_at, variant)
-    scores["map"] = average_precision(hits, positives)
-    scores["mrr"] = reciprocal_rank(hits)
-    return scores | {f"ndcg@{k}": ndcg_at(hits, positives, k) for k in settings.ndcg_at}
+class RetrievalTrack(
+    QueryTrack[RetrievalProtocol, RetrievalPredictions, RetrievalTruth, RankedScene, _ScoredScene]
+):
+    """Aerial image retrieval; see `Track`."""
 
+    name = "retrieval"
+    summary = "Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."
+    protocol = RetrievalProtocol
+    kinds = ".npz or .parquet"
+    suffixes = (".npz", ".parquet")
+    argument = "An .npz or .parquet prediction file."
+    example = "preds.npz --out results/mymethod"
+    jobs = 1
+    baseline = VLAD
+    template_kinds = ("ranked-ids", "descriptors")
 
-def _distance_scores(
-    truth: RetrievalTruth, ranking: Ranking, settings: RetrievalScores
-) -> dict[str, NDArray[np.float64]]:
-    depth = max(1, *settings.sdm_at, *settings.pdm_at)
-    tiles = ranking.tiles[:, :depth]
-    distances = _distances(truth, tiles)
-    sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
-    first = top1_distance(distances)
-    scores = {"distance_m": first}
-    scores |= {f"distance<{m:g}m": is_within(first, m) for m in settings.distance_below_m}
-    scores |= {f"sdm@{k}": sdm_at(distances, k, settings.sdm_scale_per_m) for k in settings.sdm_at}
-    for k in settings.pdm_at:
-        scores[f"pdm@{k}"] = pdm_at(
-            distances,
-            k,
-            tile_size_m=sizes,
-            steepness=settings.pdm_steepness,
-            tolerance=settings.pdm_tolerance_tiles,
+    def read(self, path: Path, memory_bytes: int) -> RetrievalPredictions:
+        """See `read_retrieval`."""
+        return read_retrieval(path, memory_bytes)
+
+    def validation_errors(
+        self, predictions: RetrievalPredictions, protocol: RetrievalProtocol, *, thorough: bool
+    ) -> Iterator[PredictionError]:
+        """See `predictions.faults` and `predictions.deep_faults`."""
+        scores = protocol.scores
+        yield from faults(predictions, scores.depth)
+        if thorough:
+            scenes = [scene.id for scene in protocol.scenes]
+            yield from deep_faults(predictions, scores.descriptor_metric, scenes)
+
+    def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
+        """See `truth.read_truth`."""
+        return read_truth(benchmark.scene_folder(scene), scene)
+
+    def claim(
+        self,
+        predictions: RetrievalPredictions,
+        truth: RetrievalTruth,
+        rows: NDArray[np.intp],
+        protocol: RetrievalProtocol,
+        resources: Resources,
+    ) -> RankedScene:
+        """See `rank_scene`."""
+        memory, jobs = resources.memory_bytes, resources.jobs
+        return rank_scene(
+            predictions, truth, rows, protocol.scores, memory_bytes=memory, workers=jobs
         )
-    return scores
+
+    def score(
+        self,
+        claim: RankedScene,
+        truth: RetrievalTruth,
+        protocol: RetrievalProtocol,
+        resources: Resources,
+    ) -> _ScoredScene:
+        """See `score_scene`."""
+        records = score_scene(truth, claim.ranking, claim.answered, protocol.scores)
+        return _ScoredScene(records, claim.counts)
+
+    def scores(self, protocol: RetrievalProtocol, scored: Sequence[_ScoredScene]) -> list[Score]:
+        """See `retrieval_scores`."""
+        return retrieval_scores(protocol.scores)
+
+    def notes(
+        self,
+        predictions: RetrievalPredictions,
+        protocol: RetrievalProtocol,
+        truths: Sequence[RetrievalTruth],
+        claims: Sequence[RankedScene],
+        scored: Sequence[_ScoredScene],
+    ) -> list[str]:
+        """See `retrieval_notes`."""
+        return retrieval_notes(predictions, claims, protocol)
+
+    def check_notes(
+        self,
+        predictions: RetrievalPredictions,
+        protocol: RetrievalProtocol,
+        truths: Sequence[RetrievalTruth],
+        claims: Sequence[RankedScene],
+        resources: Resources,
+    ) -> list[str]:
+        """See `retrieval_notes`."""
+        return retrieval_notes(predictions, claims, protocol)
+
+    def references(
+        self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
+    ) -> dict[str, Reference]:
+        """Return what tiles in random order score."""
+        return {"Chance level": chance_level(truths, protocol.scores)}
+
+    def template(
+        self,
+        protocol: RetrievalProtocol,
+        truths: Sequence[RetrievalTruth],
+        kind: str,
+        seed: int,
+    ) -> dict[str, NDArray[Any]]:
+        """Return random lists, or random descriptors."""
+        if kind == "descriptors":
+            return descriptor_template(truths, seed)
+        return ranked_template(truths, protocol.scores.ranks_kept, seed)
+
+    def template_note(self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]) -> str:
+        """Say what random tiles score."""
+        level = chance_level(truths, protocol.scores).overall
+        headline = [score for score in retrieval_scores(protocol.scores) if score.headline]
+        listed = ", ".join(f"{score.title} {level[score.column]:.2%}" for score in headline)
+        return f"random tiles score by chance: {listed}"
 
 
-def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return metres from footprint centre to tile centre; infinite where either is missing."""
-    boxes = truth.boxes
-    centres = (boxes[:, :2] + boxes[:, 2:]) / 2
-    queries = np.repeat(truth.footprint_centres[:, None], tiles.shape[1], axis=1)
-    there = (tiles >= 0) & np.isfinite(queries).all(axis=-1)
-    distances = np.full(tiles.shape, np.inf)
-    distances[there] = geodesic_distance_m(queries[there], centres[tiles[there]])
-    return distances
-
-
-def _ranked_tiles(truth: RetrievalTruth, ranking: Ranking, depth: int) -> dict[str, Any]:
-    """Return how many tiles each list has, and the ids of the first, empty beyond its end."""
-    ids = np.append(truth.tiles["id"].to_numpy(object), "")
-    tiles = np.full((len(ranking.tiles), depth), -1, np.int32)
-    given = ranking.tiles[:, :depth]
-    tiles[:, : given.shape[1]] = given
-    ranked = (ranking.tiles >= 0).sum(axis=1)
-    return {"ranked": ranked} | {f"tile@{k + 1}": ids[tiles[:, k]] for k in range(depth)}
+TRACK = RetrievalTrack()

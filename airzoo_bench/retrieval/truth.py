@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import struct
-import tokenize
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark_tables import read_table
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.files import write_npz
-from airzoo_bench.queries import conditions_of, read_queries
+from airzoo_bench.benchmark.queries import conditions_of, read_queries
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.files import write_npz
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.retrieval.pairs import Positives
 
 if TYPE_CHECKING:
@@ -31,6 +29,7 @@ __all__ = [
     "NO_TILE",
     "RetrievalTruth",
     "boxes_of",
+    "read_tiles",
     "read_truth",
     "write_truth",
 ]
@@ -42,11 +41,8 @@ NO_GROUND_POINT = "no ray meets the ground"
 NO_TILE = "the footprint meets no tile"
 _WINDOW_COLUMNS = ("x", "y", "width", "height")
 _TILE_COLUMNS = ("id", "size_px", "size_m", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
-_DAMAGE = (
-    *(EOFError, KeyError, MemoryError, NotImplementedError, OSError, RuntimeError, SyntaxError),
-    *(TypeError, ValueError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
-)
-"""What NumPy and zipfile raise over damaged bytes."""
+_BYTES_OF_A_NUMBER = 8
+_POSITIVES = {"offsets", "tiles", "overlap"}
 
 
 @dataclass(frozen=True)
@@ -154,8 +150,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries = read_queries(folder, excluded)
     footprints = read_table(home / "footprints.csv", ("id", *FOOTPRINT_COLUMNS))
-    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
-    _check_boxes(boxes_of(tiles), home / "tiles.parquet")
+    tiles = read_tiles(home)
     dropped = read_table(home / "dropped_tiles.csv", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
     if footprints["id"].tolist() != queries["id"].tolist():
         raise BenchmarkError(
@@ -165,7 +160,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
         )
     if queries.empty:
         raise BenchmarkError(
-            f"scene {scene} has no query: {len(excluded)} photos are excluded",
+            f"scene {scene} has no query: {counted(len(excluded), 'photo')} excluded",
             where=home / "excluded.csv",
             expected="at least one photo that a tile answers",
             mend="prepare the benchmark again with other photos, or leave the scene out of the "
@@ -173,6 +168,19 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
         )
     positives = _load_sparse(home / "positives.npz", len(queries), len(tiles))
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
+
+
+def read_tiles(home: Path) -> pd.DataFrame:
+    """Read the table of a scene's tiles from the folder of its retrieval track.
+
+    Raises
+    ------
+    BenchmarkError
+        It is missing, lacks a column, or boxes are none.
+    """
+    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+    _check_boxes(boxes_of(tiles), home / "tiles.parquet")
+    return tiles
 
 
 def _check_boxes(boxes: NDArray[np.float64], where: Path) -> None:
@@ -204,22 +212,29 @@ def _load_sparse(path: Path, n_queries: int, n_tiles: int) -> Positives:
             where=path,
             mend="prepare the benchmark again; `check` needs no truth, `eval` does",
         )
+    pairs = n_queries * n_tiles
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        offsets, tiles = arrays["offsets"], arrays["tiles"]
-    except _DAMAGE as error:
-        raise BenchmarkError(
-            f"the positives are damaged: {error}",
-            where=path,
-            expected="offsets and tiles, as `airzoo-bench prepare` wrote them",
-            mend="prepare the benchmark again",
-        ) from error
+        # No more than each query's offset, and the tile and overlap of every pair there can be.
+        file = NpzFile(path, _BYTES_OF_A_NUMBER * (n_queries + 1 + 2 * pairs))
+        arrays = {name: file.read(name) for name in _POSITIVES & set(file.entries)}
+    except PredictionError as error:
+        raise _damaged(path, error.what) from error
+    if not {"offsets", "tiles"} <= set(arrays):
+        raise _damaged(path, f"has the arrays {', '.join(sorted(file.entries)) or 'none'}")
     return Positives.checked(
-        offsets,
-        tiles,
+        arrays["offsets"],
+        arrays["tiles"],
         arrays.get("overlap"),
         n_queries=n_queries,
         n_tiles=n_tiles,
         where=path,
+    )
+
+
+def _damaged(path: Path, what: str) -> BenchmarkError:
+    return BenchmarkError(
+        f"the positives are damaged: {what}",
+        where=path,
+        expected="offsets and tiles, as `airzoo-bench prepare` wrote them",
+        mend="prepare the benchmark again",
     )

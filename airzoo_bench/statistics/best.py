@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
-from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.statistics.corrections import LEVEL, holm
 from airzoo_bench.statistics.paired_tests import paired_tests
 from airzoo_bench.statistics.reference import best_place
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import LEVEL
 
 __all__ = ["AgainstBest", "against_best"]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from airzoo_bench.comparable import find_scene, version_notes
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.comparable import find_scene, version_notes
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.compatibility import check_comparable
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals

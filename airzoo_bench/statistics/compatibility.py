@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from airzoo_bench import comparable
-from airzoo_bench.errors import ResultError, first_of
-from airzoo_bench.records import Scored
-from airzoo_bench.result import Result, ScoreColumn
-from airzoo_bench.validation import nearest
+from airzoo_bench.core.errors import ResultError, first_of
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.results import comparable
+from airzoo_bench.results.comparable import check_score, named_scores
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import Result, ScoreColumn
 
 __all__ = ["check_comparable", "choose_scores", "score_keys"]
 
@@ -33,7 +34,7 @@ def _check_queries(first: Scored, other: Scored) -> None:
     if one == two:
         return
     lonely = first_of(sorted(one ^ two), len(one | two))
-    shared = f"only {len(one & two)} of their queries" if one & two else "none of their queries"
+    shared = f"only {counted(len(one & two), 'query')}" if one & two else "no query"
     raise ResultError(
         f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
         expected="results on the same queries",
@@ -56,7 +57,9 @@ def choose_scores(
     Raises
     ------
     ResultError
-        A method has no such score, or the results have none in common.
+        The results have no score in common.
+    UsageError
+        They have no such score in common.
     """
     shared = [
         column
@@ -72,13 +75,11 @@ def choose_scores(
                 mend="score all predictions again with the same version and protocol",
             )
         return found
-    by_name = {column.title: column for column in shared} | {c.key: c for c in shared}
+    some = named_scores(column for method in methods for column in method.result.columns)
     for name in wanted:
-        if name not in by_name:
-            raise ResultError(
-                f"no score {name!r} that all results have{nearest(name, list(by_name))}",
-                expected="one of " + ", ".join(column.key for column in shared),
-            )
+        lacking = "leave out the results that lack it: not all have it" * (name in some)
+        check_score(name, shared, "--score", lacking)
+    by_name = named_scores(shared)
     return list({by_name[name].key: by_name[name] for name in wanted}.values())
 
 

@@ -6,7 +6,10 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["holm"]
+__all__ = ["LEVEL", "holm"]
+
+LEVEL = 0.05
+"""A p-value up to here is a finding."""
 
 
 def holm(p_values: Floats, family: int | None = None) -> Floats:

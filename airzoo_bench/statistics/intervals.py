@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.plurals import counted, plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.averages import leave_one_out, weighted_averages
 from airzoo_bench.statistics.draws import blocks, resample_counts, stream_key
 from airzoo_bench.statistics.percentiles import percentile_p_values, quantiles
-from airzoo_bench.statistics.samples import Plan, Sample, counted, gap, paired_gap, plural
+from airzoo_bench.statistics.samples import Plan, Sample, gap, paired_gap
 
 __all__ = [
     "FEWEST",
@@ -114,7 +115,7 @@ def bootstrap(
         total = part if total is None else _together(total, part)
     if total is None:
         raise ValueError("a sample has at least one group")
-    overall = _mean_of(total, len(sample.groups)) if len(sample.groups) > 1 else total
+    overall = _mean_of(total, len(sample.groups))
     return SampleIntervals(
         found,
         _intervals(overall, pairs, plan, sample.unit),
@@ -209,10 +210,14 @@ def _intervals(part: _Part, pairs: NDArray[np.intp], plan: Plan, unit: str) -> l
         plan,
     )
     methods = np.where(exists, plan.interval, "percentile").tolist()
-    alike = Interval(None, None, "", f"all {plural(unit)} are alike: resamples cannot differ")
+    whose = [f"all {plural(unit)} are", f"the differences of all {plural(unit)} are"]
+    alike = [Interval(None, None, "", f"{who} alike: resamples cannot differ") for who in whose]
+    kinds = [alike[0]] * len(part.estimates) + [alike[1]] * len(pairs)
     return [
-        alike if even else Interval(low, high, method)
-        for (low, high), method, even in zip(limits.tolist(), methods, part.even, strict=True)
+        kind if even else Interval(low, high, method)
+        for (low, high), method, even, kind in zip(
+            limits.tolist(), methods, part.even, kinds, strict=True
+        )
     ]
 
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from airzoo_bench.errors import UsageError
-from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn
-from airzoo_bench.validation import nearest
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 
 __all__ = ["best_place", "family_of", "find_one", "find_reference", "value_of"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Method", "Plan", "Sample", "counted", "gap", "paired_gap", "plural"]
+__all__ = ["Method", "Plan", "Sample", "gap", "paired_gap"]
 
 Method = Literal["bca", "percentile"]
 
@@ -68,16 +68,6 @@ class Sample:
     def __post_init__(self) -> None:
         if len(set(self.groups)) < len(self.groups):
             raise ValueError(f"groups are not all different: {self.groups}")
-
-
-def plural(unit: str) -> str:
-    """Return ``queries`` of ``query``, ``scenes`` of ``scene``."""
-    return {"query": "queries", "scene": "scenes"}[unit]
-
-
-def counted(number: int, unit: str) -> str:
-    """Return ``1 scene``, ``18 queries``."""
-    return f"{number} {unit if number == 1 else plural(unit)}"
 
 
 def gap(first: Floats, second: Floats) -> Floats:

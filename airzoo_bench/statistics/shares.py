@@ -100,10 +100,8 @@ def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
 
 
 def _around(limits: Floats, means: Floats) -> Floats:
-    """Let no limit lie beyond the mean, and those of 0 and 1 lie on it."""
-    low = np.where(means <= 0, 0.0, np.minimum(limits[:, 0], means))
-    high = np.where(means >= 1, 1.0, np.maximum(limits[:, 1], means))
-    return np.stack([low, high], axis=1)
+    """Let no limit, from 0 to 1, lie beyond the mean; those of 0 and 1 then lie on it."""
+    return np.stack([np.minimum(limits[:, 0], means), np.maximum(limits[:, 1], means)], axis=1)
 
 
 def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:

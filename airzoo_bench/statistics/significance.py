@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.averages import weighted_averages
 from airzoo_bench.statistics.draws import blocks, sign_flips, stream_key
 from airzoo_bench.statistics.samples import Plan, Sample, gap, paired_gap
@@ -18,7 +18,6 @@ from airzoo_bench.statistics.samples import Plan, Sample, gap, paired_gap
 __all__ = ["PairedTest", "is_hit", "is_share", "mcnemar", "p_floor", "paired_permutation"]
 
 _SLACK = 1e-9  # as `paired_gap`: sums that are closer differ by the processor alone
-_TRIED_WITH_BITS = 62
 _P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
 
 _HITS = {"retrieval": ("recall@", "distance<"), "matching": ("within_",)}
@@ -79,7 +78,7 @@ def paired_permutation(
     for index, pair in enumerate(pairs):
         unlike = [paired_gap(values[pair[0]], values[pair[1]]) != 0 for values in sample.values]
         bits = sum(int(mask.sum()) for mask in unlike)
-        if bits > _TRIED_WITH_BITS or 2**bits > plan.resamples:
+        if 2**bits > plan.resamples:
             many.append(index)
         else:
             extreme = _count_extreme(sample, [pair], 2**bits, _every_pattern(unlike))
@@ -170,8 +169,7 @@ def _by_swaps(
             block = flips(group, first, count)
             sides[:, :, first : first + count] += _both_sides(pooled, medians, block)
     observed = np.abs(gap(before[0], before[1]))
-    slack = np.where(np.isinf(observed), 0.0, _SLACK * observed)
-    extreme = np.abs(gap(sides[0], sides[1])) >= observed - slack
+    extreme = np.abs(gap(sides[0], sides[1])) >= (1 - _SLACK) * observed
     boundless = np.isinf(observed[:, 0])
     if boundless.any():
         extreme[boundless] &= _more_wins(sample, pairs[boundless], patterns, flips)

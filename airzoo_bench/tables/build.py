@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from airzoo_bench.result import Reference, Result, ScoreColumn
+from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.tables.entries import OVERALL, as_shown, board_of, identity, score_column
 from airzoo_bench.tables.layouts import AVERAGE, methods_layout
 from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty, mark_best

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.validation import read_toml
 from airzoo_bench.tables.marks import cite
 from airzoo_bench.tables.model import Table
-from airzoo_bench.validation import read_toml
 
 __all__ = ["add_citations"]
 

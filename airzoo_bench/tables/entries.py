@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from airzoo_bench.comparable import check_comparable, version_notes
-from airzoo_bench.result import Result, ScoreColumn
-from airzoo_bench.result_files import method_names
+from airzoo_bench.results.comparable import check_comparable, version_notes
+from airzoo_bench.results.files import method_names
+from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percent
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from airzoo_bench.published import PublishedTable
+    from airzoo_bench.tables.published import PublishedTable
 
 __all__ = [
     "OVERALL",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from airzoo_bench.result import Reference, Result, ScoreColumn
+from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.tables.entries import OVERALL, Board, Entry, as_shown
 
 __all__ = ["shared_references", "with_floors"]

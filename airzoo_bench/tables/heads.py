@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from airzoo_bench.protocol import load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.tables.entries import Board
 
 __all__ = ["benchmark_heads"]

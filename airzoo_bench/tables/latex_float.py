@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.tables.blocks import by_block, by_count, leading_columns, units
 from airzoo_bench.tables.extent import COLUMN, PAGE, extent
 from airzoo_bench.tables.latex_text import escape

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from airzoo_bench.comparable import find_scene
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.comparable import find_scene
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.entries import OVERALL, Board, Entry, score_column
 from airzoo_bench.tables.heads import benchmark_heads
 from airzoo_bench.tables.model import Cell, Column, Row, Table

@@ -7,9 +7,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.model import Cell, Row, Table
-from airzoo_bench.validation import nearest
 
 __all__ = [
     "BY_NAME",

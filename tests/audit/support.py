@@ -9,9 +9,9 @@ from pathlib import Path
 
 from airzoo_bench.audit.audit import audit
 from airzoo_bench.audit.findings import Audit, Finding
-from airzoo_bench.printed.cells import Published
-from airzoo_bench.printed.numbers import Rounded, decimal_text, parse_number
-from airzoo_bench.printed.table import read_published
+from airzoo_bench.tables.printed.cells import Published
+from airzoo_bench.tables.printed.numbers import Rounded, decimal_text, parse_number
+from airzoo_bench.tables.printed.table import read_published
 
 Rows = list[dict[str, object]]
 

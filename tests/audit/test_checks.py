@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from airzoo_bench.audit.audit import audit
 from airzoo_bench.audit.findings import Grade
 from airzoo_bench.audit.reconstruction_checks import f1_of
-from airzoo_bench.errors import ResultError, UsageError
-from airzoo_bench.printed.numbers import decimal_text
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.tables.printed.numbers import decimal_text
+from airzoo_bench.tables.printed.table import read_published
 from tests.audit.support import Rows, audited, only, row, rows_of, told
 
 
@@ -78,14 +80,22 @@ class TestMedian:
 
 class TestCounts:
     def test_given(self, tmp_path: Path) -> None:
-        found = audited(tmp_path, row(R_1="96.21", R_5="96.22"), East=264)
+        found = audited(tmp_path, row(R_1="96.21", R_5="96.23"), East=264)
         assert told(found, "counts") == [("impossible", "counts", "A", "R@5")]
         assert only(found, "counts").why.startswith(
-            "96.22 % of 264 queries is 254.02 queries, no whole number: 254/264 = 96.21, 255/264"
+            "96.23 % of 264 queries is 254.05 queries, no whole number: 254/264 = 96.21, 255/264"
         )
 
+    @pytest.mark.parametrize(
+        ("printed", "way"), [("3.78", "cut off, not rounded"), ("96.22", "as if rounded up")]
+    )
+    def test_what_a_way_of_rounding_explains(self, tmp_path: Path, printed: str, way: str) -> None:
+        found = audited(tmp_path, row(R_1=printed, R_5="96.97", R_10="99.24"), East=264)
+        assert told(found) == [("rounding", "counts", "A", "R@1")]
+        assert f": off by the last digit, {way}" in found.findings[0].why
+
     def test_in_the_file(self, tmp_path: Path) -> None:
-        made = [{**r, "n": 264} for r in row(R_1="96.22")]
+        made = [{**r, "n": 264} for r in row(R_1="96.23")]
         assert told(audited(tmp_path, made)) == [("impossible", "counts", "A", "R@1")]
 
     def test_two_numbers_for_one_scene(self, tmp_path: Path) -> None:
@@ -155,6 +165,12 @@ class TestChamfer:
         assert told(found) == [("inconsistent", "Chamfer", "A", "Chamfer")]
         assert found.findings[0].why == "(2.0 + 4.0) / 2 = 3.0, printed is 2.7"
 
+    def test_off_by_the_last_digit(self, tmp_path: Path) -> None:
+        found = audited(
+            tmp_path, self.made(("1.0", "2.0", "1.5"), ("1.0", "1.0", "1.0"), ("2.0", "4.0", "2.8"))
+        )
+        assert told(found) == [("rounding", "Chamfer", "A", "Chamfer")]
+
 
 class TestAverage:
     def made(self, average: str, scores: tuple[str, ...] = ("10.00", "20.00", "40.00")) -> Rows:
@@ -169,7 +185,7 @@ class TestAverage:
         found = audited(tmp_path, self.made("33.00"), S0=10, S1=20, S2=70)
         assert not found.findings
         texts = [c.text for c in found.conclusions if c.check == "average"]
-        assert "1 of 1 are means over all queries" in texts[0]
+        assert "1 of 1 is a mean over all queries" in texts[0]
 
     def test_neither(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made("24.00"), S0=10, S1=10, S2=10)
@@ -231,6 +247,31 @@ class TestAgreement:
         found = audited(tmp_path, self.made(first, second))
         assert told(found) == [(grade, "agreement", "A", "R@1")]
         assert f"printed {first} here and {second} in T1, line 3" in found.findings[0].why
+
+    def test_what_averages_show_is_counted_and_not_said_again(self, tmp_path: Path) -> None:
+        scenes = {"S0": {"R@1": "10.00"}, "S1": {"R@1": "20.00"}, "Average": {"R@1": "15.00"}}
+        wrong = {"overall": {"R@1": "17.00"}}
+        made = [{**r, "table": "T0"} for r in rows_of({"A": scenes})]
+        made += [{**r, "table": "T1"} for r in rows_of({"A": wrong})]
+        found = audited(tmp_path, made, S0=10, S1=10)
+        assert told(found) == [("inconsistent", "average", "A", "R@1")]
+        agreement = next(o for o in found.outcomes if o.check == "agreement")
+        assert agreement.text.endswith(
+            "both say the same: 1 differ, each found by the check average"
+        )
+
+    def test_a_wrong_average_hides_no_other_number_of_its_line(self, tmp_path: Path) -> None:
+        text = """table,method,scene,R@1,R@5
+T0,A,S0,10.00,30.00
+T0,A,S1,20.00,
+T0,A,Average,17.00,50.00
+T1,A,Average,15.00,60.00
+"""
+        path = tmp_path / "t.csv"
+        path.write_text(text)
+        found = audit(read_published(path), {"S0": 10, "S1": 10})
+        assert ("inconsistent", "agreement", "A", "R@5") in told(found)
+        assert ("inconsistent", "average", "A", "R@1") in told(found)
 
     def test_fewer_digits_say_the_same(self, tmp_path: Path) -> None:
         assert not audited(tmp_path, self.made("96.21", "96.2")).findings
@@ -297,7 +338,7 @@ class TestGain:
         renamed = [{**r, "method": str(r["method"]).replace("X (Ours)", "Y")} for r in made]
         found = audited(tmp_path, renamed)
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over X: 1 of 1 are right up to the last digit"
+        assert text == "gains are over X: 1 of 1 is right up to the last digit"
 
     def test_of_equal_baselines_the_first(self, tmp_path: Path) -> None:
         same = rows_of({"A": {"East": {"R@1": "10.0"}}, "B": {"East": {"R@1": "10.0"}}})
@@ -334,7 +375,7 @@ class TestGain:
     def test_the_baseline_is_the_one_that_explains_most(self, tmp_path: Path) -> None:
         found = audited(tmp_path, self.made("+27.64"))
         (text,) = (c.text for c in found.conclusions if c.check == "gain")
-        assert text == "gains are over C: 1 of 1 are right up to the last digit"
+        assert text == "gains are over C: 1 of 1 is right up to the last digit"
 
 
 class TestBold:

@@ -8,8 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.audit.implied import implied_total
-from airzoo_bench.printed.counts import count_text, counted_share, is_cut, possible_counts
-from airzoo_bench.printed.numbers import Interval
+from airzoo_bench.tables.printed.counts import (
+    chance_of_fit,
+    count_text,
+    counted_share,
+    is_cut,
+    is_near,
+    possible_counts,
+)
+from airzoo_bench.tables.printed.numbers import Interval
 from tests.audit.support import number, percent
 
 
@@ -43,6 +50,15 @@ def test_cut_digits_are_seen() -> None:
     assert is_cut(number("3.78"), 264)  # 10/264 = 3.787...
     assert not is_cut(number("3.79"), 264)
     assert not is_cut(number("73.30"), 161)
+
+
+def test_what_a_way_of_rounding_explains_is_near() -> None:
+    assert is_near(number("3.78"), 264)  # 10/264 = 3.7879, cut off
+    assert is_near(number("8.08"), 161)  # 13/161 = 8.0745, by way of 8.075
+    assert is_near(number("73.30"), 161)  # 118/161 = 73.2919, by way of 73.3
+    assert not is_near(number("81.44"), 161)  # 131/161 = 81.37
+    assert not is_near(number("12.31"), 1000)  # 12.30 exactly: no rounding makes it 12.31
+    assert not is_near(number("100.01"), 7)
 
 
 @given(st.integers(1, 5000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
@@ -98,3 +114,17 @@ def test_numbers_with_many_decimals_do_not_overflow() -> None:
     implied = implied_total([(exact, 100, 1)])
     assert implied is not None
     assert (implied.total, implied.as_good) == (132, (264, 396, 528))  # 127/132
+
+
+def test_counts_between_two_printed_numbers_are_no_evidence() -> None:
+    # With n = 8000 every hundredth of a percent is some count, up or down: any table fits it.
+    values = np.random.default_rng(0).integers(1, 10_000, 99)
+    implied = implied_total((number(f"{v // 100}.{v % 100:02d}"), 100, 1) for v in values)
+    assert implied is not None
+    assert implied.probability < 0.99
+    assert chance_of_fit(number("12.34"), 8000) == 1
+    assert chance_of_fit(number("12.34"), 701) == 0.0701
+    every = [number(f"{v // 10}.{v % 10}") for v in range(1000)]
+    for total in (40, 80, 144, 264, 500, 800):
+        fitting = sum(bool(possible_counts(value, total)) for value in every)
+        assert abs(chance_of_fit(every[0], total) - fitting / 1000) < 0.002

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from airzoo_bench.audit.audit import audit
 from airzoo_bench.audit.findings import audit_table
 from airzoo_bench.audit.text import audit_text
-from airzoo_bench.errors import UserError
-from airzoo_bench.printed.table import read_published
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.tables.printed.table import read_published
 from tests.audit.paper_source import paper_latex
 from tests.printed.test_inputs import LAYOUTS, WHOLE, WIDE
 from tests.support import PUBLISHED

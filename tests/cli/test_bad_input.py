@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from airzoo_bench.files import fingerprint
+from airzoo_bench.core.files import fingerprint
 from tests.support import MadeScene, files_below, run_main, write_predictions
 
 Arrays = dict[str, Any]
@@ -205,19 +205,19 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "control characters": (
         edited("query_ids", put([1, 3, 4, 8], "east/\x1b[31mred\nairzoo-bench: all is well")),
-        [IN_IDS, "characters that do not print", "4 of 10 (first 3: 1, 3, 4)", "printable"],
+        [IN_IDS, "characters that do not print", "4 of 10 rows (first 3: 1, 3, 4)", "printable"],
     ),
     "NUL in an id": (
         edited("ranked_ids", put((2, 0), "east/t\x00x")),
-        [IN_RANKS, "characters that do not print in 1 of 10 (2) rows, counted from 0"],
+        [IN_RANKS, "characters that do not print in 1 of 10 rows (2), counted from 0"],
     ),
     "turned writing": (
         edited("query_ids", put(5, "east/\u202egpj.exe")),
-        [IN_IDS, "characters that do not print in 1 of 10 (5) rows"],
+        [IN_IDS, "characters that do not print in 1 of 10 rows (5)"],
     ),
     "endless id": (
         changed(query_ids=["east/" + "x" * 5000] + [f"east/{i}" for i in range(9)]),
-        [IN_IDS, "more than 256 characters in 1 of 10 (0) rows"],
+        [IN_IDS, "more than 256 characters in 1 of 10 rows (0)"],
     ),
     "no queries": (
         changed(query_ids=np.zeros(0, "<U9"), ranked_ids=np.zeros((0, 8), "<U9")),
@@ -241,15 +241,15 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "repeated tiles": (
         edited("ranked_ids", lambda a: np.where(np.eye(10, 8, 7) > 0, a[:, :1], a)),
-        [IN_RANKS, "more than once", "1 of 10 (east/q00000)", "first repeats east/t00000"],
+        [IN_RANKS, "more than once", "1 of 10 queries (east/q00000)", "first repeats east/t00000"],
     ),
     "gap": (
         edited("ranked_ids", put(([1, 2], [3, 0]), "")),
-        [IN_RANKS, "an empty id before a tile", "2 of 10 (east/q00001, east/q00002) queries"],
+        [IN_RANKS, "an empty id before a tile", "2 of 10 queries (east/q00001, east/q00002)"],
     ),
     "tiles of another scene": (
         edited("ranked_ids", put((3, 1), "west/t00001")),
-        [IN_RANKS, "scene east", "east/q00003", "the first is west/t00001", "own scene only"],
+        [IN_RANKS, "scene east", "east/q00003", "the first is 'west/t00001'", "own scene only"],
     ),
     "strange tile": (
         edited("ranked_ids", put((3, 1), "east/512_9_9")),
@@ -257,7 +257,11 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "NaN scores": (
         changed(scores=np.where(np.eye(10, 8) > 0, np.nan, 1.0)),
-        ["p.npz, field 'scores': NaN or infinite", "8 of 10 (first 3: east/q00000", "finite"],
+        [
+            "p.npz, field 'scores': NaN or infinite",
+            "8 of 10 queries (first 3: east/q00000",
+            "finite",
+        ],
     ),
     "scores of another shape": (
         changed(scores=np.ones((10, 7))),
@@ -347,7 +351,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "parquet: null": (
         parquet(query_ids=["east/q00000", None, None, None, None] + ["east/q00001"] * 5),
-        ["column 'query_ids' has nulls in 4 (first 3: 1, 2, 3) rows"],
+        ["column 'query_ids' has nulls in rows, counted from 0: 4 (first 3: 1, 2, 3)"],
     ),
     "parquet: no ranks": (parquet(ranked_ids=None), ["lacks the field ranked_ids"]),
     "parquet: numbers as ids": (
@@ -423,9 +427,9 @@ def test_check_lists_everything_and_exits_1(
         "ranks only 4 tiles",
         "an empty id before a tile",
         "a tile is ranked more than once",
-        "tiles of another scene are ranked for 1 of 10 (east/q00003) queries; the first is",
+        "tiles of another scene are ranked for 1 of 10 queries (east/q00003); the first is",
         "NaN or infinite scores",
-        "scores are not in order for 2 of 10 (east/q00005",
+        "scores are not in order for 2 of 10 queries (east/q00005",
     ):
         assert message.count(finding) == 1, finding
 
@@ -442,6 +446,43 @@ def test_check_names_descriptors_that_are_not_finite(
         message
     )
     assert "descriptors: 2 of 20 (east/t00000, west/t00001)" in message
+
+
+@pytest.mark.parametrize(
+    ("case", "code"),
+    [
+        *[(case, 2) for case in ("not there", "empty", "a csv", "a pickle", "truncated")],
+        *[(case, 1) for case in ("K too small", "repeated queries", "control characters")],
+    ],
+)
+def test_check_tells_what_is_wrong_from_what_is_no_prediction(
+    case: str, code: int, data: Path, tmp_path: Path, arrays: Arrays
+) -> None:
+    assert run_main("check", prediction_file(tmp_path, CASES[case][0], arrays)) == code
+
+
+@pytest.mark.parametrize(
+    ("fields", "options", "code"),
+    [
+        ({}, [], 0),
+        ({"centers": np.zeros(3)}, [], 1),
+        ({"ranked_ids": "east/t00000"}, [], 1),
+        ({"ranked_ids": np.zeros((10, 8))}, [], 1),
+        ({"query_ids": None}, [], 1),
+        ({"protocol": np.zeros(3)}, [], 1),
+        ({"protocol": "a/b.toml"}, [], 1),
+        ({"protocol": "unknown"}, [], 2),
+        ({"protocol": None}, [], 2),
+        ({}, ["--protocol", "unknown"], 2),
+        ({}, ["--data", "nowhere"], 2),
+        ({}, ["--max-memory", "much"], 2),
+    ],
+)
+def test_exit_codes_of_check(
+    fields: Arrays, options: list[str], code: int, data: Path, tmp_path: Path, arrays: Arrays
+) -> None:
+    path = prediction_file(tmp_path, changed(**fields), arrays)
+    assert run_main("check", path, *options) == code
 
 
 def test_check_of_a_good_file_exits_0(
@@ -486,7 +527,7 @@ def test_check_refuses_tiles_that_are_not_in_the_gallery(
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
     for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
         assert run_main(*command, path) == code
-        assert "the first is east/t99999" in capsys.readouterr().err
+        assert "the first is 'east/t99999'" in capsys.readouterr().err
 
 
 def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
@@ -495,10 +536,11 @@ def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     given = {key: arrays[key][:3] for key in ("query_ids", "ranked_ids")}
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
     assert run_main("check", path) == 0
-    assert "7 of 10 queries are missing" in capsys.readouterr().err
+    message = capsys.readouterr().err
+    assert "queries that the predictions lack, scored at their worst: 7 of 10 (first 3: " in message
     protocol = data / "made" / "protocols" / "made-retrieval.toml"
     assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
-    assert "ids were not held against the benchmark" in capsys.readouterr().err
+    assert "predictions were not held against the benchmark" in capsys.readouterr().err
 
 
 GOOD = "GOOD"  # stands for a good prediction file

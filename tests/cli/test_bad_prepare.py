@@ -89,7 +89,7 @@ def options(**changes: object) -> Callable[[Place], dict[str, object]]:
 
 
 def resolution(place: Place) -> dict[str, object]:
-    from airzoo_bench.protocol import shipped_protocols
+    from airzoo_bench.protocol.lookup import shipped_protocols
 
     text = shipped_protocols()["photos-retrieval"].read_text()
     path = place.poses.parent / "fine.toml"
@@ -166,6 +166,14 @@ CASES: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
         lambda p: p.change_poses(K=[[640, 0, 320], [0, 640, 240], [0, 0, 1]]),
         ["poses.json: camera matrices of another image size: 4 of 4", "64x48", "(320.0, 240.0)"],
     ),
+    "two cameras and one K": (
+        lambda p: Image.new("L", (640, 480)).save(p.images / "c.jpg"),
+        [
+            "another image size: 1 of 4 (c.jpg)",
+            "photos of 2 cameras: 64x48 px: 3 (a.jpg, b.jpg, sub/d.jpg), 640x480 px: 1 (c.jpg)",
+            "need a K each (in their entry of 'images'), or a benchmark for each camera",
+        ],
+    ),
     "not a rotation": (
         lambda p: p.change_image("b.jpg", R_w2c=STRETCHED),
         [
@@ -179,7 +187,7 @@ CASES: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     ),
     "names that match no photo": (
         renamed,
-        ["poses.json: none of its 4 images is among the 4 photos", "such as a.jpg", "'IMG_0.jpg'"],
+        ["poses.json: none of its 4 images is among 4 photos", "such as a.jpg", "'IMG_0.jpg'"],
     ),
     "poses look up": (
         lambda p: [
@@ -359,7 +367,7 @@ def test_camera_to_world_poses_of_oblique_photos_are_noticed(
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     assert run_main(*place.arguments()) == 2
     message = capsys.readouterr().err
-    assert "1 photos: the footprint meets no tile" in message
+    assert "1 photo: the footprint meets no tile" in message
     assert "whether poses are world-to-camera" in message
     place.change_image("a.jpg", R_w2c=rotation.tolist())
     assert run_main(*place.arguments()) == 0

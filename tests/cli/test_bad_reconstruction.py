@@ -13,8 +13,8 @@ import laspy
 import numpy as np
 import pytest
 
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.ply import write_ply
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from tests.reconstruction.world import (
     PROTOCOL,
     World,
@@ -250,7 +250,7 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
     ),
     "integer depth": (
         yard(depth=np.ones((6, 36, 48), np.uint16)),
-        ["yard.npz", "field 'depth' is uint16", "floating point"],
+        ["yard.npz", "field 'depth' is uint16", "floating point", "often millimetres, / 1000"],
     ),
     "intrinsics of the photos": (
         yard(intrinsics=other(matrix_of_maps() * [[10.0], [10.0], [1.0]])),
@@ -284,6 +284,10 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
         yard(image_names=lambda w: np.array([*w.images("yard")[:5], "IMG_7.JPG"])),
         ["scene yard, field 'image_names'", "lacks: 1 of 6 ('IMG_7.JPG')", "such as 'yard_0.jpg'"],
     ),
+    "a mistyped name": (
+        yard(image_names=lambda w: np.array([*w.images("yard")[:5], "yrad_5.jpg"])),
+        ["lacks: 1 of 6 ('yrad_5.jpg' (did you mean 'yard_5.jpg'?))"],
+    ),
     "names of another scene": (
         cameras(image_names=lambda w: np.array([f"lot_{n}.jpg" for n in range(6)])),
         ["scene yard, field 'image_names'", "6 of 6 (first 3: 'lot_0.jpg'"],
@@ -304,7 +308,7 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
             },
             image_names=None,
         ),
-        ["scene yard: has no image_names, and its 5 views are not the 6 photos", "np.savez("],
+        ["scene yard: has no image_names, and 5 views for 6 photos", "np.savez("],
     ),
     "no names, another order": (
         yard(
@@ -458,11 +462,19 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     "nothing odd": (clouds(), []),
     "NaN points": (
         clouds(yard=nan_at(slice(0, 7))),
-        ["scene yard: left out: 7 points with NaN or infinite coordinates"],
+        ["scene yard: left out: 7 points with coordinates that are NaN, infinite or too"],
     ),
     "infinite points": (
         clouds(yard=lambda p: np.concatenate([p, [[np.inf, 0.0, -np.inf]]])),
-        ["scene yard: left out: 1 point with NaN or infinite"],
+        ["scene yard: left out: 1 point with coordinates that are NaN, infinite or too large"],
+    ),
+    "points too far to compute with": (
+        clouds(yard=lambda p: np.concatenate([p, [[1e200, 0.0, -1e200]]])),
+        ["scene yard: left out: 1 point with coordinates that are NaN, infinite or too large"],
+    ),
+    "OpenGL axes": (
+        cameras(extrinsics=lambda w: np.diag((1.0, -1, -1)) @ w.cameras("yard")["extrinsics"]),
+        ["scene yard: cameras are turned by 180 degrees (median)", "OpenGL axes", "reverse order"],
     ),
     "an empty cloud": (
         clouds(yard=np.zeros((0, 3))),
@@ -496,6 +508,10 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     "a scene that the protocol lacks": (
         edited(clouds(), lambda p: shutil.copy(p / "lot.ply", p / "plaza.ply")),
         ["scenes that the protocol lacks, left aside: 1 (plaza)"],
+    ),
+    "a mistyped scene": (
+        edited(clouds(), lambda p: (p / "yard.ply").rename(p / "yrad.ply")),
+        ["left aside: 1 (yrad (did you mean 'yard'?))", "scored at their worst: 1 (yard)"],
     ),
     "files of no scene": (
         edited(clouds(), lambda p: (p / "readme.md").write_text("hi")),
@@ -640,7 +656,7 @@ def test_a_damaged_true_cloud_is_not_blamed_on_the_prediction(
 
     import tomli_w
 
-    from airzoo_bench.files import sha256_of
+    from airzoo_bench.core.files import sha256_of
 
     path = clouds()(world, tmp_path / "p")
     cloud, file = world.folder / "data" / "yard" / "cloud.ply", world.folder / "benchmark.toml"

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.result import write_result
+from airzoo_bench.results.result import write_result
 from tests.support import files_below, make_place, run_main, write_predictions
 from tests.test_result import result
 

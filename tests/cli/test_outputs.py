@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.result import write_result
+from airzoo_bench.results.result import write_result
 from tests.cli.test_main import environment
 from tests.statistics.support import made_method, write_method
 from tests.support import files_below, run_main

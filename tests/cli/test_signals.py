@@ -20,7 +20,7 @@ import sys
 from pathlib import Path
 from airzoo_bench.__main__ import main
 from airzoo_bench.cli import main as commands
-from airzoo_bench.temporaries import temporary_folder
+from airzoo_bench.core.temporaries import temporary_folder
 
 def stuck(home: Path) -> None:
     with temporary_folder(home, "out"):
@@ -33,6 +33,24 @@ main()
 """
 # LAPACK takes minutes for this, and does not return to the interpreter at a signal.
 _DEEP = "import numpy as np; np.linalg.eigvals(np.random.default_rng(0).random((6000, 6000)))"
+
+
+_SOLVED = """
+import signal, sys
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+from airzoo_bench.matching.pose import solve_poses
+from tests.matching.pose_support import SETTINGS, make_scene
+assert "pycolmap" not in sys.modules
+solve_poses([make_scene(0).problem], workers=2, **SETTINGS)
+signal.raise_signal(signal.SIGTERM)
+"""
+
+
+def test_solving_leaves_sigterm_to_the_command() -> None:
+    # The solvers run in threads, where a signal cannot be given back.
+    command = [sys.executable, "-c", _SOLVED]
+    done = subprocess.run(command, env=environment(), capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (143, b"")
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from airzoo_bench.core.errors import BenchmarkError, CameraError
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
-from airzoo_bench.errors import BenchmarkError, CameraError
 from airzoo_bench.geometry.poses import rotation_angle_deg
 
 GPS = {

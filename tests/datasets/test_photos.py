@@ -17,18 +17,22 @@ import pytest
 from PIL import Image
 from rasterio import Affine
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.datasets.images import photo_size, read_grey
+from airzoo_bench.api.benchmark import load_benchmark
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.images import photo_size, read_grey
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.photos import Prepared, prepare_photos
 from airzoo_bench.datasets.sources import PhotoSources
-from airzoo_bench.errors import BenchmarkError
-from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.protocol import load_protocol
+from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
+from tests.datasets.parts import hold_crops, hold_tiles
 from tests.support import (
     MAP_SIZE_M,
     NORTH_WEST,
+    PLACE_CRS,
+    PLACE_PHOTOS,
     Place,
     files_below,
     make_place,
@@ -128,14 +132,22 @@ def test_data_left_where_they_are(tmp_path: Path) -> None:
 def test_tiles_as_files_are_the_windows_of_the_map(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     prepared(place, tmp_path / "park", tiles_on_disk=True)
-    tiles = truth_in(tmp_path / "park").tiles
-    folder = tmp_path / "park" / "scenes" / "park" / "retrieval" / "tiles"
-    assert len(list(folder.iterdir())) == len(tiles)
-    for _, tile in tiles.iloc[[0, 10, -1]].iterrows():
-        with Image.open(folder / f"{tile['id'].split('/')[1]}.png") as image:
-            shown = np.asarray(image)
-        window = (tile["x"], tile["y"], tile["width"], tile["height"])
-        np.testing.assert_array_equal(shown, read_rgb(place.dom, window))
+    opened = load_benchmark(tmp_path / "park").scenes[0]
+    hold_tiles(tmp_path / "park" / "scenes" / "park", opened)
+    assert len(opened.tiles()) == 49
+
+
+def test_crops_as_files_are_those_of_the_queries(tmp_path: Path) -> None:
+    # Two names that differ by a slash only are two crops.
+    place = make_place(tmp_path, {**PLACE_PHOTOS, "sub_d.jpg": (180.0, 180.0)})
+    centres = np.array([*place.centres.values()]) * (1, -1) + NORTH_WEST + (2, -3)
+    places = zip(place.centres, to_lonlat(PLACE_CRS, centres).tolist(), strict=True)
+    rows = [f"{name},{lon},{lat},199,3,-88,0" for name, (lon, lat) in places]
+    head = "image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg"
+    (tmp_path / "priors.csv").write_text("\n".join([head, *rows]))
+    out = tmp_path / "park"
+    assert run_main(*place.arguments(priors=tmp_path / "priors.csv", crops="files", out=out)) == 0
+    hold_crops(out / "scenes" / "park", load_benchmark(out).scenes[0])
 
 
 def outside(folder: Path) -> Place:
@@ -378,7 +390,7 @@ def test_a_file_name_that_is_no_text(
     (place.images / "a.jpg").rename(place.images / name)
     assert run_main(*place.arguments()) == 0
     said = capsys.readouterr()
-    assert "1 photos have no pose, such as \\xdcff.jpg" in said.err
+    assert "photos without a pose, which no track asks: 1 ('\\udcff.jpg')" in said.err
     assert "retrieval       3 queries" in said.out
 
 

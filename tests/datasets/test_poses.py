@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.datasets.poses import PosedPhotos, read_poses
-from airzoo_bench.errors import CameraError
 from tests.support import DOWN
 
 SIZES = {"a.jpg": (64, 48), "sub/b.jpg": (64, 48)}

@@ -16,10 +16,15 @@ from PIL import Image
 from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.datasets.folder_facts import folder_facts
 from airzoo_bench.datasets.prior_errors import prior_errors, turned_priors
+from airzoo_bench.datasets.suspicion_kinds import Kind
+from airzoo_bench.datasets.suspicions import kinds_and_sentences
 from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry_checks.dataset import open_benchmark
+from tests.datasets import documented
 from tests.datasets.test_dji import packet
 from tests.geometry.support import quick, seeds
 from tests.support import (
@@ -33,6 +38,7 @@ from tests.support import (
 )
 
 LEVEL = np.full((1, MAP_SIZE_M, MAP_SIZE_M), 100, np.float32)
+LEVEL[0, 0, 0] = 99.5  # where no photo looks: a surface of one height is suspect
 NAMES = ("a.jpg", "b.jpg", "c.jpg", "sub/d.jpg")
 
 
@@ -44,6 +50,8 @@ def tag(
     pitch: float = -89.0,
     up: float = 2.0,
     relative: float | None = 100.0,
+    camera: str | None = None,
+    day: str = "",
 ) -> None:
     """Write GPS, 2 m off the pose, and gimbal angles into a photo."""
     x, y = place.centres[name]
@@ -52,6 +60,9 @@ def tag(
     exif.get_ifd(0x8825).update(
         {1: "N", 2: (lat, 0.0, 0.0), 3: "E", 4: (lon, 0.0, 0.0), 5: b"\0", 6: 200.0 + up}
     )
+    if camera is not None:
+        exif[0x0110] = camera
+    exif.get_ifd(0x8769)[0x9003] = f"{day} 12:00:00"
     values = {"RelativeAltitude": relative}
     if yaw is not None:
         values |= {"GimbalYawDegree": yaw, "GimbalPitchDegree": pitch, "GimbalRollDegree": 0.0}
@@ -70,6 +81,7 @@ def tag(
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Place:
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     made = make_place(tmp_path / "sources")
+    write_raster(made.dsm, LEVEL)
     for name in NAMES:
         tag(made, name)
     return made
@@ -82,13 +94,13 @@ def test_a_sound_scene_says_its_figures_and_no_warning(
     said = capsys.readouterr()
     assert "warning" not in said.err
     for line in (
-        "photos          4, 100.0 m above the surface (100.0 m above take-off, they say), 1.56 m a",
-        "poses           2.1 m from the photos' GPS, -2.0 m in height",
-        "priors          4, off by 2.9 m, yaw 0.0, pitch 1.0, rotation 1.0 degrees",
-        "map             256 x 256 px, 1 m a pixel; 100% of the photos' corners lie on it",
-        "surface         100% of its pixels have a height, 100.0 to 100.0 m, median 100.0 m",
-        "crops           18% of the map on average, at most 18%",
-        "chance          a random tile answers in 18.4% of cases",
+        "photos          4, 100.0 m above the surface (100.0 m above take-off by their metad",
+        "poses           2.1 m from the photos' GPS, -2.0 m in height (medians)",
+        "priors          4, off by 2.9 m; yaw 0.0, pitch 1.0, rotation 1.0 degrees",
+        "map             256 x 256 px, 1 m per pixel; 100% of the photos' corners lie on it",
+        "surface         100% of its pixels have a height, 99.5 to 100.0 m, median 100.0 m",
+        "crops           18% of the map each on average, at most 18%",
+        "chance          a random tile is a right answer in 18.4% of cases",
     ):
         assert f"  {line}" in said.out
 
@@ -160,6 +172,91 @@ def coarse(place: Place) -> None:
     write_raster(place.dom, np.full((3, 32, 32), 9, np.uint8), transform=grid)
 
 
+def copied(place: Place) -> None:
+    for name in NAMES[1:3]:
+        (place.images / name).write_bytes((place.images / NAMES[0]).read_bytes())
+
+
+def two_cameras(place: Place) -> None:
+    for name in NAMES:
+        tag(place, name, camera="FC300S" if name < "c" else "FC6310")
+
+
+def two_flights(place: Place) -> None:
+    for name in NAMES:
+        tag(place, name, camera="FC300S", day="2016:06:23" if name < "c" else "2019:07:01")
+
+
+def same_pose(place: Place) -> None:
+    place.change_image("a.jpg", center=place.read_poses()["images"]["b.jpg"]["center"])
+
+
+def no_metadata(place: Place) -> None:
+    Image.new("L", (64, 48), 7).save(place.images / "a.jpg")
+
+
+def in_float32(place: Place) -> None:
+    for number, (name, image) in enumerate(place.read_poses()["images"].items()):
+        x, y, z = (float(np.float32(value + 0.28 + 0.4 * number)) for value in image["center"])
+        place.change_image(name, center=[x, y, z])
+
+
+def in_one_line(place: Place) -> dict[str, object]:
+    for name in NAMES:
+        x, y = place.centres["a.jpg" if name < "c" else "b.jpg"]
+        place.change_image(name, center=[NORTH_WEST[0] + x, NORTH_WEST[1] - y, 200.0])
+    return high_cloud(place)
+
+
+def one_height(place: Place) -> None:
+    # One of more than a million pixels: the nearest height is looked for among every second one.
+    heights = np.full((1, 1100, 1100), np.nan, np.float32)
+    heights[0, 100, 102], heights[0, 102, 106] = 100.0, 99.5
+    write_raster(place.dsm, heights)
+
+
+def tower(place: Place) -> None:
+    heights = LEVEL.copy()
+    heights[0, 54:74, 54:74] = 300.0
+    write_raster(place.dsm, heights)
+
+
+def cloud_beside(place: Place) -> dict[str, object]:
+    xy = np.random.default_rng(0).uniform(300, 400, (500, 2)) * (1, -1) + NORTH_WEST
+    cloud = place.dsm.with_name("cloud.npy")
+    np.save(cloud, np.column_stack((xy, np.full(500, 100.0))))
+    return {"cloud": cloud}
+
+
+def coloured(colour: int, share: float, nodata: float | None = None) -> Callable[[Place], None]:
+    def changed(place: Place) -> None:
+        ground = np.random.default_rng(0).integers(0, 256, (3, MAP_SIZE_M, MAP_SIZE_M), np.uint8)
+        ground[:, : int(share * MAP_SIZE_M)] = colour
+        write_raster(place.dom, ground, nodata=nodata)
+
+    return changed
+
+
+def flipped(turn: Any) -> Callable[[Place], None]:
+    def changed(place: Place) -> None:
+        rng = np.random.default_rng(1)
+        holes = np.kron(rng.random((32, 32)) < 0.3, np.ones((8, 8), bool))
+        ground = np.where(holes, 0, rng.integers(1, 256, (3, *holes.shape))).astype(np.uint8)
+        write_raster(place.dsm, np.where(holes, np.nan, LEVEL))
+        write_raster(place.dom, ground[turn], nodata=0)
+
+    return changed
+
+
+def one_far(place: Place) -> None:
+    x, y = place.centres["a.jpg"]
+    place.change_image("a.jpg", center=[NORTH_WEST[0] + x + 60, NORTH_WEST[1] - y, 200.0])
+
+
+def cut_surface(side: int) -> Callable[[Place], None]:
+    return lambda place: write_raster(place.dsm, LEVEL[:, :side, :side]) and None
+
+
 SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     "poses 40 m away": (moved, ["poses are 38.5", "all to one side (+38.5 m east, +1.5 m north)"]),
     "a surface model lowered by 27.5 m": (
@@ -186,7 +283,65 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     "pitch from nadir": (retag(NAMES, pitch=-3.0), ["pitch is counted from nadir in 4 of 4"]),
     "no gimbal": (
         retag(NAMES[:1], yaw=None),
-        ["1 of 4 photos have a GPS position but no altitude or gimbal angles", "--priors FILE"],
+        [
+            "1 of 4 photos has no prior: 1 (park/a) have no gimbal angles. Matching asks the "
+            "other 3, retrieval and reconstruction need none; --priors FILE",
+        ],
+    ),
+    "no metadata in one": (no_metadata, ["no prior: 1 (park/a) have no GPS position. Matching"]),
+    "no gimbal at all": (
+        retag(NAMES, yaw=None),
+        ["4 of 4 photos have no prior: 4 (first 3: park/a, park/b, park/c) have no gimbal angles"],
+    ),
+    "copies": (copied, ["2 of 4 photos are copies of another, the same bytes: a.jpg = b.jpg = c"]),
+    "two cameras": (
+        two_cameras,
+        [
+            "scene park has photos of 2 cameras with one camera matrix (FC300S, 64x48 px: 2 "
+            "(a.jpg, b.jpg); FC6310, 64x48 px: 2 (c.jpg, sub/d.jpg)): give each image its own K",
+        ],
+    ),
+    "two sizes": (
+        lambda p: Image.new("L", (64, 40)).save(p.images / "b.jpg"),
+        ["matrix (camera not stated, 64x40 px: 1 (b.jpg); camera not stated, 64x48 px: 3 (a.jpg"],
+    ),
+    "two flights": (two_flights, ["were taken from 2016-06-23 to 2019-07-01: one surface"]),
+    "one pose twice": (same_pose, ["1 of 4 photos (park/b) has the pose of another"]),
+    "float32": (in_float32, ["have gone through float32: an error of 0.1"]),
+    "two places": (in_one_line, ["taken from 2 places, and aligning a reconstruction needs 3"]),
+    "two heights": (one_height, ["no height near 4 of 4 cameras"]),
+    "a tower": (tower, ["1 of 4 cameras is below the surface model"]),
+    "angles of another kind": (
+        retag(NAMES, yaw=30.0),
+        ["the priors' rotation is 30 degrees off (median)"],
+    ),
+    "one height everywhere": (
+        lambda p: write_raster(p.dsm, np.full_like(LEVEL, 100.0)) and None,
+        ["the surface model is flat: every height is exactly 100 m"],
+    ),
+    "a cloud elsewhere": (cloud_beside, ["the true cloud has no point over a height"]),
+    "a map that is masked": (coloured(0, 0.97, 0), ["only 3.1% of the map shows anything"]),
+    "a black map": (
+        coloured(0, 1.0),
+        ["100% of the map is exactly one colour (0 0 0)", "gdalwarp -srcnodata '0 0 0'"],
+    ),
+    "a white collar": (coloured(255, 0.3), ["30% of the map is exactly one colour (255 255 255)"]),
+    "a map upside down": (
+        flipped(np.s_[:, ::-1]),
+        ["the map is upside down against the surface model, by their empty pixels"],
+    ),
+    "a map mirrored": (flipped(np.s_[:, :, ::-1]), ["the map is mirrored against the surface"]),
+    "pixels not square": (
+        lambda p: p.change_poses(K=[[64.0, 0, 32], [0, 72.0, 24], [0, 0, 1]]),
+        ["fx is 0.89 times fy in 4 of 4 (first 3: park/a, park/b, park/c)"],
+    ),
+    "one pose far from GPS": (
+        one_far,
+        ["poses are far from their own photos' GPS in 1 of 4 (park/a by 60 m), others are not"],
+    ),
+    "a surface model of a part": (
+        cut_surface(100),
+        ["the surface model lies below only 16% of the map", "only 6% of the photos' corners lie"],
     ),
     "one tile": (lambda p: {"tile_size": 256}, ["every tile answers every photo"]),
     "few tiles": (lambda p: {"tile_size": 150}, ["a random tile answers a photo in 67% of cases"]),
@@ -205,6 +360,65 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
 }
 
 
+KINDS: dict[str, tuple[Kind, ...]] = {
+    "poses 40 m away": (Kind.GPS_PLAN,),
+    "a surface model lowered by 27.5 m": (Kind.HEIGHT,),
+    "a surface model in feet": (Kind.HEIGHT,),
+    "GPS of another datum": (Kind.GPS_HEIGHT,),
+    "yaw turned": (Kind.TURNED,),
+    "yaw of another axis": (Kind.TURNED,),
+    "pitch negated": (Kind.TURNED,),
+    "pitch from nadir": (Kind.TURNED,),
+    "no gimbal": (Kind.NO_PRIOR,),
+    "no metadata in one": (Kind.NO_PRIOR,),
+    "no gimbal at all": (Kind.NO_PRIOR,),
+    "copies": (Kind.COPIES,),
+    "two cameras": (Kind.CAMERAS,),
+    "two sizes": (Kind.CAMERAS,),
+    "two flights": (Kind.DAYS,),
+    "one pose twice": (Kind.SAME_POSE,),
+    "float32": (Kind.FLOAT32,),
+    "two places": (Kind.PLACES,),
+    "two heights": (Kind.NO_HEIGHT,),
+    "a tower": (Kind.BELOW,),
+    "angles of another kind": (Kind.ROTATION,),
+    "one height everywhere": (Kind.FLAT,),
+    "a cloud elsewhere": (Kind.NO_CLOUD,),
+    "a map that is masked": (Kind.LITTLE_SHOWN,),
+    "a black map": (Kind.ONE_COLOUR,),
+    "a white collar": (Kind.ONE_COLOUR,),
+    "a map upside down": (Kind.FLIPPED,),
+    "a map mirrored": (Kind.FLIPPED,),
+    "pixels not square": (Kind.NOT_SQUARE,),
+    "one pose far from GPS": (Kind.GPS_APART,),
+    "a surface model of a part": (
+        Kind.LITTLE_SURFACE,
+        Kind.OFF_SURFACE,
+    ),
+    "one tile": (Kind.EVERY_TILE,),
+    "few tiles": (Kind.CHANCE,),
+    "untagged zeros": (Kind.LOWEST,),
+    "map shifted": (Kind.SHIFT,),
+    "map shifted, of another size": (Kind.SHIFT,),
+    "cloud of another datum": (Kind.CLOUD,),
+    "a map of one photo": (
+        Kind.OFF_MAP,
+        Kind.CROPS,
+    ),
+    "a coarse map": (Kind.COARSE,),
+}
+
+
+def test_every_kind_has_a_case() -> None:
+    assert {kind for kinds in KINDS.values() for kind in kinds} == set(Kind)
+
+
+@pytest.mark.parametrize("name", ["warnings", "refusals"])
+def test_the_docs_list_what_the_code_says(name: str) -> None:
+    # Where this fails: python -m tests.datasets.documented
+    assert documented.parts(documented.PAGE.read_text(), name)[1] == documented.lists()[name]
+
+
 @pytest.mark.parametrize("case", list(SUSPECT))
 def test_what_is_suspect_is_named_then_and_later(
     case: str, place: Place, capsys: pytest.CaptureFixture[str]
@@ -219,6 +433,9 @@ def test_what_is_suspect_is_named_then_and_later(
     assert run_main("check-geometry", "park", "--format", "json") == 0
     found = json.loads(capsys.readouterr().out)["scenes"][0]
     assert found["warnings"] == warned
+    facts = folder_facts(open_benchmark(Path("park")), "park")
+    assert facts is not None
+    assert set(KINDS[case]) <= {kind for kind, _ in kinds_and_sentences(facts)}
     assert run_main("check-geometry", "park") == 0
     assert "warns" in capsys.readouterr().out
 
@@ -266,21 +483,33 @@ def sparse(side: int, which: str) -> Callable[[Place], None]:
     return change
 
 
+def zone_beside(place: Place) -> None:
+    ground = np.random.default_rng(0).integers(0, 256, (3, MAP_SIZE_M, MAP_SIZE_M), np.uint8)
+    write_raster(place.dom, ground, crs="EPSG:32634")
+
+
 REFUSED: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
     "cameras below a DSM in feet": (
         feet_above,
-        ["all 4 cameras are below the surface: they are at 200.0 m", "is at 328.1 m", "be 100.0 m"],
+        ["every camera is below the surface: they are at 200.0 m", "is at 328.1 m", "be 100.0 m"],
     ),
     "-9999 untagged": (untagged, ["25.0% of its heights are no", "from -9999 to 100 m", "-9999"]),
     "nothing to ask": (
         mostly_zero,
-        ["the surface model is 0.0 to 100.0 m high, 0.0 in the median", "78% of the heights"],
+        ["does not overlap the surface model"],
     ),
     "latitude of -93": (in_degrees(0.18, 69.0), ["reaches from -93.0000 to 69.0000 degrees"]),
     "pixels larger than photos": (in_degrees(0.18, 89.0), ["a pixel is 19,", "photo sees 100.0 m"]),
     "web Mercator": (in_mercator, ["EPSG:3857", "no metres here", "latitude 42.", "UTM zone"]),
     "a map too large": (sparse(400_000, "dom"), ["is 400,000 x 400,000 px", "-projwin"]),
     "a surface too large": (sparse(400_000, "dsm"), ["is 400,000 x 400,000 px", "-tr"]),
+    "a map elsewhere": (
+        zone_beside,
+        [
+            "dom.tif: does not overlap the surface model: in the CRS of that, the map spans x 95",
+            "the surface model x 500000.0 to 500256.0, y 5199744.0 to 5200000.0",
+        ],
+    ),
     "too many tiles": (sparse(100_000, "dom"), ["make 9,759,376 tiles", "larger --tile-size"]),
 }
 
@@ -296,6 +525,48 @@ def test_what_cannot_be_is_refused(
     assert said.out == ""
     for fragment in fragments:
         assert fragment in said.err
+
+
+def edited(key: str, value: str) -> Callable[[Path, Place], None]:
+    def change(folder: Path, _: Place) -> None:
+        file = folder / "benchmark.toml"
+        lines = file.read_text().splitlines(keepends=True)
+        assert any(line.startswith(key) for line in lines)
+        file.write_text(
+            "".join(f"{key} = {value}\n" if line.startswith(key) else line for line in lines)
+        )
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "fragment"),
+    [
+        (edited("plane_height_m", "9.0"), "plane_height_m is 9, and the photos' altitudes are abo"),
+        (edited("crs", '"EPSG:32634"'), "its CRS is EPSG:32634, that of the surface model EPSG:32"),
+        (lambda _, p: write_raster(p.dsm, LEVEL + 1), "the surface model is not the one that the"),
+        (
+            lambda _, p: write_raster(p.dom, np.full((3, 200, 200), 9, np.uint8)),
+            "is 200 x 200 px, and tiles reach to 256, 256",
+        ),
+    ],
+)
+@pytest.mark.parametrize("command", ["check-geometry", "check-split"])
+def test_what_was_changed_since_is_refused(
+    command: str,
+    change: Callable[[Path, Place], Any],
+    fragment: str,
+    place: Place,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if command == "check-split" and "tiles" in fragment:
+        pytest.skip("footprints need no map")
+    assert run_main(*place.arguments()) == 0
+    change(place.dsm.parent.parent / "data" / "park", place)
+    capsys.readouterr()
+    names = ("park",) if command == "check-geometry" else ("park", "park")
+    assert run_main(command, *names) == 2
+    assert fragment in capsys.readouterr().err
 
 
 def test_poses_and_surface_in_their_stated_feet(
@@ -324,13 +595,13 @@ def test_priors_from_a_table(place: Place, capsys: pytest.CaptureFixture[str]) -
     for name in NAMES:
         tag(place, name, yaw=None)
     assert run_main(*place.arguments()) == 0
-    assert "4 of 4 photos have a GPS position but no" in capsys.readouterr().err
+    assert "4 of 4 photos have no prior: 4 (first" in capsys.readouterr().err
     table = place.dsm.with_name("priors.csv")
     rows = "".join(f"{name},1.5,-88,0,\n" for name in NAMES)
     table.write_text(f"image,yaw_deg,pitch_deg,roll_deg,altitude_m\n{rows}")
     assert run_main(*place.arguments(priors=table), "--force") == 0
     said = capsys.readouterr()
-    assert "priors          4, off by 2.9 m, yaw 1.5, pitch 2.0, rotation 2.5 degrees" in said.out
+    assert "priors          4, off by 2.9 m; yaw 1.5, pitch 2.0, rotation 2.5 degrees" in said.out
     assert "warning" not in said.err
     assert run_main("check-geometry", "park") == 0
     assert "passes" in capsys.readouterr().out

@@ -13,6 +13,7 @@ import hashlib
 import io
 import os
 import platform
+import re
 import shlex
 import sys
 import tempfile
@@ -40,6 +41,8 @@ LIBRARIES = (
 )
 # A command that writes more files is given one checksum for all of them.
 MOST_LISTED = 12
+# What a slow machine says besides.
+TIME_LEFT = re.compile(r", about \d+ \w+ left$")
 # They hold times.
 UNLIKE_EACH_TIME = ("timings.csv",)
 
@@ -79,10 +82,11 @@ def _step(command: str) -> str:
     changed = {name: seen for name, seen in _files() if before.get(name) != seen}
     gone = sorted(before.keys() - dict(_files()).keys())
     lines = [f"$ {command}", *printed.splitlines()]
-    lines += [f"[stderr] {line}" for line in said.splitlines()]
+    lines += [f"[stderr] {line}" for line in said.splitlines() if not TIME_LEFT.search(line)]
     lines += [f"[exit {code}]"] if code else []
-    lines += _checksums(changed) + [f"[removed {name}]" for name in gone]
-    return "".join(f"{line.rstrip()}\n" for line in lines)
+    if not command.startswith("make "):
+        lines += _checksums(changed) + [f"[removed {name}]" for name in gone]
+    return "".join(f"{line.rstrip()}\n" for line in lines).replace(str(Path.cwd()), "HOME")
 
 
 def _run(words: list[str]) -> tuple[str, str, int]:
@@ -128,7 +132,8 @@ def _checksums(changed: dict[str, object]) -> list[str]:
 def _checksum(path: Path) -> str:
     if path.name in UNLIKE_EACH_TIME:
         return "-"
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    content = path.read_bytes().replace(str(Path.cwd()).encode(), b"HOME")
+    return hashlib.sha256(content).hexdigest()[:12]
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pyproj import Geod, Proj
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.errors import CameraError, UserError
+from airzoo_bench.core.errors import CameraError, UserError
 from airzoo_bench.geometry.attitude import (
     angles_to_rotations,
     grid_convergence_deg,

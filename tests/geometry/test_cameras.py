@@ -5,7 +5,7 @@ import pycolmap
 import pytest
 from hypothesis import given
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.cameras import (
     Cameras,
     anchor_pixels,

@@ -6,7 +6,7 @@ import rasterio
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.frames import (
     Enu,

@@ -9,7 +9,7 @@ from hypothesis import given
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry import heightfield, medians
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import HeightField

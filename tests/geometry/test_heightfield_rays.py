@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from rasterio import Affine
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry import rays
 from airzoo_bench.geometry.crossings import first_in_cell
 from airzoo_bench.geometry.grids import pixel_to_world

@@ -6,17 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.poses import (
     Poses,
     camera_to_world,
     check_rotations,
-    matrix_to_quaternion,
-    quaternion_to_matrix,
     rays_to_world,
     rotation_angle_deg,
     world_to_camera,
 )
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
 
 from .support import quick, seeds
 

@@ -10,13 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import (
     COARSEST_M,
     pose_errors_m,
     rounding_errors,
     was_rounded_to,
 )
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
 
 COUNT = 200
 ROTATIONS = Rotation.random(COUNT, random_state=7).as_matrix()

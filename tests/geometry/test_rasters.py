@@ -11,9 +11,10 @@ from pyproj import CRS
 from rasterio import Affine
 from rasterio.enums import ColorInterp
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
+from airzoo_bench.geometry.frames import check_same_crs
 from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel, world_to_pixel_steps
-from airzoo_bench.geometry.rasters import check_same_crs, gsd_m, open_info, read_rgb
+from airzoo_bench.geometry.rasters import gsd_m, open_info, read_rgb
 
 from .support import quick, seeds, write_tif
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project, project
 from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
 from airzoo_bench.geometry.rays import RayStatus, intersect_plane

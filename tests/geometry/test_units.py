@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pyproj import CRS, Geod, Transformer
 
-from airzoo_bench.errors import CameraError, RasterError
+from airzoo_bench.core.errors import CameraError, RasterError
 from airzoo_bench.geometry.blocks import blocked_heights, survey_heights
 from airzoo_bench.geometry.heightfield import HeightField, metres_of
 from airzoo_bench.geometry.medians import median_height

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.scene_inputs import photo_table
 from airzoo_bench.geometry_checks.report import OUTPUT_NAMES
-from airzoo_bench.queries import write_queries
-from airzoo_bench.scene_inputs import photo_table
 from tests.support import BRIGHTON, run_main
 
 from .analytic import FOCAL, Flight, names, orbit, scene, write_depths, write_photos

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry_checks.depth_consistency import OCCLUSION, compare_depths
 from airzoo_bench.geometry_checks.depth_faults import FaultKind
 from airzoo_bench.geometry_checks.depth_frames import Frame, FrameStore, Sampling

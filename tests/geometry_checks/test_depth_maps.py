@@ -11,7 +11,7 @@ import pytest
 import rasterio
 from PIL import Image
 
-from airzoo_bench.errors import BenchmarkError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.geometry_checks.depth_maps import find_depths, read_depth
 
 DEPTH = np.arange(1.0, 13.0, dtype=np.float32).reshape(3, 4)

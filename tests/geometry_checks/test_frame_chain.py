@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pyproj import Proj, Transformer
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import Enu
 from airzoo_bench.geometry.poses import Poses

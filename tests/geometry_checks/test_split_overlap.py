@@ -11,7 +11,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry_checks.footprint_sets import (
     CORNER_COLUMNS,
     NamedFootprints,
@@ -120,6 +120,24 @@ def test_corners_are_cast_and_cut(tmp_path: Path) -> None:
     # The upper corners of a level camera look at the sky: cut at 500 m along the ray.
     assert (np.hypot(*ground[1, :2].T) <= 500.0).all()
     assert (np.hypot(*ground[1, :2].T) > 400.0).all()
+
+
+def test_wide_degrees_across_the_180th_meridian_near_a_pole() -> None:
+    # At 89 degrees two degrees of longitude are 4 km: the test photo begins 1.1 degrees before.
+    train = np.array((-178.6, 89.0)) + SQUARE[None] * (0.2, 0.01)
+    test = np.array((178.9, 89.0)) + SQUARE[None] * (2.7, 0.01)
+    assert pairs(train, test) == pairs(test, train) == [(0, 0)]
+    turn = np.array((360.0, 0.0))
+    assert pairs(test - turn, train + turn) == [(0, 0)]
+
+
+def test_a_footprint_that_holds_a_pole_is_not_known(tmp_path: Path) -> None:
+    around = [(10.0, 89.9), (100.0, 89.9), (-170.0, 89.9), (-80.0, 89.9)]
+    table = pd.DataFrame([["a", *np.ravel(around)]], columns=["id", *CORNER_COLUMNS])
+    table.to_csv(tmp_path / "a.csv", index=False)
+    found = read_footprints(tmp_path / "a.csv", 1000.0)
+    assert found.unknown.all()
+    assert not compare_splits(found, named(footprints((20.0, 89.95)), "b")).passes
 
 
 def test_csv_in_and_out(tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.files import sha256_of
+from airzoo_bench.core.files import sha256_of
+from tests.formats import cloud_support as clouds
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
 from tests.matching import world as matching
-from tests.readers import cloud_support as clouds
 from tests.reconstruction import world as reconstruction
 from tests.support import MadeScene, made_protocol, make_place, run_main, write_benchmark
 
@@ -456,7 +456,7 @@ def _seal(path: Path, before: str) -> None:
 def _resealed(values: dict[str, Any]) -> dict[str, Any]:
     from pydantic import ValidationError
 
-    from airzoo_bench.result import Result
+    from airzoo_bench.results.result import Result
 
     try:
         return json.loads(

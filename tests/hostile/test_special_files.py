@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.sources import photo_sizes
-from airzoo_bench.errors import BenchmarkError, PredictionError
-from airzoo_bench.progress import silent
-from airzoo_bench.readers.reconstruction import open_reconstruction
+from airzoo_bench.reconstruction.reading import open_reconstruction
 
 
 def special(kind: str, path: Path) -> None:

@@ -12,11 +12,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.errors import PredictionError
-from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
-from airzoo_bench.queries import PRIOR_COLUMNS
-from airzoo_bench.readers.matching import read_matching
+from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
+from airzoo_bench.matching.notes import claim_notes
+from airzoo_bench.matching.reading import read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
 from tests.support import run_main
@@ -100,7 +103,7 @@ def test_pixels_outside_the_photo(world: World, tmp_path: Path, pixel: tuple[flo
     query_xy[2][7] = pixel
     fields = world.correspondences(query_xy, map_xy=world.map_xy)
     message = refused(world, tmp_path, fields)
-    for part in ("1 pixels outside", "hills/q2", f"({pixel[0]}, {pixel[1]})", "640x480", "scale"):
+    for part in ("1 pixel outside", "hills/q2", f"({pixel[0]}, {pixel[1]})", "640x480", "scale"):
         assert part in message
 
 
@@ -196,6 +199,33 @@ def test_inverted_rotations_beside_right_centres(world: World, tmp_path: Path) -
         assert claim.poses is not None
 
 
+@pytest.mark.parametrize("tilt", [0.0, 2.0, 5.0, 9.0])
+def test_inverted_rotations_of_photos_that_look_down_are_asked_about(tilt: float) -> None:
+    asked = 0
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        tilts, yaws = rng.normal(0, tilt + 0.01, 20), rng.uniform(0, 360, 20)
+        true = np.concatenate([looking_down(*pair) for pair in zip(tilts, yaws, strict=True)])
+        # A gimbal off by a degree all the time, by half of one each time, and by five in yaw.
+        off = tilts + rng.normal(0, 1) + rng.normal(0, 0.5, 20), yaws + rng.normal(0, 5, 20)
+        gimbal = np.concatenate([looking_down(*pair) for pair in zip(*off, strict=True)])
+        priors = Poses(rotation=gimbal, centres=np.zeros((20, 3)))
+        assert suspect_inverted(replace(priors, rotation=true), priors) is None
+        inverted = replace(priors, rotation=np.swapaxes(true, 1, 2))
+        refuse_other_conventions(inverted, priors)
+        asked += suspect_inverted(inverted, priors) is not None
+    assert asked == 0 if tilt == 0 else asked >= (45 if tilt > 4 else 30)
+
+
+def test_many_pixels_of_a_little_smaller_image_are_suspected(world: World, tmp_path: Path) -> None:
+    for factor, repeats, asked in ((1.0, 10, False), (0.8, 10, True), (0.8, 1, False)):
+        query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
+        map_xy = [np.tile(xy, (repeats, 1)) for xy in world.map_xy]
+        claim = claimed(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
+        said = " | ".join(claim_notes([world.truth], [claim]))
+        assert ("scene hills: no match lies beyond" in said) == asked, factor
+
+
 def test_a_centre_beyond_measure_is_told_in_words_only(
     world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -206,7 +236,7 @@ def test_a_centre_beyond_measure_is_told_in_words_only(
         warnings.simplefilter("error")
         for command in (("eval", "matching"), ("check",)):
             assert run_main(*command, path, "--data", world.root) == 0
-            assert "more than 1000 m from the photo's GPS" in re.sub(
+            assert "more than 1,000 m from the photo's GPS" in re.sub(
                 r"\s+", " ", "".join(capsys.readouterr())
             )
 

@@ -7,10 +7,11 @@ import pytest
 import rasterio
 from rasterio import Affine
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.crops import crop_to_map, write_crop
+from airzoo_bench.matching.crop_files import write_crop
+from airzoo_bench.matching.crops import crop_to_map
 from airzoo_bench.matching.lifting import lift
 from tests.geometry.support import write_tif
 

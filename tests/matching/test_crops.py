@@ -12,7 +12,7 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry import blocks
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras

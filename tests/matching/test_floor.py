@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.matching.track import score_scene
-from airzoo_bench.runner.matching_seeds import spread_over_seeds
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.matching.scoring import score_scene
+from airzoo_bench.matching.seeds import seed_spreads
 from tests.matching.test_track import evaluated, noisy
 from tests.matching.world import N_QUERIES, World, made_matching_protocol, make_world
 from tests.support import run_main
@@ -25,24 +26,24 @@ def test_the_prior_itself_is_a_reference(world: World, tmp_path: Path) -> None:
     priors = world.truth.priors
     copied = world.named(rotations=priors.rotation, centres=priors.centres)
     copy = evaluated(world, tmp_path, copied)
-    floor = run.evaluation.result.references["Prior itself"]
-    assert floor == copy.evaluation.result.references["Prior itself"]
-    result = copy.evaluation.result
+    floor = run.result.references["Prior itself"]
+    assert floor == copy.result.references["Prior itself"]
+    result = copy.result
     # A copy is made orthonormal once more, which moves its last bit.
     for part, own in ((floor.overall, result.overall), (floor.pooled, result.pooled)):
         assert part == pytest.approx(own, rel=1e-9)
     assert floor.scenes["hills"] == pytest.approx(result.scenes["hills"], rel=1e-9)
     off = np.linalg.norm(priors.centres - world.truth.poses.centres, axis=1)
     assert floor.overall["error_m"] == pytest.approx(np.median(off))
-    assert run.evaluation.result.counts["hills"]["equal_to_prior"] == 0
-    assert copy.evaluation.result.counts["hills"]["equal_to_prior"] == N_QUERIES
-    assert any("5 of 5 answers equal the prior" in n for n in copy.evaluation.result.notes)
-    assert not any("equal the prior" in note for note in run.evaluation.result.notes)
+    assert run.result.counts["hills"]["equal_to_prior"] == 0
+    assert copy.result.counts["hills"]["equal_to_prior"] == N_QUERIES
+    assert any("5 of 5 answers equal the prior" in n for n in copy.result.notes)
+    assert not any("equal the prior" in note for note in run.result.notes)
 
 
 def test_priors_that_are_the_truth_are_no_reference(tmp_path: Path) -> None:
     world = make_world(tmp_path, made_matching_protocol(prior={"source": "truth"}))
-    assert evaluated(world, tmp_path, world.matches()).evaluation.result.references == {}
+    assert evaluated(world, tmp_path, world.matches()).result.references == {}
 
 
 def test_the_spread_over_seeds(
@@ -50,7 +51,7 @@ def test_the_spread_over_seeds(
 ) -> None:
     fields = noisy(world, list(range(N_QUERIES)))
     run = evaluated(world, tmp_path, fields)
-    found = {s.score.column: s for s in spread_over_seeds(run, 4, jobs=2)}
+    found = {s.score.column: s for s in seed_spreads(run, 4, Resources(jobs=2))}
     alone = []
     for seed in range(4):
         solver = world.protocol.solver.model_copy(update={"seed": seed})
@@ -68,4 +69,4 @@ def test_the_spread_over_seeds(
     assert "under 2 seeds" in said
     assert "Median: " in said
     assert "@20m: 100.00 to 100.00 %, median 100.00" in said
-    assert "seeds" not in json.dumps(run.evaluation.result.model_dump(mode="json")["notes"])
+    assert "seeds" not in json.dumps(run.result.model_dump(mode="json")["notes"])

@@ -11,7 +11,7 @@ from hypothesis import given
 from pyproj import CRS, Transformer
 from rasterio import Affine
 
-from airzoo_bench.errors import PredictionError, RasterError
+from airzoo_bench.core.errors import PredictionError, RasterError
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import RasterInfo

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import pose, solvers
 from airzoo_bench.matching.pose import PoseProblem, Status, solve_pose, solve_poses

@@ -22,13 +22,13 @@ def test_poor_matches_are_not_suspected_of_a_convention(
 ) -> None:
     far = [points + np.array((50_000.0, 0, 0)) for points in world.points]
     pairs = world.correspondences(world.query_xy, points3d=far)
-    said = " | ".join(evaluated(world, tmp_path, pairs).evaluation.result.notes)
-    assert "5 of 5 poses lie more than 1000 m" in said
+    said = " | ".join(evaluated(world, tmp_path, pairs).result.notes)
+    assert "5 of 5 poses lie more than 1,000 m" in said
     assert "poor pairs make such poses" in said
     assert "world-to-camera" not in said
     true = world.truth.poses
     poses = world.named(rotations=true.rotation, centres=true.centres + 5e4)
-    said = " | ".join(evaluated(world, tmp_path, poses).evaluation.result.notes)
+    said = " | ".join(evaluated(world, tmp_path, poses).result.notes)
     assert "are they world-to-camera" in said
     # And check says so too.
     path = world.write(tmp_path / "m.npz", poses)
@@ -42,12 +42,12 @@ def test_check_notes_what_eval_notes(
     outside = [np.vstack([xy, [(-50.0, -50.0)] * 3]) for xy in world.map_xy]
     query_xy = [np.vstack([xy, [(1.0, 1.0)] * 3]) / 2 for xy in world.query_xy]
     fields = world.correspondences(query_xy, map_xy=outside)
-    notes = evaluated(world, tmp_path, fields).evaluation.result.notes
+    notes = evaluated(world, tmp_path, fields).result.notes
     path = world.write(tmp_path / "m.npz", fields)
     capsys.readouterr()
     assert run_main("check", path, "--data", world.root) == 0
     said = capsys.readouterr().err
-    for part in ("could not be lifted", "smaller image", "outside their query's crop"):
+    for part in ("could not be lifted", "smaller image", "outside the query's crop"):
         assert any(part in note and note in said for note in notes)
 
 

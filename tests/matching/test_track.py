@@ -12,11 +12,11 @@ import pandas as pd
 import pytest
 from rasterio import Affine
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.matching.claims import claim_of_scene
-from airzoo_bench.matching.track import ScoredScene, score_scene
-from airzoo_bench.readers.matching import read_matching
-from airzoo_bench.runner.matching import MatchingEvaluation, evaluate_matching
+from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scoring import ScoredScene, score_scene
 from airzoo_bench.tables.build import scenes_table
 from tests.matching.world import (
     EAST,
@@ -38,19 +38,19 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
     return make_world(tmp_path_factory.mktemp("world"))
 
 
-def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> MatchingEvaluation:
+def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
     path = world.write(folder / "method.npz", fields)
-    return evaluate_matching(path, data=world.root, memory_bytes=1 << 30)
+    return evaluate(path, track="matching", data=world.root)
 
 
 def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:
-    return evaluated(world, folder, fields).evaluation.records
+    return evaluated(world, folder, fields).records
 
 
 @pytest.mark.parametrize("form", GIVEN)
 def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> None:
     run = evaluated(world, tmp_path, getattr(world, form)())
-    rows, result = run.evaluation.records, run.evaluation.result
+    rows, result = run.records, run.result
     assert rows["query"].tolist() == world.ids
     for column in ("error_m", "horizontal_m", "vertical_m", "rotation_deg"):
         assert rows[column].max() < 1e-6
@@ -64,7 +64,7 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
 
 
 def _fingerprint(world: World, folder: Path) -> str:
-    return evaluated(world, folder, world.poses()).evaluation.result.truth.fingerprint
+    return evaluated(world, folder, world.poses()).result.truth.fingerprint
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_failures_stay_in_median_and_denominator(
     world: World, tmp_path: Path, failing: dict[str, Any]
 ) -> None:
     run = evaluated(world, tmp_path, failing)
-    rows, result = run.evaluation.records, run.evaluation.result
+    rows, result = run.records, run.result
     assert rows["failed"].tolist() == [True, True, True, False, False]
     assert rows["status"].tolist() == [
         "missing from the predictions",
@@ -93,8 +93,8 @@ def test_failures_stay_in_median_and_denominator(
         assert np.isposinf(rows[column][:3]).all()
     assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
     assert rows["outside_map"].tolist() == [0, 0, N_MATCHES, 0, 0]
-    assert np.isnan(run.scored[0].centres[:3]).all()
-    assert [int(inliers.sum()) for inliers in run.scored[0].inliers] == [0, 0, 0, 60, 60]
+    assert np.isnan(run.scored["hills"].centres[:3]).all()
+    assert [int(inliers.sum()) for inliers in run.scored["hills"].inliers] == [0, 0, 0, 60, 60]
     for values in (result.scenes["hills"], result.overall, result.pooled):
         assert values["error_m"] == np.inf
         assert values["within_20m"] == values["within_1m_1deg"] == 0.4
@@ -102,9 +102,10 @@ def test_failures_stay_in_median_and_denominator(
     counts = result.counts["hills"]
     assert (counts["queries"], counts["missing"], counts["failed"]) == (5, 1, 3)
     said = " | ".join(result.notes)
-    assert "1 queries are missing" in said
+    assert "queries that the predictions lack, scored at their worst: 1 of 5 (" in said
     assert "2 answered queries have no pose (2 too few matches)" in said
     assert f"{N_MATCHES} of {3 + 3 * N_MATCHES} matches could not be lifted" in said
+    assert f"were dropped: {N_MATCHES} outside the map" in said
 
 
 def test_poses_that_were_not_found_are_failures(world: World, tmp_path: Path) -> None:
@@ -118,8 +119,8 @@ def test_poses_that_were_not_found_are_failures(world: World, tmp_path: Path) ->
 def test_no_matches_at_all(world: World, tmp_path: Path) -> None:
     none = [np.zeros((0, 2))] * N_QUERIES
     run = evaluated(world, tmp_path, world.correspondences(none, map_xy=none))
-    assert run.evaluation.records["failed"].all()
-    assert run.evaluation.result.overall["error_m"] == np.inf
+    assert run.records["failed"].all()
+    assert run.result.overall["error_m"] == np.inf
 
 
 def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
@@ -127,8 +128,8 @@ def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
     for xy in map_xy:
         xy[: N_MATCHES // 2] = xy[: N_MATCHES // 2][::-1] + 25.0
     run = evaluated(world, tmp_path, world.correspondences(world.query_xy, map_xy=map_xy))
-    assert run.evaluation.records["error_m"].max() < 1e-6
-    for inliers in run.scored[0].inliers:
+    assert run.records["error_m"].max() < 1e-6
+    for inliers in run.scored["hills"].inliers:
         assert inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
 
 
@@ -227,9 +228,9 @@ def test_crop_pixels_taken_for_map_pixels_are_refused(
         for part in ("look like pixels of the crop", "100% lie", "26%", "map_frame='crop'"):
             assert part in message
     # Who says that they are the map's is believed, and told.
-    stated = evaluated(world, tmp_path, fields | {"map_frame": np.array("map")}).evaluation
+    stated = evaluated(world, tmp_path, fields | {"map_frame": np.array("map")})
     assert (stated.records["error_m"] > 50).all()
-    said = "map pixels lie outside their query's crop"
+    said = "map pixels lie outside the query's crop"
     assert any(said in note for note in stated.result.notes)
     path = world.write(tmp_path / "m.npz", fields | {"map_frame": np.array("map")})
     assert run_main("check", path, "--data", world.root) == 0
@@ -248,9 +249,9 @@ def test_camera_to_world_is_refused(world: World, tmp_path: Path) -> None:
 def test_pixels_of_a_smaller_photo_are_suspected(world: World, tmp_path: Path) -> None:
     halved = [xy / 2 for xy in world.query_xy]
     run = evaluated(world, tmp_path, world.correspondences(halved, map_xy=world.map_xy))
-    assert any("in the size of a smaller image" in note for note in run.evaluation.result.notes)
+    assert any("in the size of a smaller image" in note for note in run.result.notes)
     exact = evaluated(world, tmp_path, world.matches())
-    assert not any("smaller image" in note for note in exact.evaluation.result.notes)
+    assert not any("smaller image" in note for note in exact.result.notes)
 
 
 def test_ids_of_another_benchmark(world: World, tmp_path: Path) -> None:
@@ -260,7 +261,7 @@ def test_ids_of_another_benchmark(world: World, tmp_path: Path) -> None:
     assert "hills/q0" in str(caught.value)
     more = world.poses()
     more["query_ids"] = np.array([*world.ids[:4], "hills/unknown"])
-    result = evaluated(world, tmp_path, more).evaluation.result
+    result = evaluated(world, tmp_path, more).result
     assert (result.extra_queries, result.counts["hills"]["missing"]) == (1, 1)
 
 
@@ -275,10 +276,10 @@ def test_without_trusted_orientation_there_is_no_pose_recall(
 ) -> None:
     world = make_world(tmp_path, made_matching_protocol("airzoo-real-matching"))
     run = evaluated(world, tmp_path, world.matches())
-    titles = [column.title for column in scenes_table(run.evaluation.result).columns]
+    titles = [column.title for column in scenes_table(run.result).columns]
     assert titles == ["Scene", "Queries", "Median", "@5m", "@10m", "@20m"]
-    assert not any("deg" in column for column in run.evaluation.records.columns[:-1])
-    assert not any("deg" in score for score in run.evaluation.result.overall)
+    assert not any("deg" in column for column in run.records.columns[:-1])
+    assert not any("deg" in score for score in run.result.overall)
     path = tmp_path / "method.npz"
     assert run_main("eval", "matching", path, "--data", world.root, "--all") == 0
     printed = capsys.readouterr().out

@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 from rasterio import Affine
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.errors import BenchmarkError, RasterError
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS
+from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.matching.truth import read_truth
-from airzoo_bench.queries import POSE_COLUMNS, PRIOR_COLUMNS
 from tests.matching.world import SCENE, World, made_matching_protocol, make_world
 from tests.support import PLACE_CRS
 

@@ -11,17 +11,18 @@ import tomli_w
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
-from airzoo_bench.protocol import MatchingProtocol, load_protocol, shipped_protocols
-from airzoo_bench.queries import write_queries
-from airzoo_bench.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from tests.geometry.support import looking_down
 from tests.support import PLACE_CRS, write_raster
 

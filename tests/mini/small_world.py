@@ -11,9 +11,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.mini.light import SURVEY_SUN
-from airzoo_bench.mini.raycast import Raycaster
-from airzoo_bench.mini.world import Buildings, Material, Mesh, Region, World
+from airzoo_bench.mini.rendering.scene import Raycaster
+from airzoo_bench.mini.world.model import SURVEY_SUN, Buildings, Material, Mesh, Region, World
 
 SIDE_M = 96.0
 GROUND_M = 20.0
@@ -198,7 +197,7 @@ def _survey(mesh: Mesh, top: NDArray[np.uint8]) -> tuple[NDArray[np.float32], ND
     caster = Raycaster(mesh)
     triangle, heights = _from_above(caster, 0.25)
     side = len(top)
-    normals = caster.planes.normal[:, triangle]
+    normals = caster.normal[:, triangle]
     x = (np.arange(side) + 0.5) * 0.25
     column, row = np.meshgrid(x, SIDE_M - x)
     points = np.stack([column.ravel(), row.ravel(), heights])

@@ -7,13 +7,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.mini import render, sensor
-from airzoo_bench.mini.edges import edge_pixels
-from airzoo_bench.mini.render import Renderer, default_camera
-from airzoo_bench.mini.weather import TIMES, WEATHERS, conditions
+from airzoo_bench.mini.rendering import renderer as rendering
+from airzoo_bench.mini.rendering import sensor
+from airzoo_bench.mini.rendering.renderer import Renderer, default_camera, edge_pixels
+from airzoo_bench.mini.rendering.weather import TIMES, WEATHERS, conditions
 from tests.mini.small_world import BLOCK, SIDE_M, small_world
 from tests.mini.views import CORNER, HORIZON, NADIR, OBLIQUE, camera, pose, rays
 
@@ -103,8 +103,8 @@ def test_blocks_do_not_show(
 ) -> None:
     usual = renderer.render(camera(bent=True), HORIZON, "sunny", "sunset", 7)
     monkeypatch.setattr(sensor, "BLOCK_PIXELS", pixels)
-    monkeypatch.setattr(render, "BLOCK_PIXELS", pixels)
-    monkeypatch.setattr(render, "_KEPT_RAYS", 0)
+    monkeypatch.setattr(rendering, "BLOCK_PIXELS", pixels)
+    monkeypatch.setattr(rendering, "_KEPT_RAYS", 0)
     other = renderer.render(camera(bent=True), HORIZON, "sunny", "sunset", 7)
     np.testing.assert_array_equal(usual.rgb, other.rgb)
     np.testing.assert_array_equal(usual.depth, other.depth)
@@ -125,7 +125,7 @@ def test_edges_are_blended(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) 
     mean = large.reshape(120, 4, 160, 4, 3).mean(axis=(1, 3))
     blended = renderer.render(camera(), OBLIQUE, "cloudy", "day", 1).rgb
     none = (np.zeros(0, np.int64), np.zeros((2, 0)))
-    monkeypatch.setattr(render, "edge_pixels", lambda *_: none)
+    monkeypatch.setattr(rendering, "edge_pixels", lambda *_: none)
     sharp = renderer.render(camera(), OBLIQUE, "cloudy", "day", 1).rgb
     assert 0.01 < (blended != sharp).any(axis=-1).mean() < 0.3
     differ = np.abs(blended.astype(float) - sharp).mean(axis=-1) > 6.0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses, camera_to_world, world_to_camera
-from airzoo_bench.mini.render import Frame, Renderer
+from airzoo_bench.mini.rendering.renderer import Frame, Renderer
 from tests.mini.small_world import APRON_M, BLOCK, GROUND_M, SIDE_M, small_mesh, small_world
 from tests.mini.views import CORNER, HORIZON, NADIR, OBLIQUE, camera, pose, rays
 

@@ -14,18 +14,24 @@ import pytest
 import rasterio
 from PIL import Image
 
-from airzoo_bench.errors import CameraError, UsageError
+from airzoo_bench.core.errors import CameraError, UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.frames import from_lonlat, geodetic_to_ecef, to_lonlat
-from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix, world_to_camera
-from airzoo_bench.mini.frame_files import frame_paths, read_depth
-from airzoo_bench.mini.frame_list import FrameList
-from airzoo_bench.mini.frames import RenderCounts, render_frames, world_key
-from airzoo_bench.mini.pixel_noise import seed_of
-from airzoo_bench.mini.render import Renderer
-from airzoo_bench.mini.world import CRS, World
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.quaternions import quaternion_to_matrix
+from airzoo_bench.mini.export.frame_list import FrameList
+from airzoo_bench.mini.export.frames import (
+    RenderCounts,
+    frame_paths,
+    read_depth,
+    render_frames,
+    world_key,
+)
+from airzoo_bench.mini.rendering.noise import seed_of
+from airzoo_bench.mini.rendering.renderer import Renderer
+from airzoo_bench.mini.world.model import CRS, World
 from tests.mini.small_world import small_world
 from tests.mini.views import CORNER, LENS, camera
 
@@ -33,13 +39,13 @@ WEATHER = ("sunny", "rainy", "snowy", "foggy", "cloudy", "sunny")
 TIME = ("day", "night", "day", "sunset", "day", "sunset")
 
 
-def frame_list(count: int = 4, cameras: Cameras | None = None) -> FrameList:
+def frame_list(count: int = 4, lens: Cameras | None = None) -> FrameList:
     turn = np.arange(count) * 37.0
     rotation = angles_to_rotations(turn, -90.0 + 13.0 * np.arange(count), 2.0, convergence_deg=0.4)
     centres = np.array([48.0, 48.0, 80.0]) + np.outer(np.arange(count), (3.0, -2.0, 1.5)) + CORNER
     return FrameList(
         names=tuple(f"f{number:03d}" for number in range(count)),
-        cameras=camera(64, 48) if cameras is None else cameras,
+        camera=camera(64, 48) if lens is None else lens,
         poses=Poses.from_centres(rotation, centres),
         weather=WEATHER[:count],
         time_of_day=TIME[:count],
@@ -64,7 +70,7 @@ def test_the_files_of_a_frame(tmp_path: Path) -> None:
     assert len(contents(tmp_path)) == 5 + 2 * 4
     seed = seed_of(frames.seed, "f001")
     true = Renderer(small_world()).render(
-        frames.camera(1), frames.poses.take(1), "rainy", "night", seed
+        frames.camera, frames.poses.take(1), "rainy", "night", seed
     )
     image, depth = frame_paths(tmp_path, "f001")
     np.testing.assert_array_equal(read_depth(depth), true.depth)
@@ -103,7 +109,7 @@ def test_places_and_angles_of_the_table(tmp_path: Path) -> None:
         place = np.append(lonlat, float(row["altitude"]))
         ecef = _numbers(row, "ecef_x", "ecef_y", "ecef_z")
         np.testing.assert_allclose(ecef, geodetic_to_ecef(place), atol=1e-6)
-        assert _numbers(row, "fx", "cx").tolist() == [frames.cameras.focal[0, 0], 32.0]
+        assert _numbers(row, "fx", "cx").tolist() == [frames.camera.focal[0, 0], 32.0]
 
 
 def test_ecef_poses_see_points_where_grid_poses_do(tmp_path: Path) -> None:
@@ -121,25 +127,21 @@ def test_ecef_poses_see_points_where_grid_poses_do(tmp_path: Path) -> None:
     np.testing.assert_allclose(by_ecef, by_grid, atol=0.02)
 
 
-@pytest.mark.parametrize("lens", ["pinhole", "opencv", "full", "many"])
+@pytest.mark.parametrize("lens", ["pinhole", "opencv", "full"])
 def test_colmap_reads_the_model(tmp_path: Path, lens: str) -> None:
     import pycolmap
 
     straight = camera(64, 48)
     bent = {"opencv": LENS, "full": ((*LENS[0][:4], 0.01),)}
     cameras = straight
-    if lens == "many":
-        matrices = np.repeat(straight.matrices, 4, axis=0)
-        matrices[2:, 0, 0] += 5.0
-        cameras = Cameras.from_matrices(matrices, 64, 48)
-    elif lens in bent:
+    if lens in bent:
         cameras = Cameras.from_matrices(straight.matrices, 64, 48, bent[lens])
-    frames = frame_list(cameras=cameras)
+    frames = frame_list(lens=cameras)
     render_frames(frames, small_world, tmp_path)
     model = pycolmap.Reconstruction(tmp_path / "colmap")
     offset = json.loads((tmp_path / "colmap" / "offset.json").read_text())
     assert offset == {"crs": CRS, "offset": CORNER.tolist()}
-    assert len(model.cameras) == (2 if lens == "many" else 1)
+    assert len(model.cameras) == 1
     assert len(model.images) == 4
     for image in model.images.values():
         number = frames.names.index(Path(image.name).stem)
@@ -147,7 +149,7 @@ def test_colmap_reads_the_model(tmp_path: Path, lens: str) -> None:
         np.testing.assert_allclose(centre, frames.poses.centres[number], atol=1e-8)
         point = frames.poses.centres[number] + frames.poses.rotation[number].T @ (1.0, -2.0, 9.0)
         local = world_to_camera(frames.poses.take(number), point[None, None])
-        ours = project(frames.camera(number), local)[0, 0]
+        ours = project(frames.camera, local)[0, 0]
         np.testing.assert_allclose(image.project_point(point - CORNER), ours, atol=1e-6)
 
 
@@ -159,7 +161,7 @@ def test_neither_workers_nor_order_change_a_byte(tmp_path: Path) -> None:
     turned = list(range(4))[::-1]
     reverse = FrameList(
         names=frames.names[::-1],
-        cameras=frames.cameras,
+        camera=frames.camera,
         poses=frames.poses.take(turned),
         weather=frames.weather[::-1],
         time_of_day=frames.time_of_day[::-1],
@@ -222,7 +224,7 @@ def test_what_a_frame_is_made_from_decides_whether_it_is_kept(tmp_path: Path) ->
     assert again(replace(frames, poses=moved)) == 1
     assert again(replace(frames, weather=("sunny", "sunny", "snowy", "foggy"))) == 1
     assert again(replace(frames, seed=4)) == 4
-    assert again(replace(frames, cameras=camera(64, 48, bent=True))) == 4
+    assert again(replace(frames, camera=camera(64, 48, bent=True))) == 4
     albedo = small_world().ground_albedo.copy()
     albedo[0, 0, 0] ^= 1
     other = replace(small_world(), ground_albedo=albedo)
@@ -241,7 +243,7 @@ def test_tables_of_other_frames_do_not_outlive_them(tmp_path: Path) -> None:
         render_frames(replace(frames, seed=9), small_world, tmp_path, progress=stop)
     assert (tmp_path / "frames.csv").is_file()  # it says nothing of the seed
     fewer = FrameList(
-        frames.names[:2], frames.cameras, frames.poses.take([0, 1]), WEATHER[:2], TIME[:2], 9
+        frames.names[:2], frames.camera, frames.poses.take([0, 1]), WEATHER[:2], TIME[:2], 9
     )
     with pytest.raises(KeyboardInterrupt):
         render_frames(fewer, small_world, tmp_path, progress=stop)
@@ -260,7 +262,7 @@ def test_lists_that_cannot_be_rendered() -> None:
     with pytest.raises(UsageError, match="unknown weather 'hail'"):
         replace(frames, weather=("sunny", "hail", "sunny", "sunny"))
     with pytest.raises(UsageError, match="would not fit memory"):
-        replace(frames, cameras=camera(40_000, 30_000))
+        replace(frames, camera=camera(40_000, 30_000))
     with pytest.raises(CameraError):
         Poses.from_centres(np.eye(3)[None] * 2, np.zeros((1, 3)))
 

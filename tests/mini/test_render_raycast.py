@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.mini.light import SURVEY_SUN
-from airzoo_bench.mini.raycast import MISSED, Planes, Raycaster
-from airzoo_bench.mini.world import Material, Mesh
+from airzoo_bench.mini.rendering.raycast import MISSED, Raycaster
+from airzoo_bench.mini.world.model import SURVEY_SUN, Material, Mesh
 from tests.mini.small_world import BLOCK, GROUND_M, RIDGE_M, small_mesh
 
 UP = np.array([[0.0], [0.0], [1.0]])
@@ -35,7 +34,7 @@ def test_sideways_onto_a_wall(caster: Raycaster) -> None:
     np.testing.assert_allclose(distance, BLOCK[1] - 3.25, atol=1e-12)
     assert small_mesh().material[triangle[0]] == Material.WALL
     # counter-clockwise from outside: the south wall looks south
-    np.testing.assert_allclose(caster.planes.normal[:, triangle[0]], [0.0, -1.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(caster.normal[:, triangle[0]], [0.0, -1.0, 0.0], atol=1e-15)
 
 
 def test_rays_that_meet_nothing(caster: Raycaster) -> None:
@@ -80,4 +79,4 @@ def test_a_surface_does_not_shade_itself(caster: Raycaster) -> None:
 def test_a_triangle_without_area_has_no_plane() -> None:
     line = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]])
     mesh = Mesh(line, np.array([[0, 1, 2]], np.int32), np.zeros(1, np.uint8), np.zeros(1, np.int32))
-    assert Planes.of(mesh).normal.tolist() == [[0.0], [0.0], [0.0]]
+    assert Raycaster(mesh).normal.tolist() == [[0.0], [0.0], [0.0]]

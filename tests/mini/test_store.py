@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 import rasterio
 
-from airzoo_bench.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.mini import store
-from airzoo_bench.mini.store import (
-    cached_world,
+from airzoo_bench.mini.world import store
+from airzoo_bench.mini.world.model import Buildings, Mesh, Region, World
+from airzoo_bench.mini.world.store import (
+    ensure_world,
     load_world,
     save_world,
     world_folder,
 )
-from airzoo_bench.mini.world import Buildings, Mesh, Region, World
 
 REGION = Region("yard", 401_000.0, 3_120_000.0, 60.0)
 
@@ -86,7 +86,7 @@ class Builder:
         return made_world(seed)
 
     def cached(self, root: Path, seed: int = 7) -> World:
-        return cached_world(REGION, seed, root, self.build, self.notes.append)
+        return load_world(ensure_world(REGION, seed, root, self.build, self.notes.append))
 
 
 def leftovers(root: Path) -> list[str]:
@@ -275,7 +275,7 @@ def test_an_interrupt_leaves_nothing_half_made(
     def interrupted(folder: Path, *_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(store, "_index_of", interrupted)
+    monkeypatch.setattr(store, "_write_index", interrupted)
     with pytest.raises(KeyboardInterrupt):
         save_world(tmp_path / "worlds" / "w", made_world())
     assert not list((tmp_path / "worlds").iterdir())

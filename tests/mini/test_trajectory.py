@@ -11,18 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Geod, Transformer
 
-from airzoo_bench.errors import CameraError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.mini import trajectory_table
-from airzoo_bench.mini.placement import allowed_box, check_inside
-from airzoo_bench.mini.trajectory import (
+from airzoo_bench.mini.flights import trajectory_files
+from airzoo_bench.mini.flights.placement import allowed_box, check_inside
+from airzoo_bench.mini.flights.trajectory import (
     Trajectory,
-    poses_trajectory,
     rounded,
     trajectory_poses,
 )
-from airzoo_bench.mini.trajectory_files import read_trajectory, write_trajectory
-from airzoo_bench.mini.world import CRS, REGIONS
+from airzoo_bench.mini.flights.trajectory_files import read_trajectory, write_trajectory
+from airzoo_bench.mini.world.model import CRS, REGIONS
+from tests.mini.views import poses_trajectory
 
 CITY = REGIONS["city"]
 TO_GRID = Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
@@ -205,9 +205,9 @@ def test_several_rows_are_counted_and_three_shown(tmp_path: Path) -> None:
 def test_swapped_longitude_and_latitude(tmp_path: Path) -> None:
     header = HEADER.replace("longitude,latitude", "latitude,longitude")
     message = csv_fault(tmp_path, header, *ROWS)
-    assert "look swapped" in message
-    # Beyond any latitude and longitude alike is not swapped.
-    assert "swapped" not in csv_fault(tmp_path, HEADER, "1113,282,1,0,0,0,0")
+    assert "exchange the two columns" in message
+    # Beyond any latitude and longitude alike, the longitude is at fault.
+    assert "exchange" not in csv_fault(tmp_path, HEADER, "1113,282,1,0,0,0,0")
 
 
 @pytest.mark.parametrize("times", [("0", "0"), ("1", "0.5")])
@@ -248,7 +248,7 @@ def test_unknown_conditions(tmp_path: Path, column: str, right: str) -> None:
         (HEADER + "\n\n\n", "holds no frame"),
         (HEADER + "\n1,2\n", "another number of cells than the header's in 1 of 1 (line 2: '2 ce"),
         (HEADER + '\n"1,2,3\n', "line 2 is not CSV"),
-        (HEADER + "\n" + "1" * 20_000, "line 2 has 20,000 characters"),
+        (HEADER + "\n" + "1" * 200_000, "line 2 is not CSV: field larger"),
     ],
 )
 def test_csv_that_is_none(tmp_path: Path, text: str, said: str) -> None:
@@ -285,7 +285,7 @@ def test_json_keys_that_some_frames_lack(tmp_path: Path) -> None:
 
 
 def test_too_many_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trajectory_table, "MAX_ROWS", 2)
+    monkeypatch.setattr(trajectory_files, "_MOST_ROWS", 2)
     assert csv_fault(tmp_path, HEADER, *ROWS).startswith("more than 2 frames")
     frames = json.dumps({"frames": [{}, {}, {}]})
     assert fault(tmp_path / "my.json", frames).startswith("more than 2 frames")
@@ -305,7 +305,7 @@ def test_files_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
             read_trajectory(tmp_path / name)
         with pytest.raises(CameraError, match=r"\.csv or \.json"):
             write_trajectory(tmp_path / name, over_city([1.0], [1.0], [1.0]))
-    monkeypatch.setattr(trajectory_table, "_LIMIT_BYTES", 10)
+    monkeypatch.setattr(trajectory_files, "_LIMIT_BYTES", 10)
     assert csv_fault(tmp_path, HEADER, *ROWS).startswith("too large")
 
 
@@ -332,7 +332,7 @@ def test_frames_are_taken() -> None:
 @settings(max_examples=60, deadline=None)
 @given(flight=flights())
 def test_poses_and_back(flight: Trajectory) -> None:
-    back = poses_trajectory(trajectory_poses(flight, CRS), CRS, flight.names, flight.time_s)
+    back = poses_trajectory(trajectory_poses(flight), flight.names, flight.time_s)
     assert np.abs(back.lonlat - flight.lonlat).max() < 1e-10
     assert np.array_equal(back.altitude_m, flight.altitude_m)
     for name in ("roll_deg", "pitch_deg"):
@@ -345,8 +345,8 @@ def test_rotations_go_round_straight_down_too() -> None:
     flight = over_city([100.0], [100.0], [100.0])
     down = Trajectory(*(getattr(flight, n) for n in ("names", "time_s", "lonlat", "altitude_m")),
         np.array((7.0,)), np.array((-90.0,)), np.array((30.0,)))  # fmt: skip
-    poses = trajectory_poses(down, CRS)
-    again = trajectory_poses(poses_trajectory(poses, CRS, ("a",), (0.0,)), CRS)
+    poses = trajectory_poses(down)
+    again = trajectory_poses(poses_trajectory(poses, ("a",), np.zeros(1)))
     assert rotation_angle_deg(poses.rotation, again.rotation).max() < 1e-6
 
 
@@ -358,7 +358,7 @@ def test_the_camera_looks_where_the_geodesic_of_its_yaw_goes(yaw: float, pitch: 
     flight = Trajectory(
         ("a",), angle, flight.lonlat, flight.altitude_m, angle, angle + pitch, angle + yaw
     )
-    poses: Poses = trajectory_poses(flight, CRS)
+    poses: Poses = trajectory_poses(flight)
     forward = poses.rotation[0, 2]
     assert np.degrees(np.arcsin(-forward[2])) == pytest.approx(-pitch)
     reach = 100.0 / np.tan(np.radians(-pitch))
@@ -372,7 +372,7 @@ def test_a_position_beyond_the_crs_is_named() -> None:
     flight = over_city([1.0, 2.0], [1.0, 1.0], [1.0, 2.0])
     flight.lonlat[1] = (np.nan, 28.0)
     with pytest.raises(CameraError, match=r"no place in the CRS in 1 of 2 \(f1\)"):
-        trajectory_poses(flight, CRS)
+        trajectory_poses(flight)
 
 
 # Places
@@ -400,7 +400,7 @@ def test_a_flight_inside_is_let_pass() -> None:
 
 def test_positions_outside_are_named_with_the_box() -> None:
     message = refused(over_city([10.0, -1.0, 601.0, 5.0], [10.0, 5.0, 5.0, 601.0], [100.0] * 4))
-    assert message.startswith("my.csv: outside the region city: 3 of 4 (f1 (11")
+    assert message.startswith("my.csv: outside the region city in 3 of 4 (f1 (11")
     assert "latitude" in message.splitlines()[1]
 
 
@@ -434,7 +434,7 @@ def test_the_box_stated_lies_in_the_region_and_fills_it() -> None:
 def test_below_the_surface() -> None:
     message = refused(over_city([300.0, 100.0, 100.0], [300.0, 500.0, 400.0], [51.9, 91.0, 60.0]))
     assert message.splitlines()[0] == (
-        "my.csv: below the ground or inside a building or tree: 2 of 3 "
+        "my.csv: below the ground or inside a building or tree in 2 of 3 "
         "(f0 (at 51.9 m, surface 50.0 m), f1 (at 91.0 m, surface 90.0 m))"
     )
 

@@ -5,13 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.mini.landscape.canvas import line_height
-from airzoo_bench.mini.landscape.noise import value_noise
-from airzoo_bench.mini.landscape.randomness import Dice, direction, hash_of
-from airzoo_bench.mini.landscape.satellite import resampled
-from airzoo_bench.mini.landscape.shapes import Frame, Polygon, Raster, Rect, Stroke
-from airzoo_bench.mini.landscape.sunlight import lit, sunlit
-from airzoo_bench.mini.light import OLDER_SUN, SURVEY_SUN, Light
+from airzoo_bench.mini.world.canvas import line_height
+from airzoo_bench.mini.world.maps import lit, resampled, sunlit
+from airzoo_bench.mini.world.model import OLDER_SUN, SURVEY_SUN, Light
+from airzoo_bench.mini.world.noise import Dice, direction, hash_of, value_noise
+from airzoo_bench.mini.world.shapes import Frame, Polygon, Raster, Rect, Stroke
 
 NOON_SOUTH = Light((0.0, -0.6, 0.8), (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))
 
@@ -24,8 +22,8 @@ def test_sun_is_a_unit_vector_above_the_horizon(light: Light) -> None:
 
 def test_hash_is_splitmix64() -> None:
     # The first outputs of the published generator started at 0 and at its own increment.
-    assert int(hash_of(0, 0)) == 0xE220A8397B1DCDAF
-    assert int(hash_of(0x9E3779B97F4A7C15, 0)) == 0x6E789E6AA1B965F4
+    assert int(hash_of(0, 0)[0]) == 0xE220A8397B1DCDAF
+    assert int(hash_of(0x9E3779B97F4A7C15, 0)[0]) == 0x6E789E6AA1B965F4
     both = hash_of(0, np.array([0, 0x1E3779B97F4A7C15]))
     assert both.shape == (2,)
     assert int(both[0]) == 0xE220A8397B1DCDAF
@@ -109,7 +107,7 @@ def test_shapes_cover_the_pixels_within_them() -> None:
     triangle = Polygon(((0.0, 0.0), (20.0, 0.0), (0.0, 20.0)), Frame(0, 0)).patch(raster)
     assert triangle.mask.sum() == 40 * 39 // 2
     stroke = Stroke(((0.0, 10.0), (20.0, 10.0)), 2.0).patch(raster)
-    rows = np.arange(40)[stroke.rows]
+    rows = np.arange(40)[stroke.window[0]]
     assert set(rows[stroke.mask.any(axis=1)]) == {18, 19, 20, 21}
 
 

@@ -1,4 +1,4 @@
-"""Cameras and poses over the small world, for tests of rendering."""
+"""Cameras and poses over the small world, for tests of rendering; poses as flights."""
 
 from __future__ import annotations
 
@@ -7,10 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.attitude import angles_to_rotations
+from airzoo_bench.geometry.attitude import (
+    angles_to_rotations,
+    grid_convergence_deg,
+    rotations_to_angles,
+)
 from airzoo_bench.geometry.cameras import Cameras, back_project
+from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.mini.render import default_camera
+from airzoo_bench.mini.flights.trajectory import Trajectory
+from airzoo_bench.mini.rendering.renderer import default_camera
+from airzoo_bench.mini.world.model import CRS
 from tests.mini.small_world import REGION
 
 CORNER = np.array([REGION.west, REGION.south, 0.0])
@@ -34,6 +41,14 @@ def pose(centre: Sequence[float], yaw: float, pitch: float, roll: float = 0.0) -
 NADIR = pose((48.0, 48.0, 100.0), 20.0, -90.0)
 OBLIQUE = pose((48.0, -20.0, 90.0), 5.0, -45.0)
 HORIZON = pose((110.0, -10.0, 45.0), -35.0, -10.0)
+
+
+def poses_trajectory(poses: Poses, names: Sequence[str], time_s: Floats) -> Trajectory:
+    """Turn poses into a flight; straight down, roll is 0 and yaw takes the whole turn."""
+    lonlat = to_lonlat(CRS, poses.centres[:, :2])
+    convergence = grid_convergence_deg(CRS, lonlat)
+    yaw, pitch, roll = rotations_to_angles(poses.rotation, convergence_deg=convergence).T
+    return Trajectory(tuple(names), time_s, lonlat, poses.centres[:, 2], roll, pitch, yaw)
 
 
 def rays(camera: Cameras, pose: Poses) -> Floats:

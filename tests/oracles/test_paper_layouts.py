@@ -17,22 +17,24 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    RetrievalProtocol,
-    load_protocol,
-    shipped_protocols,
-)
-from airzoo_bench.published import PublishedTable, published_sources, read_source, read_source_file
-from airzoo_bench.result import ScoreColumn, score_columns
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.results.result import ScoreColumn, score_columns
+from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scores import retrieval_scores
-from airzoo_bench.scores import Score
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
 from airzoo_bench.tables.marks import add_gains, cite, highlight, parse_baselines
 from airzoo_bench.tables.model import Cell, Table, mark_best
+from airzoo_bench.tables.published import (
+    PublishedTable,
+    published_sources,
+    read_source,
+    read_source_file,
+)
 from tests.support import PAPER
 from tests.tables.typeset import MINUS, bold_words, typeset
 

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.open3d_loader import load_open3d
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 from airzoo_bench.reconstruction.metrics import score_distances
-from airzoo_bench.reconstruction.voxels import voxel_downsample
+from airzoo_bench.reconstruction.voxels import VoxelGrid
 from tests.reconstruction.cloud_support import surface
 
 FAR = np.array((1_000_000.0, 4_000_000.0, 100.0))
@@ -121,7 +121,9 @@ def test_voxels_of_open3d(o3d: ModuleType, size: float, shift: float) -> None:
     theirs = cloud.voxel_down_sample(size)  # type: ignore[attr-defined]
     # Open3D's grid begins half a voxel below the cloud.
     origin = points.min(axis=0) - size / 2.0
-    ours = voxel_downsample(Cloud(points, colours), size=size, origin=origin)
+    grid = VoxelGrid(size, origin)
+    grid.add(Cloud(points, colours))
+    ours = grid.cloud()
     expected = np.asarray(theirs.points)
     order = np.lexsort(np.floor((expected - origin) / size).T[::-1])
     assert len(ours) == len(expected)

@@ -12,9 +12,9 @@ from scipy import stats
 from airzoo_bench.statistics.averages import weighted_averages
 from airzoo_bench.statistics.draws import resample_counts, sign_flips, stream_key
 from airzoo_bench.statistics.intervals import bootstrap
-from airzoo_bench.statistics.printed import hit_rate_interval
 from airzoo_bench.statistics.samples import Plan, Sample
 from airzoo_bench.statistics.significance import mcnemar, paired_permutation
+from airzoo_bench.tables.printed_comparison import hit_rate_interval
 
 SIZES = (40, 61, 25)
 METHODS = {"bca": "BCa", "percentile": "percentile"}

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.cells import Printed
-from airzoo_bench.printed.marks import Marked, plain_name, read_marked
-from airzoo_bench.printed.scores import Family
-from airzoo_bench.printed.table import read_published
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.marks import Marked, plain_name, read_marked
+from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed.table import read_published
 
 
 def read(folder: Path, text: str) -> tuple[Printed, ...]:
@@ -101,7 +101,7 @@ def test_a_wide_table(tmp_path: Path) -> None:
 
 
 def test_wide_is_audited_as_long(tmp_path: Path) -> None:
-    cells = "A,City,96.22 (+2.00)\nB,City,94.22\n"
+    cells = "A,City,96.23 (+2.00)\nB,City,94.23\n"
     (tmp_path / "t.csv").write_text("method,scene,R@1\n" + cells)
     found = audit(read_published(tmp_path / "t.csv"), {"City": 264})
     assert [(f.grade.value, f.check, f.cell.method) for f in found.findings] == [

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.latex import looks_like_latex
-from airzoo_bench.printed.latex_source import without_macro
-from airzoo_bench.printed.table import read_published
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.tables.printed.latex import looks_like_latex
+from airzoo_bench.tables.printed.latex_source import without_macro
+from airzoo_bench.tables.printed.table import read_published
 from tests.printed.hostile import FILES
 
 MANY = 200_000

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.printed.numbers import Interval, decimal_text, mean_interval, parse_number
+from airzoo_bench.tables.printed.numbers import Interval, decimal_text, mean_interval, parse_number
 from tests.audit.support import number
 
 

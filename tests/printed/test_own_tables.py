@@ -9,20 +9,17 @@ import numpy as np
 import pytest
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.printed.cells import Published
-from airzoo_bench.printed.scores import Family, read_score
-from airzoo_bench.printed.table import read_published
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    load_protocol,
-    shipped_protocols,
-)
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.result import ProtocolUsed, Result, TruthUsed, score_columns, write_result
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, score_columns, write_result
+from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scores import retrieval_scores
-from airzoo_bench.scores import Score
+from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.tables.printed.cells import Published
+from airzoo_bench.tables.printed.scores import Family, read_score
+from airzoo_bench.tables.printed.table import read_published
 from tests.support import run_main
 from tests.test_result import result
 

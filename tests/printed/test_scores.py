@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from airzoo_bench.printed.scores import Family, at_most, read_score
+from airzoo_bench.tables.printed.scores import Family, at_most, read_score
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ from airzoo_bench.printed.scores import Family, at_most, read_score
         ("nDCG@10", Family.OTHER, True),
         ("mAP", Family.OTHER, True),
         ("beauty", Family.OTHER, None),
-        ("AUC@5", Family.OTHER, True),
+        ("AUC@5", Family.CURVE, True),
         ("R@", Family.OTHER, None),
         ("AP@0", Family.OTHER, None),
     ],

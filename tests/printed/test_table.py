@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.errors import ResultError
-from airzoo_bench.printed.table import read_published
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.tables.printed.table import read_published
 from tests.audit.support import published, row
 
 HEAD = "method,scene,metric,value\n"

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from hypothesis import strategies as st
 
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.clouds import Cloud
 
 
 def all_pairs(points: Floats, others: Floats) -> Floats:

@@ -10,8 +10,8 @@ import pytest
 from PIL import ExifTags, Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from airzoo_bench.datasets.images import read_rgb_photo
-from airzoo_bench.errors import UsageError
+from airzoo_bench.benchmark.images import read_rgb_photo
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment.cameras import align
@@ -213,7 +213,8 @@ def test_focal_length_of_exif(tmp_path: Path) -> None:
     sizes = np.array((40, 30))
     assert focal_from_exif(tmp_path / "a.jpg", sizes) == 30.0
     assert np.isnan(focal_from_exif(tmp_path / "b.jpg", sizes))
-    assert np.isnan(focal_from_exif(tmp_path / "none.jpg", sizes))
+    with pytest.raises(BenchmarkError, match=r"none\.jpg: not a readable photo: No such file"):
+        focal_from_exif(tmp_path / "none.jpg", sizes)
     a, b = assumed_lenses(np.tile(sizes, (2, 1)), np.array((30.0, np.nan)))
     assert (a.params[0], b.params[0]) == (30.0, 48.0)
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import BenchmarkError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.distances import blocks, spill
 from airzoo_bench.reconstruction.distances.blocks import block_distances

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.cells import covered_columns, occupied_cells

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.reconstruction import fusion
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.fusion import (
     DepthCloud,
     DepthMaps,

@@ -10,7 +10,7 @@ CHILD = """
 import resource
 import numpy as np
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
-from airzoo_bench.reconstruction.clouds import Cloud
+from airzoo_bench.formats.clouds.cloud import Cloud
 
 class Made:
     def __init__(self, count, lift):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import curves as curves_module
 from airzoo_bench.reconstruction import metrics as metrics_module
@@ -60,6 +60,18 @@ def test_by_hand() -> None:
     assert (scores.to_truth.largest, scores.to_truth.count) == (10.0, 4)
 
 
+def test_thresholds_are_numbers_of_one_kind_and_may_repeat() -> None:
+    (first, *others) = score_distances(
+        np.zeros(1), np.array([1.0, 3.0]), thresholds=(2, 2.0, 1), percentiles=(), max_distance=None
+    ).at
+    assert first == others[0]
+    assert [(type(at.threshold), at.recall) for at in (first, *others)] == [
+        (float, 0.5),
+        (float, 0.5),
+        (float, 0.0),
+    ]
+
+
 def test_cube_against_itself_made_a_tenth_larger() -> None:
     # Corners: one stays, three move along an axis, three along a face, one along the diagonal.
     scores = scored(*mutual_distances(CUBE * 1.1, CUBE, threads=1))
@@ -92,8 +104,13 @@ def test_empty_prediction_scores_0_with_infinite_distances() -> None:
 
 
 def test_empty_truth_is_an_error() -> None:
-    with pytest.raises(BenchmarkError, match="no point"):
+    with pytest.raises(BenchmarkError) as caught:
         scored([INF], [])
+    assert str(caught.value).splitlines() == [
+        "the true cloud holds no point",
+        "  expected: at least one point, after cropping too",
+        "  to mend:  check the benchmark's cloud and the protocol's crop",
+    ]
 
 
 def test_clipping_by_name_changes_means_only() -> None:
@@ -150,12 +167,21 @@ def test_summary_against_a_sorted_list(found: Floats, percentiles: list[float]) 
         assert sum(other < value for other in ordered) * 100 < percentile * count
 
 
+def test_summary_of_a_thousand_by_hand() -> None:
+    found = summarise_distances(np.arange(1000.0, 0.0, -1.0), [100.0, 0.05, 50.0, 99.9, 0.11])
+    assert found.percentiles == {100.0: 1000.0, 0.05: 1.0, 50.0: 500.0, 99.9: 999.0, 0.11: 2.0}
+    assert (found.median, found.mean, found.largest, found.count) == (500.5, 500.5, 1000.0, 1000)
+    assert summarise_distances(np.array([7.0, 1.0, 2.0]), []).median == 2.0
+    assert summarise_distances(np.zeros(0), []).mean == INF
+
+
 @given(distances, hnp.arrays(np.float64, 7, elements=st.floats(0.01, 1e12), unique=True))
 @quick
 def test_counts_against_comparing_each(found: Floats, thresholds: Floats) -> None:
     thresholds = np.sort(np.append(thresholds, 10.0))
     thresholds = np.unique(thresholds)
     expected = (found[:, None] < thresholds).sum(axis=0)
+    assert counts_below(found, thresholds).dtype == np.int64
     assert counts_below(found, thresholds).tolist() == expected.tolist()
 
 
@@ -208,13 +234,13 @@ def test_f1_of_nothing_is_0() -> None:
 def test_what_cannot_be_is_refused() -> None:
     limits = np.array([1.0])
     for bad in ([np.nan], [-1.0]):
-        with pytest.raises(ValueError, match="negative or NaN"):
+        with pytest.raises(ValueError, match=r"^distances that are negative or NaN$"):
             counts_below(np.array(bad), limits)
     for thresholds in ([1.0, 1.0], [2.0, 1.0], [INF], [np.nan]):
-        with pytest.raises(ValueError, match="increase"):
+        with pytest.raises(ValueError, match=r"^thresholds must be finite and increase$"):
             counts_below(np.zeros(1), np.array(thresholds))
     for percentile in (0.0, 101.0, np.nan):
         with pytest.raises(ValueError, match="percentiles"):
             summarise_distances(np.zeros(1), [percentile])
-    with pytest.raises(ValueError, match="no true point"):
+    with pytest.raises(ValueError, match=r"^no true point$"):
         curve(np.zeros(1), np.zeros(0), limits)

@@ -18,12 +18,15 @@ from airzoo_bench.reconstruction.distances.boxes import (
 from airzoo_bench.reconstruction.distances.neighbours import (
     NeighbourSearch,
     mutual_distances,
-    nearest_distances,
 )
 from tests.geometry.support import quick
 from tests.reconstruction.cloud_support import all_pairs, clouds, surface
 
 CORNERS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+
+
+def nearest_distances(points: Floats, others: Floats, *, threads: int) -> Floats:
+    return mutual_distances(points, others, threads=threads)[0]
 
 
 def test_by_hand() -> None:
@@ -53,8 +56,8 @@ def test_no_bit_depends_on_order_or_threads(points: Floats, others: Floats, seed
 @quick
 def test_mutual_is_both_ways(first: Floats, second: Floats) -> None:
     one, other = mutual_distances(first, second, threads=2)
-    assert np.array_equal(one, nearest_distances(first, second, threads=1))
-    assert np.array_equal(other, nearest_distances(second, first, threads=1))
+    assert np.array_equal(one, all_pairs(first, second))
+    assert np.array_equal(other, all_pairs(second, first))
 
 
 @given(clouds())

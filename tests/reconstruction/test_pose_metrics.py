@@ -63,8 +63,10 @@ def test_auc_by_hand() -> None:
     found = PairErrors(np.array((0.0, 3.0, 1.0, 9.0)), np.array((0.0, 1.0, 4.0, np.inf)))
     # Shares of 5 degrees beyond 0, 3, 4 and infinity.
     assert pose_auc(found, 5.0) == pytest.approx((1 + 0.4 + 0.2 + 0) / 4)
-    with pytest.raises(ValueError, match="limit is 0"):
-        pose_auc(found, 0.0)
+    assert pose_auc(PairErrors(np.zeros(1), np.array([0.1])), 0.5) == pytest.approx(0.8)
+    for limit in (0.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match=f"limit is {limit}, expected above 0"):
+            pose_auc(found, limit)
 
 
 @quick
@@ -119,6 +121,21 @@ def test_pairs_without_baseline() -> None:
     found = errors(still, truth)
     assert np.isinf(found.direction_deg).tolist() == [False, True, False, True, True, True]
     assert found.rotation_deg.max() == 0.0
+    # Nor is there any between all cameras at the origin, or in what rounding leaves far from it.
+    for place in (0.0, 1e6 + 1e-9 * np.arange(9.0).reshape(3, 3)):
+        still = Poses(rotation=truth.rotation, centres=np.zeros((3, 3)) + place)
+        found = errors(still, truth)
+        assert np.isinf(found.direction_deg).tolist() == [False, True, False, True, True, True]
+    # At most so far apart: 5 is not above 5.
+    assert pair_errors(still, truth, least_baseline=5.0).direction_deg.max() == 0.0
+
+
+def test_no_scale_of_a_claim_is_too_small_for_directions() -> None:
+    rng = np.random.default_rng(6)
+    truth = poses(rng, 4)
+    predicted = shaken(truth, rng, 4.0, 3.0)
+    tiny = Poses(rotation=predicted.rotation, centres=predicted.centres * 2.0**-60)
+    np.testing.assert_allclose(errors(tiny, truth).worse_deg, errors(predicted, truth).worse_deg)
 
 
 def test_the_wrong_side_is_wrong() -> None:
@@ -155,7 +172,9 @@ def test_refusals() -> None:
     truth = poses(np.random.default_rng(3), 3)
     with pytest.raises(ValueError, match="2 predicted cameras, 3 true ones"):
         errors(truth.take([0, 1]), truth)
-    with pytest.raises(ValueError, match="true poses hold NaN"):
+    with pytest.raises(ValueError, match="1 predicted cameras, 1 true ones"):
+        auc_of_depth_anything_3(truth.take([0]), truth.take([0]), [3])
+    with pytest.raises(ValueError, match=r"^the true poses hold NaN or infinity$"):
         errors(truth, Poses(rotation=truth.rotation, centres=truth.centres * np.nan))
 
 
@@ -176,3 +195,67 @@ def test_the_area_of_depth_anything_3_by_hand() -> None:
     lost[1] = np.nan
     found = auc_of_depth_anything_3(Poses(rotation=rotation, centres=lost), truth, [10])
     assert found == [0.0]
+
+
+def test_depth_anything_3_folds_directions_and_counts_whole_degrees() -> None:
+    centres = np.array(((0.0, 0, 0), (10, 0, 0), (0, 20, 0), (0, 20, 0)))
+    same = np.tile(np.eye(3), (4, 1, 1))
+    truth = Poses(rotation=same, centres=centres)
+    # Of 6 pairs, 1 has cameras that share a place: 90 degrees off, even without an error.
+    assert auc_of_depth_anything_3(truth, truth, [3]) == pytest.approx([5 / 6])
+    # Even where the claim says that they are apart; 1 sees camera 3 too far up by 8 degrees.
+    apart = Poses(rotation=same, centres=centres + np.eye(4)[3][:, None] * (0, 10, 0))
+    assert auc_of_depth_anything_3(apart, truth, [3]) == pytest.approx([4 / 6])
+    # So has a claim without a baseline: of 0 and 1, and of 0 and 2, and so of 0 and 3.
+    still = Poses(rotation=same, centres=centres * (0, 1, 0))
+    found = auc_of_depth_anything_3(still, truth, [89, 91])
+    # Right are 02 and 03; 12 and 13 are seen at 26.6 degrees from where they are; 01 and 23 are at
+    # 90 degrees, which is below 91 alone.
+    assert found == pytest.approx([(2 * 89 + 2 * 63) / 89 / 6, (2 * 91 + 2 * 65 + 2 * 1) / 91 / 6])
+    # Opposite directions are one.
+    mirrored = Poses(rotation=same, centres=-centres)
+    assert auc_of_depth_anything_3(mirrored, truth, [3]) == pytest.approx([5 / 6])
+    # The last bin of a histogram has both its borders: 90 degrees are right below 91, and at 90.
+    assert auc_of_depth_anything_3(truth, truth, [90]) == pytest.approx([(5 * 90 + 1) / 90 / 6])
+
+
+def test_the_first_camera_that_is_there_is_the_frame_of_depth_anything_3() -> None:
+    rng = np.random.default_rng(4)
+    truth = poses(rng, 6)
+    predicted = shaken(truth, rng, 4.0, 3.0)
+    limits = [5, 15, 30]
+    rest = auc_of_depth_anything_3(predicted.take(range(1, 6)), truth.take(range(1, 6)), limits)
+    centres = predicted.centres.copy()
+    centres[0] = np.nan
+    lost = Poses(rotation=predicted.rotation, centres=centres)
+    # 10 of 15 pairs are left, and score as if the lost camera had never been there.
+    found = auc_of_depth_anything_3(lost, truth, limits)
+    assert found == pytest.approx([area * 10 / 15 for area in rest])
+
+
+def test_steps_between_cameras_that_turn() -> None:
+    rng = np.random.default_rng(5)
+    truth = poses(rng, 4)
+    predicted = shaken(truth, rng, 20.0, 5.0)
+    found = step_errors(predicted, truth)
+    for step in range(3):
+        # E_i^-1 E_j of camera-to-world matrices, and what undoes the one of the truth.
+        one, true = (
+            np.linalg.inv(to_world(chosen, step)) @ to_world(chosen, step + 1)
+            for chosen in (predicted, truth)
+        )
+        left = np.linalg.inv(true) @ one
+        assert found.translation[step] == pytest.approx(np.linalg.norm(left[:3, 3]))
+        angle = np.degrees(Rotation.from_matrix(left[:3, :3]).magnitude())
+        assert found.rotation_deg[step] == pytest.approx(angle)
+    centres = predicted.centres.copy()
+    centres[1] = np.nan
+    lost = step_errors(Poses(rotation=predicted.rotation, centres=centres), truth)
+    assert lost.translation.tolist() == [np.inf, np.inf, found.translation[2]]
+    assert lost.rotation_deg.tolist() == [np.inf, np.inf, found.rotation_deg[2]]
+
+
+def to_world(chosen: Poses, row: int) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = chosen.rotation[row].T, chosen.centres[row]
+    return matrix

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.clouds import Cloud, CloudSource
 from airzoo_bench.reconstruction.prepared import (
     Held,
     Moved,

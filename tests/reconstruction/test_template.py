@@ -50,7 +50,7 @@ def test_the_seed_decides(world: World, tmp_path: Path) -> None:
     [
         (("--out", "preds.npz"), "written as a folder, and this is the name of a file"),
         (("--out", "full"), "written as a folder, and this is there and not empty"),
-        (("--kind", "descriptors"), "--kind descriptors is for retrieval"),
+        (("--kind", "descriptors"), "templates of reconstruction have no kind 'descriptors'"),
     ],
 )
 def test_where_it_cannot_be_written(

@@ -14,18 +14,19 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.open3d_loader import load_open3d
-from airzoo_bench.protocol import ReconstructionProtocol, load_protocol, shipped_protocols
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.alignment.similarity import umeyama
-from airzoo_bench.reconstruction.clouds import Cloud
 from airzoo_bench.reconstruction.observed import observed_cells
 from airzoo_bench.reconstruction.placing import Claim, Rules, TrueScene, Work, place_claim
-from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.prepared import Held
 from airzoo_bench.reconstruction.regions import bounding_box
-from airzoo_bench.reconstruction.track import ScoredScene, score_scene
+from airzoo_bench.reconstruction.scoring import ScoredScene, score_scene
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import all_pairs
 from tests.reconstruction.world import (
@@ -128,7 +129,7 @@ def test_a_single_point(world: World, tmp_path: Path) -> None:
 
 def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -> None:
     path = predict_clouds(world, tmp_path / "p", {"lot": np.zeros((0, 3))})
-    evaluation = world.score(path).evaluation
+    evaluation = world.score(path)
     for scene in ("lot", "yard"):
         values = evaluation.result.scenes[scene]
         assert values["f1_10m"] == values["precision_10m"] == values["recall_10m"] == 0.0
@@ -142,7 +143,7 @@ def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -
 def test_the_average_is_unweighted(world: World, tmp_path: Path) -> None:
     clouds = {"lot": true_points("lot") + np.array((0, 0, 20.0)), "yard": true_points("yard")}
     path = predict_clouds(world, tmp_path / "p", clouds, cameras=False)
-    result = world.score(path).evaluation.result
+    result = world.score(path).result
     assert result.overall["f1_10m"] == 0.5
     assert result.overall["chamfer_m"] == 10.0
 
@@ -254,9 +255,7 @@ def test_pixels_and_points_must_exceed_the_confidence(
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
     record = evaluation.scored["lot"].record
     assert (record["points"], record["distrusted"]) == (conf.size // 2, conf.size // 2)
-    assert any(
-        "left out: 3,456 points of too little" in n for n in evaluation.evaluation.result.notes
-    )
+    assert any("left out: 3,456 points of too little" in n for n in evaluation.result.notes)
 
 
 def test_icp_mends_poor_cameras(world: World, tmp_path: Path) -> None:
@@ -298,10 +297,10 @@ def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     chosen = world.protocol(tmp_path / "c.toml", meshes={"points": 20_000})
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
     record = evaluation.scored["lot"].record
-    assert evaluation.evaluation.result.predictions.kind == "mesh"
+    assert evaluation.result.predictions.kind == "mesh"
     assert record["points"] == 20_000
     assert record["f1_1m"] > 0.999
-    assert any("20,000 points sampled" in note for note in evaluation.evaluation.result.notes)
+    assert any("20,000 points sampled" in note for note in evaluation.result.notes)
 
 
 def with_poses(world: World, folder: Path, extrinsics: Array | None) -> dict[str, float]:
@@ -313,7 +312,7 @@ def with_poses(world: World, folder: Path, extrinsics: Array | None) -> dict[str
         save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=extrinsics))
     as_it_stands = {"trajectory_alignment": "cloud"}
     chosen = world.protocol(folder / "c.toml", alignment={"method": "none"}, scores=as_it_stands)
-    return world.score(path, protocol=str(chosen)).evaluation.result.scenes["yard"]
+    return world.score(path, protocol=str(chosen)).result.scenes["yard"]
 
 
 def test_perfect_poses(world: World, tmp_path: Path) -> None:
@@ -365,13 +364,13 @@ def test_cameras_that_are_left_out_buy_no_score(world: World, tmp_path: Path) ->
     few = {name: values[:3] for name, values in few.items()}
     path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
     save(path / "yard.cameras.npz", few)
-    values = world.score(path).evaluation.result.scenes["yard"]
+    values = world.score(path).result.scenes["yard"]
     assert values["cameras_placed"] == 0.5
     assert values["pose_auc_30deg"] == pytest.approx(6 / 30, abs=1e-6)
     two = {name: values[:2] for name, values in few.items()}
     save(path / "yard.cameras.npz", two)
     chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "none"})
-    values = world.score(path, protocol=str(chosen)).evaluation.result.scenes["yard"]
+    values = world.score(path, protocol=str(chosen)).result.scenes["yard"]
     assert np.isinf([values["ate_m"], values["rpe_m"], values["rpe_deg"]]).all()
 
 
@@ -399,7 +398,7 @@ def test_a_scene_without_cameras_where_others_have_them(world: World, tmp_path: 
 
 def test_no_pose_scores_where_no_scene_has_cameras(world: World, tmp_path: Path) -> None:
     path = predict_clouds(world, tmp_path / "p", {"lot": true_points("lot")}, cameras=False)
-    assert "ate_m" not in world.score(path).evaluation.result.overall
+    assert "ate_m" not in world.score(path).result.overall
 
 
 def test_every_kind_of_file_and_an_archive_score_alike(world: World, tmp_path: Path) -> None:
@@ -502,9 +501,9 @@ def test_one_point_at_the_end_of_the_world() -> None:
 def test_points_that_decide_the_mean_are_named(world: World, tmp_path: Path) -> None:
     far = np.concatenate([true_points("yard"), [[1e9, 1e9, 1e9]]])
     path = predict_clouds(world, tmp_path / "p", {"yard": far})
-    notes = world.score(path).evaluation.result.notes
+    notes = world.score(path).result.notes
     assert any(
-        "1 of 15,265 predicted points, up to 1.729e+09 m away, make 100%" in n for n in notes
+        "1 of 15,265 predicted points, up to 1.729e+09 m away, makes 100%" in n for n in notes
     )
 
 
@@ -654,8 +653,8 @@ def test_the_command_scores_in_blocks_as_in_memory(world: World, tmp_path: Path)
     path = predict_clouds(world, tmp_path / "p", {"yard": points})
     fields = world.views("lot")
     save(path / "lot.npz", fields)
-    whole = world.score(path, jobs=1).evaluation
-    blocks = world.score(path, jobs=2, memory_bytes=4 << 20).evaluation
+    whole = world.score(path, jobs=1)
+    blocks = world.score(path, jobs=2, memory_bytes=4 << 20)
     assert whole.records.to_csv() == blocks.records.to_csv()
     assert whole.result == blocks.result
 
@@ -665,7 +664,7 @@ def test_fusion_gives_the_same_bytes_again(method: str, world: World, tmp_path: 
     path = save(tmp_path / "p" / "yard.npz", world.views("yard")).parent
     chosen = world.protocol(tmp_path / "c.toml", fusion={"method": method})
     records = [
-        world.score(path, protocol=str(chosen), jobs=jobs, memory_bytes=memory).evaluation.records
+        world.score(path, protocol=str(chosen), jobs=jobs, memory_bytes=memory).records
         for jobs, memory in ((1, 1 << 30), (2, 1 << 30), (2, 2 << 20))
     ]
     assert records[0].to_csv() == records[1].to_csv() == records[2].to_csv()

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.errors import BenchmarkError, UsageError
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.rasters import RasterInfo
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.ply import write_ply
 from airzoo_bench.reconstruction.prepare import build_truth
 from airzoo_bench.reconstruction.truth import read_truth
-from airzoo_bench.scene_inputs import SceneInputs, photo_table
 from tests.matching.world import made_cameras, made_poses
 from tests.reconstruction.world import World, camera_poses, make_world, replace_cloud, true_points
 

@@ -5,15 +5,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import BenchmarkError, PredictionError, UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_points, finite_rows, take
-from airzoo_bench.reconstruction.voxels import VoxelGrid, voxel_downsample
+from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
+from airzoo_bench.reconstruction.voxels import VoxelGrid
 from tests.geometry.support import quick
 from tests.reconstruction.cloud_support import clouds, surface
 
 ORIGIN = np.zeros(3)
+
+
+def voxel_downsample(cloud: Cloud, *, size: float, origin: Floats) -> Cloud:
+    """Thin a cloud that is added in one piece."""
+    grid = VoxelGrid(size, origin)
+    grid.add(cloud)
+    return grid.cloud()
 
 
 def dressed(points: Floats, seed: int = 0) -> Cloud:
@@ -119,28 +126,11 @@ def test_voxels_that_cannot_be(size: float) -> None:
         VoxelGrid(size, ORIGIN)
 
 
-def test_points_that_are_not_finite_are_dropped_and_counted() -> None:
+def test_points_whose_squares_are_no_numbers_are_not_finite() -> None:
     points = np.arange(21.0).reshape(7, 3)
     for row, value in enumerate((np.nan, np.inf, -np.inf, 1e200)):
         points[row, row % 3] = value
-    cloud = dressed(points)
-    kept, dropped = finite_points(cloud, where="a.ply", kind=PredictionError)
-    assert dropped == 4
-    assert np.array_equal(kept.points, points[4:])
-    assert np.array_equal(kept.colours, cloud.colours[4:])  # type: ignore[index, arg-type]
-    assert np.array_equal(kept.confidence, cloud.confidence[4:])  # type: ignore[index, arg-type]
-    assert finite_points(kept, where="a.ply", kind=PredictionError) == (kept, 0)
     assert finite_rows(points).tolist() == [False] * 4 + [True] * 3
-
-
-@pytest.mark.parametrize("kind", [PredictionError, BenchmarkError])
-def test_no_finite_point_is_an_error_that_names_the_file(
-    kind: type[PredictionError] | type[BenchmarkError],
-) -> None:
-    with pytest.raises(kind, match=r"a\.ply: all 1,000 points"):
-        finite_points(Cloud(np.full((1000, 3), np.nan)), where="a.ply", kind=kind)
-    nothing = Cloud(np.zeros((0, 3)))
-    assert finite_points(nothing, where="a.ply", kind=kind) == (nothing, 0)
 
 
 def test_regions_have_their_borders() -> None:

@@ -11,17 +11,19 @@ import numpy as np
 import pandas as pd
 import tomli_w
 
-from airzoo_bench.benchmark_file import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.files import sha256_of
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.scene_inputs import photo_table
+from airzoo_bench.core.files import sha256_of
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.protocol import ReconstructionProtocol, load_protocol, shipped_protocols
-from airzoo_bench.queries import write_queries
-from airzoo_bench.reconstruction.clouds import Cloud
-from airzoo_bench.reconstruction.ply import write_ply
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, write_truth
-from airzoo_bench.runner.reconstruction import ReconstructionEvaluation, evaluate_reconstruction
-from airzoo_bench.scene_inputs import photo_table
 from tests.geometry.support import looking_down
 
 Array = np.ndarray[Any, Any]
@@ -162,9 +164,11 @@ class World:
         path.write_text(tomli_w.dumps(_plain(protocol(**sections))))
         return path
 
-    def score(self, predictions: Path, **options: Any) -> ReconstructionEvaluation:
-        given = {"data": self.root, "memory_bytes": MEMORY, "protocol": PROTOCOL} | options
-        return evaluate_reconstruction(predictions, **given)
+    def score(self, predictions: Path, **options: Any) -> Evaluation:
+        given = {"data": self.root, "protocol": PROTOCOL} | options
+        names = {"memory_bytes", "jobs", "keep", "progress"}
+        resources = Resources(**{name: given.pop(name) for name in names & given.keys()})
+        return evaluate(predictions, track="reconstruction", resources=resources, **given)
 
 
 def make_world(root: Path) -> World:

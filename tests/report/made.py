@@ -13,8 +13,8 @@ from typer.testing import CliRunner, Result
 from airzoo_bench.cli.breakdown import breakdown
 from airzoo_bench.cli.plot import app as plot
 from airzoo_bench.cli.report import report
-from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import ERROR, HIT, made_result, write_method
 from tests.support import make_place, run_main, write_predictions
 

@@ -11,7 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.breakdown import (
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.result import Result, read_result
+from airzoo_bench.statistics.samples import Sample
+from airzoo_bench.tables.breakdown import (
     condition_names,
     condition_title,
     even_edges,
@@ -20,11 +25,6 @@ from airzoo_bench.breakdown import (
     is_condition,
     number_texts,
 )
-from airzoo_bench.errors import UsageError
-from airzoo_bench.records import Scored, read_records
-from airzoo_bench.result import Result, read_result
-from airzoo_bench.runner.matching import evaluate_matching
-from airzoo_bench.statistics.samples import Sample
 from tests.matching import world as matching_world
 from tests.reconstruction import world as clouds_world
 from tests.report.made import (
@@ -203,7 +203,7 @@ def test_records_of_matching_hold_conditions_beside_what_is_declared(tmp_path: P
     world = matching_world.make_world(tmp_path / "world")
     for form in (world.matches(), world.poses()):
         path = world.write(tmp_path / "method.npz", form)
-        found = evaluate_matching(path, data=world.root, memory_bytes=1 << 30).evaluation
+        found = evaluate(path, data=world.root)
         assert conditions_left(found.result, found.records) == {"altitude_m", "pitch_deg"}
 
 
@@ -213,7 +213,7 @@ def test_records_of_reconstruction_hold_what_is_declared(cameras: bool, tmp_path
     clouds = {"lot": clouds_world.true_points("lot")}
     path = clouds_world.predict_clouds(world, tmp_path / "p", clouds, cameras)
     chosen = world.protocol(tmp_path / "c.toml", **({} if cameras else {"alignment": NO_ALIGNMENT}))
-    found = world.score(path, protocol=str(chosen)).evaluation
+    found = world.score(path, protocol=str(chosen))
     assert found.records.shape[1] > 20
     assert conditions_left(found.result, found.records) == set()
 

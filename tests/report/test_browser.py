@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.records import Scored, read_scored
+from airzoo_bench.results.records import Scored, read_scored
 from tests.report.made import (
     HOSTILE,
     reconstruction_method,

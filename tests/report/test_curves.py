@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from airzoo_bench.errors import UsageError, UserError
-from airzoo_bench.records import Scored
+from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.report import draw
 from airzoo_bench.report.curves import error_shares, longest_list, recall_curve
 from airzoo_bench.report.figures import (
@@ -26,6 +25,7 @@ from airzoo_bench.report.figures import (
 from airzoo_bench.report.labels import axis_label
 from airzoo_bench.report.lengths import parse_length
 from airzoo_bench.report.sheet import Sheet, check_room
+from airzoo_bench.results.records import Scored
 from tests.report.made import HOSTILE, reconstruction_method, retrieval_method, run, write_methods
 from tests.statistics.support import CHAMFER, ERROR, HIT
 
@@ -111,8 +111,11 @@ def test_a_picture_says_what_it_is_of() -> None:
         draw.scenes(methods, HIT),
         draw.condition(methods, HIT, "weather"),
     ):
-        assert "made v1, protocol made v1: 40 queries in 2 scenes" in texts_of(figure)
-    assert "protocol made v1: 3 scenes" in texts_of(
+        assert (
+            "benchmark made, version 1; protocol made, version 1: 40 queries in 2 scenes"
+            in texts_of(figure)
+        )
+    assert "protocol made, version 1: 3 scenes" in texts_of(
         draw.thresholds([reconstruction_method("a", 0)])
     )
 
@@ -188,7 +191,7 @@ def test_small_print_left_out_is_handed_over() -> None:
     aside: list[str] = []
     figure = draw.errors([retrieval_method("a", 0)], ERROR, Sheet(3.3, aside=aside))
     assert texts_of(figure) == ""
-    assert aside[0] == "made v1, protocol made v1: 40 queries in 2 scenes"
+    assert aside[0] == "benchmark made, version 1; protocol made, version 1: 40 queries in 2 scenes"
     assert "off the axis" in aside[1]
     assert figure.get_figheight() < draw.errors([retrieval_method("a", 0)], ERROR).get_figheight()
 
@@ -196,7 +199,7 @@ def test_small_print_left_out_is_handed_over() -> None:
 def test_bare_says_the_small_print_on_stderr(tmp_path: Path) -> None:
     paths = write_methods(tmp_path, [retrieval_method("a", 0)])
     done = run("plot", "recall", *paths, "--bare", "-o", tmp_path / "x.svg")
-    assert "protocol made v1: 40 queries in 2 scenes" in done.stderr
+    assert "protocol made, version 1: 40 queries in 2 scenes" in done.stderr
     assert "40 queries" not in (tmp_path / "x.svg").read_text()
 
 

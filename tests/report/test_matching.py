@@ -84,7 +84,7 @@ def test_matches_are_drawn_by_kind(tmp_path: Path) -> None:
     crop = np.full((96, 30, 3), 200, np.uint8)
     figure = draw_matches(GREY, crop, xy, xy[:, ::-1] / 2, inliers, "hills/q0")
     axes = figure.axes[0]
-    assert "250 of 1000 matches are inliers" in axes.get_title()
+    assert "250 inliers of 1,000 matches" in axes.get_title()
     # At most 200 of each kind; outliers first, so that inliers lie above.
     drawn = [line for line in axes.lines if len(line.get_xdata())]
     colours = [line.get_color() for line in drawn]
@@ -155,12 +155,12 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
 
     from pyproj import CRS
 
+    from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.geometry.frames import to_lonlat
-    from airzoo_bench.runner import matching_figures
-    from airzoo_bench.runner.matching import evaluate_matching
+    from airzoo_bench.report import matching_run as matching_figures
 
     path = world.write(tmp_path / "m.npz", world.poses())
-    run = evaluate_matching(path, data=world.root, memory_bytes=1 << 30)
+    run = evaluate(path, data=world.root)
     truth, dom = run.truths[0], run.truths[0].dom
     corner, east, south = to_lonlat(
         dom.crs, np.array([[5e5, 5.2e6], [5e5 + 600, 5.2e6], [5e5, 5.2e6 - 600]])
@@ -176,7 +176,7 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
 
     monkeypatch.setattr(matching_figures, "draw_queries_on_map", look)
     for number, other in enumerate((truth, replace(truth, dom=lonlat))):
-        matching_figures._draw_map(other, run.scored[0], "Hills", tmp_path / f"{number}.png")
+        matching_figures._draw_map(other, run.scored["hills"], "Hills", tmp_path / f"{number}.png")
     np.testing.assert_allclose(seen[0][0], (0, 600, 0, 600))
     expected = world.truth.poses.centres[:, :2] - (5e5, 5.2e6 - 600)
     np.testing.assert_allclose(seen[0][1], expected, atol=1e-6)

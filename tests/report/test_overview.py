@@ -11,15 +11,15 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.report import draw
 from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.figures import figure_bytes
 from airzoo_bench.report.marks import take_turns
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, check_room
-from airzoo_bench.statistics.breakdown_layout import breakdown_table
 from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.breakdown_layout import breakdown_table
 from tests.report.made import HOSTILE, reconstruction_method, retrieval_method
 from tests.statistics.support import CHAMFER, ERROR, HIT
 

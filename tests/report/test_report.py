@@ -16,24 +16,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.benchmark import Benchmark
-from airzoo_bench.benchmark_file import write_benchmark_file
-from airzoo_bench.errors import BenchmarkError, ResultError, UsageError
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import write_benchmark_file
+from airzoo_bench.core.errors import BenchmarkError, ResultError, UsageError
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    RetrievalProtocol,
-    load_protocol,
-    shipped_protocols,
-)
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.records import Scored, read_scored
 from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest_rows, order_said
 from airzoo_bench.report.packing import Blobs, json_value, page_json, rounded
 from airzoo_bench.report.sections import Section, read_sections
-from airzoo_bench.result import score_columns
+from airzoo_bench.results.records import Scored, read_scored
+from airzoo_bench.results.result import score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
 from tests.matching.world import make_world
 from tests.report.made import (

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.records import Scored
 from airzoo_bench.report.standings import marks_of
-from airzoo_bench.result import Reference
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import Reference
 from airzoo_bench.statistics.comparison import compare
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.tables.build import methods_table
 from airzoo_bench.tables.model import show_number
+from airzoo_bench.tables.verdicts import verdict
 from tests.report.made import reconstruction_method, retrieval_method, write_methods
 from tests.report.test_report import made_page
 from tests.statistics.support import ERROR, HIT, made_result
@@ -124,7 +125,8 @@ def test_pairs_are_those_of_compare(tmp_path: Path) -> None:
         shown = pairs[0][place][0]
         assert shown["difference"] == show_number(100 * pair.difference, 2, "+")
         assert shown["pHolm"] == p_text(pair.p_holm)
-        assert shown["verdict"].startswith("not told apart" if pair.p_holm > 0.05 else "worse")
+        assert shown["verdict"] == verdict(pair)
+        assert (shown["verdict"] == "worse") == (pair.p_holm <= 0.05)
     # The mark and the pair say the same.
     marks = [row[0] for row in page.sections[0]["standings"]["overall"]["marks"]]
     assert [m == "tied" for m in marks[1:]] == [

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.retrieval.baseline import VladSettings, describe, learn_words, root_sift, vlad
 
 

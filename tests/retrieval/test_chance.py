@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.stats import hypergeom
 
 from airzoo_bench.retrieval.chance import chance_scores
+from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
-from airzoo_bench.retrieval.track import score_scene
 from tests.support import MadeScene, made_truth, protocol
 
 
@@ -73,3 +73,10 @@ def test_lists_cut_at_the_ranks_kept_agree_with_random_orders() -> None:
 def test_each_query_has_its_own() -> None:
     found = chance_scores(np.array([3, 0, 3, 50]), 100, scores())["recall@1"]
     np.testing.assert_allclose(found, [0.03, 0, 0.03, 0.5])
+
+
+@pytest.mark.parametrize("n_tiles", [1, 2, 3])
+def test_no_order_is_wrong_where_all_tiles_are_positive(n_tiles: int) -> None:
+    found = chance_scores(np.array([n_tiles]), n_tiles, scores())
+    for name in ("recall@1", "map", "mrr", "ndcg@5", "ap@5/min", "ap@5/trec", "ap@5/hits"):
+        assert found[name] == pytest.approx([1.0]), name

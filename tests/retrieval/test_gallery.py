@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pyproj import Transformer
 from rasterio.transform import Affine
 
-from airzoo_bench.errors import RasterError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.frames import unwrapped
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts

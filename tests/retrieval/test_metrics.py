@@ -84,9 +84,9 @@ def test_hit_matrix_is_membership_for_any_block(data, cells):
         ([[0, 1]], [0, 2], [0], "from 0 to 1"),
         ([[0], [1]], [0, 2, 1], [0], "without falling"),
         ([[0]], [1, 1], [0], "from 0 to 1"),
-        ([[0, 3]], [0, 1], [0], "ranked holds an index outside -1 to 2"),
+        ([[0, 3]], [0, 1], [0], "^ranked holds an index outside -1 to 2$"),
         ([[0, -2]], [0, 1], [0], "ranked holds an index"),
-        ([[0, 1]], [0, 1], [3], "tiles holds an index outside 0 to 2"),
+        ([[0, 1]], [0, 1], [3], "^tiles holds an index outside 0 to 2$"),
         ([[0, 1]], [0, 1], [-1], "tiles holds an index"),
     ],
 )
@@ -163,6 +163,7 @@ def test_empty_lists_score_zero(shape):
         ),
     ]
     assert all(score.tolist() == [0] * shape[0] for score in scores)
+    assert metrics.first_hit_rank(found).dtype == np.int64
 
 
 def test_scores_do_not_depend_on_the_block(monkeypatch):
@@ -184,7 +185,7 @@ def test_metrics_refuse_what_does_not_fit():
         metrics.first_hit_rank(HITS[0])
     with pytest.raises(ValueError, match=r"expected \(5,\)"):
         metrics.ndcg_at(HITS, POSITIVES[:1], 1)
-    with pytest.raises(ValueError, match="unknown variant 'voc'"):
+    with pytest.raises(ValueError, match=r"unknown variant 'voc', expected one of .'precision'"):
         metrics.average_precision_at(HITS, POSITIVES, 1, "voc")
 
 
@@ -261,13 +262,12 @@ INF = np.inf
 METRES = np.array([[0.0, 100.0, INF], [30.0, 0.0, 10.0], [INF, INF, INF]])
 
 
-def test_top1_distance_and_shares():
+def test_top1_distance_and_what_is_within():
     top1 = distance_metrics.top1_distance(METRES)
     assert top1.tolist() == [0, 30, INF]
     assert distance_metrics.is_within(top1, 30).tolist() == [1, 0, 0]  # strict
-    assert distance_metrics.share_within(top1, 30) == 1 / 3
-    assert distance_metrics.share_within(top1, 30.1) == 2 / 3
-    assert distance_metrics.share_within(top1, INF) == 2 / 3  # a missing query is never within
+    assert distance_metrics.is_within(top1, 30.1).tolist() == [1, 1, 0]
+    assert distance_metrics.is_within(top1, INF).tolist() == [1, 1, 0]  # a miss is never within
     assert distance_metrics.top1_distance(METRES[:, :0]).tolist() == [INF] * 3
 
 
@@ -321,17 +321,17 @@ def test_nearer_is_never_worse(metres, k, share):
 
 
 def test_distances_refuse_what_does_not_fit():
-    with pytest.raises(ValueError, match="NaN"):
+    with pytest.raises(
+        ValueError, match=r"^distances_m holds NaN, expected infinity where there is no tile$"
+    ):
         distance_metrics.top1_distance(np.array([[np.nan]]))
     with pytest.raises(ValueError, match=r"expected \(Q, K\)"):
         distance_metrics.pdm_at(METRES[0], 1, tile_size_m=1.0, **AUTHORS)
     with pytest.raises(ValueError, match="k is 0"):
         distance_metrics.sdm_at(METRES, 0, 0.001)
-    with pytest.raises(ValueError, match="scale is not above 0"):
+    with pytest.raises(ValueError, match=r"^scale is not above 0$"):
         distance_metrics.sdm_at(METRES, 1, 0.0)
-    with pytest.raises(ValueError, match="tile_size_m is not above 0"):
+    with pytest.raises(ValueError, match=r"^tile_size_m is not above 0$"):
         distance_metrics.pdm_at(METRES, 1, tile_size_m=np.nan, **AUTHORS)
-    with pytest.raises(ValueError, match="steepness is not above 0"):
+    with pytest.raises(ValueError, match=r"^steepness is not above 0$"):
         distance_metrics.pdm_at(METRES, 1, tile_size_m=1.0, steepness=-1.0, tolerance=0.9)
-    with pytest.raises(ValueError, match="no queries"):
-        distance_metrics.share_within(np.array([]), 25.0)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.retrieval.chance import chance_scores
-from airzoo_bench.runner.checks import check_predictions
-from airzoo_bench.runner.retrieval import evaluate_retrieval
 from tests.support import (
     MadeScene,
     made_protocol,
@@ -25,16 +25,15 @@ MEMORY = 1 << 30
 
 
 def evaluated(path: Path, data: Path) -> Any:
-    return evaluate_retrieval(path, data=data, memory_bytes=MEMORY).result
+    return evaluate(path, data=data).result
 
 
 def both(path: Path, data: Path) -> list[str]:
     """Return the notes of `eval`, having held those of `check` to them."""
     notes = list(evaluated(path, data).notes)
-    checked = check_predictions(path, data=data, protocol=None, memory_bytes=MEMORY)
-    assert checked.faults == []
-    own = [note for note in notes if "are missing" not in note and "no queries" not in note]
-    assert [note for note in checked.notes if note in own] == own
+    checked = check(path, data=data)
+    assert checked.errors == []
+    assert [note for note in checked.notes if note in notes] == notes
     return notes
 
 
@@ -66,7 +65,7 @@ def test_empty_lists_are_counted_as_missing(
         ranked_ids=ranked,
     )
     assert has(both(path, data), "2 queries have an empty list")
-    evaluation = evaluate_retrieval(path, data=data, memory_bytes=MEMORY)
+    evaluation = evaluate(path, data=data)
     assert evaluation.result.counts["east"]["empty_lists"] == 2
     assert evaluation.result.counts["east"]["missing"] == 2
     assert (~evaluation.records["answered"]).sum() == 2
@@ -79,7 +78,10 @@ def test_described_tiles_of_no_gallery_are_counted(
     arrays["gallery_ids"] = [*arrays["gallery_ids"], "east/t99999", "north/t00000"]
     arrays["gallery_descriptors"] = np.concatenate([arrays["gallery_descriptors"], np.ones((2, 4))])
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
-    assert has(both(path, data), "2 described tiles are in no gallery")
+    assert has(
+        both(path, data),
+        "described tiles that are in no gallery, left aside: 2 (east/t99999, north",
+    )
 
 
 def test_lists_that_end_before_their_positives_are_said(
@@ -93,9 +95,54 @@ def test_lists_that_end_before_their_positives_are_said(
     path = write_predictions(
         tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=lists
     )
-    assert has(both(path, data), "10 lists end before rank 100", "mAP, MRR, nDCG@10")
+    assert has(
+        both(path, data),
+        "10 lists end before rank 100",
+        "to mAP, MRR and nDCG@10 the others are not found",
+    )
     whole = write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect)
     assert both(whole, data) == []
+
+
+def test_mistyped_ids_are_named_beside_what_they_may_mean(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    ids = [*perfect["query_ids"]]
+    ids[1], ids[7] = "east/q0001", "wets/q00001"
+    path = write_predictions(
+        tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=perfect["ranked_ids"]
+    )
+    notes = both(path, data)
+    assert has(notes, "lack, scored at their worst: 2 of 10 (east/q00001, west/q00001)")
+    assert has(notes, "no queries, left aside: 2 ", "'east/q0001' (did you mean 'east/q00001'?)")
+    assert has(notes, "'wets/q00001' (did you mean 'west/q00001'?)")
+
+
+def test_a_template_gives_no_reason_for_notes(data: Path, tmp_path: Path) -> None:
+    # Its lists reach as deep as the protocol looks.
+    scene = MadeScene("s", [[q] for q in range(3)], 150)
+    write_benchmark(data / "made", made_protocol([scene]), [scene])
+    assert run_main("template", "made-retrieval", "--data", data, "--out", tmp_path / "t.npz") == 0
+    assert both(tmp_path / "t.npz", data) == []
+
+
+def test_a_mistyped_tile_is_named_beside_what_it_may_mean(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for wrong, meant in (
+        ("east/t0007", "did you mean 'east/t00007'?"),
+        ("t00007", "put the scene before each tile: east/t00007"),
+    ):
+        ranked = [
+            [wrong if tile == "east/t00007" else tile for tile in row]
+            for row in perfect["ranked_ids"]
+        ]
+        path = write_predictions(
+            tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=ranked
+        )
+        for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
+            assert run_main(*command, path, "--data", data) == code
+            assert meant in capsys.readouterr().err
 
 
 def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
@@ -106,7 +153,7 @@ def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
     notes = both(path, data)
     assert has(notes, "10 queries depend on ties")
-    assert has(notes, "10 queries score all of their tiles alike")
+    assert has(notes, "10 queries give all tiles the same score")
 
 
 @pytest.mark.parametrize("value", [np.nan, 1e200, 0.0])
@@ -128,7 +175,7 @@ def test_bad_gallery_rows_have_one_name_in_eval_and_check(
         warnings.simplefilter("error")
         with pytest.raises(PredictionError, match=r"field 'gallery_descriptors'.*east/t00007"):
             evaluated(path, data)
-        (fault,) = check_predictions(path, data=data, protocol=None, memory_bytes=MEMORY).faults
+        (fault,) = check(path, data=data).errors
     assert "east/t00007" in str(fault)
     assert "field 'gallery_descriptors'" in str(fault)
 
@@ -140,7 +187,7 @@ def test_no_warning_of_numpy_reaches_the_user(
 ) -> None:
     import tomli_w
 
-    from airzoo_bench.protocol import find_protocol
+    from airzoo_bench.protocol.lookup import find_protocol
 
     chosen = find_protocol("made-retrieval", data)
     values = chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
@@ -165,7 +212,7 @@ def test_scores_that_turn_between_scenes_are_refused_by_both(
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", scores=falling, **perfect)
     for command in (["eval", "retrieval"], ["check"]):
         assert run_main(*command, path, "--data", data) in (1, 2)
-        assert "scores are not in order for 4 of 10" in capsys.readouterr().err
+        assert "scores are not in order for 4 of 10 queries" in capsys.readouterr().err
 
 
 def test_tiles_with_an_ending_are_told_to_leave_it_out(
@@ -199,7 +246,7 @@ def test_the_chance_level_stands_beside_the_scores(
 
 
 def _scores_of(data: Path) -> Any:
-    from airzoo_bench.protocol import find_protocol
+    from airzoo_bench.protocol.lookup import find_protocol
 
     return find_protocol("made-retrieval", data).scores
 

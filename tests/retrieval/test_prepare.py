@@ -11,18 +11,18 @@ import pytest
 import shapely
 from rasterio import Affine
 
-from airzoo_bench.errors import BenchmarkError, RasterError
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.queries import write_queries
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
+from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import Gallery, GroundTruth
 from airzoo_bench.retrieval.ties import Ranking
-from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth, write_truth
-from airzoo_bench.scene_inputs import SceneInputs, photo_table
 from tests.support import protocol, write_raster
 
 HEIGHT_M = 100.0
@@ -246,7 +246,7 @@ def test_a_scene_without_any_query_is_named(tmp_path: Path) -> None:
     found = built(inputs(tmp_path, np.array([[5000.0, 0]])))
     write_queries(tmp_path / "s", inputs(tmp_path, np.array([[5000.0, 0]])).photos)
     write_truth(tmp_path / "s", found.truth, found.overlaps)
-    with pytest.raises(BenchmarkError, match="scene s has no query: 1 photos"):
+    with pytest.raises(BenchmarkError, match="scene s has no query: 1 photo excluded"):
         read_truth(tmp_path / "s", "s")
 
 

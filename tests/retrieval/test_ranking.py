@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.retrieval import descriptor_search
 from airzoo_bench.retrieval.descriptor_rows import RowSource
 from airzoo_bench.retrieval.positives import Positives

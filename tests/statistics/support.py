@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.records import Scored
-from airzoo_bench.result import (
+from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
     Result,
@@ -19,8 +21,7 @@ from airzoo_bench.result import (
     TruthUsed,
     with_summary,
 )
-from airzoo_bench.runner.run_files import Evaluation, save
-from airzoo_bench.scores import Score, summarise
+from airzoo_bench.results.scores import Score, summarise
 
 HIT = ScoreColumn(
     key="recall@1",
@@ -115,9 +116,16 @@ def made_method(
     return Scored(name, made_result(records, columns, name, **result), records)
 
 
+def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
+    """Write result and records as `eval` does."""
+    track = SimpleNamespace(files={})
+    run: Any = SimpleNamespace(result=result, records=records, given=SimpleNamespace(track=track))
+    save(run, folder)
+
+
 def write_method(folder: Path, method: Scored) -> Path:
     """Write result and records as `eval` does, and return the result's path."""
-    save(Evaluation(method.result, method.records), folder)
+    write_run(method.result, method.records, folder)
     return folder / "result.json"
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.breakdown import group_records
-from airzoo_bench.records import Scored
-from airzoo_bench.statistics.breakdown_layout import breakdown_table
+from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.breakdown import group_records
+from airzoo_bench.tables.breakdown_layout import breakdown_table
 from tests.statistics.support import ERROR, HIT, SOFT, random_methods
 
 

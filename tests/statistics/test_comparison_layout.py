@@ -8,26 +8,24 @@ import numpy as np
 import pytest
 
 from airzoo_bench.matching.scores import matching_scores
-from airzoo_bench.protocol import (
-    MatchingProtocol,
-    ReconstructionProtocol,
-    RetrievalProtocol,
-    load_protocol,
-    shipped_protocols,
-)
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.records import Scored
-from airzoo_bench.result import ScoreColumn, score_columns
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.comparison import Comparison, Pair, compare
-from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import Plan
 from airzoo_bench.statistics.significance import PairedTest, is_hit
-from airzoo_bench.statistics.verdicts import disagreement, sentence, verdict
-from airzoo_bench.statistics.wording import by_reason, counted
+from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.model import Between
+from airzoo_bench.tables.render import render
+from airzoo_bench.tables.verdicts import disagreement, sentence, verdict
+from airzoo_bench.tables.wording import by_reason
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
 FAST = Plan(resamples=1_000)
@@ -109,9 +107,12 @@ class TestVerdict:
             ({"score": ERROR, "difference": -0.1}, "better"),
             ({"p_holm": 0.05}, "better"),
             ({"p_holm": 0.0501}, "unclear"),
-            ({"difference": 0.0}, "equal"),
-            ({"difference": None}, "equal"),
+            ({"difference": 0.0}, "unclear"),
+            ({"difference": None}, "unclear"),
+            ({"difference": 0.0, "wins": 1, "losses": 1}, "too few"),
+            ({"difference": None, "wins": 1, "losses": 1}, "too few"),
             ({"difference": 0.0, "wins": 0, "losses": 0}, "equal"),
+            ({"difference": 1e-10, "wins": 0, "losses": 0}, "equal"),
             ({"wins": 5, "losses": 0}, "too few"),
             ({"wins": 3, "losses": 3}, "better"),
             ({"difference": np.inf}, "better"),
@@ -119,6 +120,19 @@ class TestVerdict:
     )
     def test_words(self, changes: dict[str, object], word: str) -> None:
         assert verdict(replace(PAIR, **changes)) == word  # type: ignore[arg-type]
+
+    @pytest.mark.parametrize("form", ["terminal", "csv", "json", "markdown", "html", "latex"])
+    def test_is_the_same_everywhere(self, form: str) -> None:
+        # The same average, and one query for each: no test can find anything.
+        rows = {"a": [1.0, 0.0] * 10, "b": [0.0, 1.0] + [1.0, 0.0] * 9}
+        methods = [made_method({"s": {"recall@1": row}}, (HIT,), n) for n, row in rows.items()]
+        table = comparison_table(against(*methods))
+        assert (table.rows[0].cells[2].value, table.rows[0].cells[5].value) == ("too few", 0.0)
+        said = render(table, form) + "\n".join(table.notes)
+        assert "too few" in said
+        assert "equal" not in said
+        [pair] = against(*methods).pairs
+        assert sentence(pair, FAST).startswith("Too few to tell b and a apart")
 
     def test_a_small_p_is_never_nothing(self) -> None:
         tiny = replace(PAIR, test=replace(PAIR.test, p_value=9.9e-5), p_mcnemar=1e-9)
@@ -302,9 +316,3 @@ class TestReasons:
 
     def test_one_score_is_named(self) -> None:
         assert by_reason([("few", HIT, "a")]) == {"few": "R@1"}
-
-
-def test_counted() -> None:
-    assert counted(1, "query") == "1 query"
-    assert counted(0, "query") == "0 queries"
-    assert counted(2, "scene") == "2 scenes"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.records import Scored
-from airzoo_bench.statistics.differences import differences_table
+from airzoo_bench.results.records import Scored
+from airzoo_bench.tables.differences import differences_table
 from tests.statistics.support import ERROR, HIT, SOFT, made_method
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from airzoo_bench.statistics import draws
 from airzoo_bench.statistics.averages import leave_one_out
 from airzoo_bench.statistics.intervals import (
     FEWEST,
@@ -17,6 +18,7 @@ from airzoo_bench.statistics.intervals import (
     _moments,
     acceleration,
     bootstrap,
+    few_units,
     interval_limits,
 )
 from airzoo_bench.statistics.samples import Plan, Sample
@@ -44,7 +46,8 @@ def test_percentiles_by_hand():
     plan = Plan(interval="percentile", confidence=0.5)
     found, exists = interval_limits(resamples, *np.zeros((3, 2)), plan)
     assert found.tolist() == [[1.0, 3.0], [1.0, np.inf]]
-    assert exists.all()
+    assert exists.tolist() == [True, True]
+    assert exists.dtype == np.bool_
     narrow = Plan(interval="percentile", confidence=0.25)
     # Levels 0.375 and 0.625: half way between ranks, and half way to infinity is infinity.
     found, _ = interval_limits(resamples, *np.zeros((3, 2)), narrow)
@@ -76,6 +79,9 @@ def test_rounding_is_no_bias(rounding, size):
     resamples = np.repeat([-2.0, -1.0, 0.0, 1.0, 2.0], [100, 150, 500, 150, 100])[None] * size
     given = np.array([rounding * size]), np.array([size]), np.zeros(1), Plan(confidence=0.7)
     assert interval_limits(resamples, *given)[0].tolist() == [[-size, size]]
+    # Where the numbers are 0, only what is equal is a tie.
+    nothing = np.zeros(1), np.zeros(1), np.zeros(1), Plan(confidence=0.7)
+    assert interval_limits(resamples, *nothing)[0].tolist() == [[-size, size]]
     # Differences that are small, and no rounding, are no ties.
     aside = np.array([0.5e-9 * size])
     found = interval_limits(1e-9 * resamples, aside, *given[1:])[0] / size
@@ -155,7 +161,18 @@ def test_a_scene_s_interval_does_not_depend_on_other_scenes():
     both = bootstrap(sample(one, other), FAST)
     alone = bootstrap(sample(one), FAST)
     assert both.groups["s0"] == alone.groups["s0"] == alone.overall
+    # The average of two scenes is half of their sum.
+    shifted = bootstrap(sample(one, one + 10.0), FAST)
+    assert limits(shifted.overall[0]) == pytest.approx((5.5, 5.5), abs=0.3)
     assert both.overall != alone.overall
+
+
+def test_blocks_change_nothing(monkeypatch):
+    values = np.random.default_rng(0).random((3, 50))
+    made = sample(values[:, :20], values[:, 20:], medians=np.array([False, True, True]))
+    whole = bootstrap(made, FAST, [(1, 2)])
+    monkeypatch.setattr(draws, "_CELLS", 1_000)
+    assert bootstrap(made, FAST, [(1, 2)]) == whole
 
 
 def test_a_method_s_interval_does_not_depend_on_other_methods():
@@ -238,6 +255,29 @@ def test_too_few_units():
 def test_one_unit():
     found = bootstrap(sample(np.ones(1)), FAST).overall[0]
     assert found.reason == "only 1 query in scene s0: an interval needs 5"
+    assert few_units(4, "", "scene") == Interval(
+        None, None, "", "only 4 scenes: an interval needs 5"
+    )
+    assert few_units(5, "", "scene") is None
+
+
+def test_no_group():
+    with pytest.raises(ValueError, match=r"^a sample has at least one group$"):
+        bootstrap(Sample("query", (), (), MEAN), FAST)
+
+
+def test_medians_alone_have_a_p_and_only_where_all_groups_are_large_enough():
+    values = np.random.default_rng(0).random((4, 30))
+    values[0] += 5.0
+    mixed, pairs = np.array([True, True, False, False]), [(0, 1), (2, 3), (1, 0)]
+    assert bootstrap(sample(values, medians=mixed), FAST, pairs).p_values == [
+        2 / 1_001,
+        None,
+        2 / 1_001,
+    ]
+    for groups in ([values[:, :4]], [values, values[:, :4]], [values[:, :4], values]):
+        made = sample(*groups, medians=mixed)
+        assert bootstrap(made, FAST, pairs, groups=False).p_values == [None] * 3
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, np.inf])
@@ -245,9 +285,11 @@ def test_units_that_are_all_alike(value):
     alike = np.full(30, value)
     mixed = np.arange(30.0)
     found = bootstrap(sample(np.stack([alike, mixed])), FAST, [(0, 0), (1, 1), (0, 1)]).overall
-    assert found[0].reason == "all queries are alike: resamples cannot differ"
+    reason = "all queries are alike: resamples cannot differ"
+    assert found[0] == Interval(None, None, "", reason)
     assert found[1].low is not None
-    assert found[2].reason == found[3].reason == found[0].reason
+    reason = "the differences of all queries are alike: resamples cannot differ"
+    assert found[2].reason == found[3].reason == reason
     # Where one scene is even and another is not, there is an interval.
     assert bootstrap(sample(alike, mixed), FAST).overall[0].high is not None
 

@@ -8,13 +8,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.intervals import interval_limits
-from airzoo_bench.statistics.percentiles import percentile_p_values
+from airzoo_bench.statistics.percentiles import percentile_p_values, quantiles
 from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.statistics.verdicts import verdict
+from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.verdicts import verdict
 from tests.statistics.simulations import (
     OTHERS,
     STATED,
@@ -61,6 +61,43 @@ def test_p_by_hand() -> None:
     assert percentile_p_values(resamples).tolist() == [2 / 6, 2 / 6, 1.0]
     finer = np.arange(-5.0, 94.0, 2.0)[None]
     assert percentile_p_values(finer) == pytest.approx([2 * 2.5 / 49])
+
+
+@pytest.mark.parametrize(
+    ("resamples", "p_value"),
+    [
+        # Up to a quarter all is minus infinity, and so below 0; from the other side too.
+        ([-np.inf, 1, 2, 3, 4], 2 * 1 / 4),
+        ([-1, np.inf, np.inf, np.inf, np.inf], 2 / 6),
+        # 0 lies at three quarters between the first two ranks, or at a quarter between the last.
+        ([-3, 1, 2, 3, 4], 2 * 0.75 / 4),
+        ([-4, -3, -2, -1, 3], 2 * 0.75 / 4),
+        # Never below what so few resamples can tell.
+        ([-0.5, 0.5, 0.6, 0.7, 0.8], 2 / 6),
+        # 0 is a rank: only at or beyond it is 0 left out.
+        ([0, 1, 2, 3, 4], 2 / 6),
+        ([-1, 0, 1, 2, 3], 2 * 1 / 4),
+        ([-1, 0, 0, 1, 2], 1.0),
+        ([-2, -1, 0, 1, 2], 1.0),
+    ],
+)
+def test_p_of_five_resamples_by_hand(resamples: list[float], p_value: float) -> None:
+    both = np.array([resamples, [-value for value in resamples[::-1]]])
+    assert percentile_p_values(both[:, [3, 0, 4, 1, 2]]) == pytest.approx([p_value] * 2)
+
+
+def test_quantiles_by_hand() -> None:
+    inf = np.inf
+    ranked = np.array([[0.0, 1, inf], [-inf, 1, 4], [-inf, -inf, inf], [-inf, inf, inf]])
+    levels = np.array([[0.0, 0.25, 0.5, 0.75, 1.0]] * 4)
+    # Half way to infinity is infinity; between both, the side of the level.
+    assert quantiles(ranked, levels).tolist() == [
+        [0, 0.5, 1, inf, inf],
+        [-inf, -inf, 1, 2.5, 4],
+        [-inf, -inf, -inf, inf, inf],
+        [-inf, -inf, inf, inf, inf],
+    ]
+    assert quantiles(np.array([[-inf, inf]]), np.array([[0.49, 0.5]])).tolist() == [[-inf, inf]]
 
 
 @pytest.mark.parametrize("name", STATED | WITH_FAILURES)

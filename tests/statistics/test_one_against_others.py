@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.comparison_layout import comparison_table
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.verdicts import verdict
 from airzoo_bench.tables.blocks import as_asked, by_count
+from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.verdicts import verdict
 from tests.statistics.support import ERROR, HIT, random_methods
 from tests.statistics.test_comparison_layout import FAST, PAIR, against
 
@@ -74,7 +74,7 @@ class TestOfOne:
         assert notes[0] == (
             "R@1 of method02: better than method00; worse than method01; unclear against method03"
         )
-        equal = [replace(pair, difference=0.0) for pair in changes]
+        equal = [replace(pair, difference=0.0, wins=0, losses=0) for pair in changes]
         notes = comparison_table(replace(found, pairs=equal)).notes
         assert notes[0] == "R@1 of method02: equal to method00, method01, method03"
         doubtful = [replace(pair, interval=Interval(-1, 1)) for pair in changes]

@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.errors import UsageError
-from airzoo_bench.statistics.printed import hit_rate_interval, hits_that_print, printed_bounds
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.statistics.significance import mcnemar
+from airzoo_bench.tables.printed_comparison import (
+    hit_rate_interval,
+    hits_that_print,
+    printed_bounds,
+)
 
 
 def test_the_question_of_the_paper_s_reader():

@@ -14,11 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.errors import ResultError, UsageError
-from airzoo_bench.records import Scored, read_records, read_scored
-from airzoo_bench.result import read_result, write_result
-from airzoo_bench.runner.run_files import Evaluation, save
-from tests.statistics.support import ERROR, HIT, made_method, made_records, write_method
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.results.records import Scored, read_records, read_scored
+from airzoo_bench.results.result import read_result, write_result
+from tests.statistics.support import ERROR, HIT, made_method, made_records, write_method, write_run
 
 COLUMNS = (HIT, ERROR)
 SCENES = {
@@ -45,7 +44,7 @@ def test_other_columns_and_awkward_names(tmp_path):
         pitch=[1.5, None, 3, 4],
     )
     made = made_method(SCENES, COLUMNS)
-    save(Evaluation(made.result, records), tmp_path)
+    write_run(made.result, records, tmp_path)
     read = read_records(tmp_path / "result.json")
     assert read["query"].tolist() == ["007", "NA", 'a,"b"', "nan"]
     assert read["weather"].isna().tolist() == [True, False, True, False]
@@ -55,7 +54,7 @@ def test_other_columns_and_awkward_names(tmp_path):
 
 def test_records_of_scenes_are_named_by_them(tmp_path):
     made = made_method({scene: {"recall@1": [0.5]} for scene in SCENES})
-    save(Evaluation(made.result, made.records.drop(columns="query")), tmp_path)
+    write_run(made.result, made.records.drop(columns="query"), tmp_path)
     assert read_records(tmp_path / "result.json")["query"].tolist() == ["east", "west"]
 
 
@@ -125,7 +124,7 @@ def test_a_result_without_records(tmp_path):
 )
 def test_records_that_cannot_be_of_the_result(change, message, tmp_path):
     made = made_method(SCENES, COLUMNS)
-    save(Evaluation(made.result, change(made.records)), tmp_path)
+    write_run(made.result, change(made.records), tmp_path)
     with pytest.raises(ResultError, match=message):
         read_records(tmp_path / "result.json")
 
@@ -183,7 +182,7 @@ def test_a_saved_result_is_intact_and_knows_its_records(path):
 @pytest.mark.parametrize("columns", [(), ("error_m",), ("error_m", "weather", "absent")])
 def test_only_the_columns_that_are_wanted(columns, tmp_path):
     records = made_records(SCENES).assign(weather="fog", pitch=1.0)
-    save(Evaluation(made_method(SCENES, COLUMNS).result, records), tmp_path)
+    write_run(made_method(SCENES, COLUMNS).result, records, tmp_path)
     path = tmp_path / "result.json"
     read = read_records(path, columns=columns)
     assert [*read] == ["scene", "query", *(c for c in columns if c != "absent")]
@@ -219,7 +218,7 @@ def test_what_is_not_wanted_must_be_there_and_unchanged(path):
 def test_types_are_those_that_were_written(texts, kind, tmp_path):
     scenes = {"1e5": {"recall@1": [1.0, 0.0, 1.0]}}
     made = made_method(scenes)
-    save(Evaluation(made.result, made.records.assign(condition=texts)), tmp_path)
+    write_run(made.result, made.records.assign(condition=texts), tmp_path)
     read = read_records(tmp_path / "result.json")
     assert read["scene"].tolist() == ["1e5"] * 3
     found = read["condition"]

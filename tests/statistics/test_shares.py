@@ -48,6 +48,53 @@ def test_wilson_and_jeffreys_are_scipy_s(queries: int) -> None:
         assert limits == pytest.approx([low, high], abs=1e-9)
 
 
+def test_limits_of_nothing_and_of_everything_are_exact() -> None:
+    for queries in range(1, 300):
+        rates = Rates.of(hits(0, queries, queries=queries))
+        for confidence in (0.9, 0.95):
+            for limits in (wilson_limits(rates, confidence), jeffreys_limits(rates, confidence)):
+                assert (limits[0, 0], limits[1, 1]) == (0.0, 1.0)
+                assert 0.0 < limits[0, 1] == pytest.approx(1.0 - limits[1, 0])
+
+
+def test_effective_sizes_by_hand() -> None:
+    # Mean 0.3, squares 20 * 0.01, and the prior's 0.5 * (0.09 + 0.49).
+    rates = Rates.of(np.array([[0.2, 0.4] * 10, [1.0] * 6 + [0.0] * 14]))
+    assert rates.means == pytest.approx([0.3, 0.3])
+    assert rates.sizes == pytest.approx([20 * 0.3 * 0.7 * 21 / (0.2 + 0.29), 20])
+    assert rates.spread == pytest.approx([np.sqrt(0.3 * 0.7 / 180), np.sqrt(0.3 * 0.7 / 20)])
+
+
+def test_differences_of_two_scenes_by_hand_and_row_by_row() -> None:
+    # Hits, graded shares, and hits in one scene alone: each as if the others were not there.
+    random = np.random.default_rng(0)
+    one, other = (np.round(random.uniform(-1, 1, (3, size)) * [[1], [4], [1]]) for size in (12, 30))
+    one[1] /= 4
+    other[1:] /= 5
+    together = difference_limits([one, other], 0.9)
+    for row in range(3):
+        alone = difference_limits([one[row : row + 1], other[row : row + 1]], 0.9)
+        assert together[row].tolist() == alone[0].tolist()
+    spans = [stats.ttest_1samp(v[1], 0.0).confidence_interval(0.9) for v in (one, other)]
+    reach = np.hypot(*((span.high - span.low) / 2 for span in spans)) / 2
+    mean = (one[1].mean() + other[1].mean()) / 2
+    assert together[1] == pytest.approx([mean - reach, mean + reach])
+    # MOVER: of two scenes alike, the reach is that of one over the root of two.
+    single, double = difference_limits([one], 0.9), difference_limits([one, one], 0.9)
+    middle = one.mean(axis=1, keepdims=True)
+    assert (double - middle) * np.sqrt(2) == pytest.approx(single - middle)
+
+
+def test_no_difference_of_shares_is_larger_than_1() -> None:
+    lost = np.array([[-1.0, -1.0, -1.0, -1.0, -0.1]])
+    for values, side in ((lost, 0), (-lost, 1)):
+        student = stats.ttest_1samp(values[0], 0.0).confidence_interval(0.95)
+        assert np.abs(student).max() > 1.3
+        found = difference_limits([values], 0.95)[0]
+        assert found[side] == values[0, 0]
+        assert found[1 - side] == pytest.approx(student[1 - side])
+
+
 def test_mover_by_hand() -> None:
     scenes = [hits(9, queries=10), hits(60, queries=200)]
     one, other = (jeffreys_limits(Rates.of(scene), 0.95)[0] for scene in scenes)

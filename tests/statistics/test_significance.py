@@ -7,8 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
+from airzoo_bench.statistics import draws
+from airzoo_bench.statistics.draws import sign_flips, stream_key
 from airzoo_bench.statistics.samples import Plan, Sample
-from airzoo_bench.statistics.significance import mcnemar, paired_permutation
+from airzoo_bench.statistics.significance import is_share, mcnemar, p_floor, paired_permutation
+from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT
 
 ALL = Plan(resamples=100_000)
 
@@ -45,6 +48,12 @@ def test_by_hand():
     # Three differences of the same sign: 2 of 8 patterns are as far from nothing.
     test = paired_permutation(sample([[3, 2, 1], [0, 0, 0]]), ALL, [(0, 1)])[0]
     assert (test.p_value, test.exact, test.patterns) == (2 / 8, True, 8)
+
+
+def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples():
+    made = sample([[3, 2, 1], [0, 0, 0]])
+    tests = [paired_permutation(made, Plan(resamples=count), [(0, 1)])[0] for count in (7, 8, 9)]
+    assert [(test.exact, test.patterns) for test in tests] == [(False, 7), (True, 8), (True, 8)]
 
 
 def test_units_that_do_not_differ_do_not_count():
@@ -105,9 +114,45 @@ def test_scenes_change_places_independently():
     assert near.p_value == pytest.approx(exact.p_value, abs=0.02)
 
 
+def test_random_patterns_are_those_that_the_seed_names():
+    # Published p-values can be computed again: seed and scene say which units change places.
+    groups = [np.random.default_rng(size).random((2, size)) for size in (13, 8)]
+    made = sample(*(values.tolist() for values in groups))
+    found, observed = np.zeros(300), 0.0
+    for name, (first, second) in zip(made.groups, groups, strict=True):
+        kept = sign_flips(len(first), 0, 300, stream_key(7, "permutation", name))
+        found += (first - second) @ (2.0 * kept - 1.0) / len(first)
+        observed += (first - second).mean()
+    test = paired_permutation(made, Plan(resamples=300, seed=7), [(0, 1)])[0]
+    assert test.p_value == ((np.abs(found) >= abs(observed)).sum() + 1) / 301
+
+
+@pytest.mark.parametrize("resamples", [300, 1 << 12])
+def test_blocks_change_nothing(monkeypatch, resamples):
+    # Random patterns, and all of the twelve units' patterns.
+    values = np.random.default_rng(2).random((6, 12))
+    values[2, :3] = values[3, 1] = np.inf
+    made = Sample("query", ("a", "b"), (values[:, :5], values[:, 5:]), np.arange(6) > 3)
+    pairs, plan = [(0, 1), (2, 3), (2, 0), (4, 5)], Plan(resamples=resamples)
+    whole = paired_permutation(made, plan, pairs)
+    monkeypatch.setattr(draws, "_CELLS", 200)
+    assert paired_permutation(made, plan, pairs) == whole
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("median", [False, True])
+@pytest.mark.parametrize("failure", [1.0, np.inf])
+def test_the_unit_of_length_does_not_matter(failure, median, scale):
+    groups = [[[1.0, 4, 2, 9, 5.3], [3, 1, 1, 2, 2.9]], [[4, 3, 2.0], [1, failure, 3]]]
+    scaled = [[[scale * v for v in side] for side in group] for group in groups]
+    test = paired_permutation(sample(*scaled, median=median), ALL, [(0, 1)])[0]
+    assert test.p_value == pytest.approx(by_brute_force(*groups, median=median))
+
+
 def test_equal_methods_and_one_unit():
     same = [[0.0, 1.0, np.inf], [0.0, 1.0, np.inf]]
     assert paired_permutation(sample(same), ALL, [(0, 1)])[0].p_value == 1.0
+    assert paired_permutation(sample([[0, 1], [0, 1]]), ALL, [(0, 1)])[0].p_value == 1.0
     assert paired_permutation(sample([[1.0], [0.0]]), ALL, [(0, 1)])[0].p_value == 1.0
 
 
@@ -120,8 +165,9 @@ def test_p_is_never_nothing():
 def test_pairs_do_not_see_each_other():
     values = np.random.default_rng(0).random((4, 30))
     values[3, :3] = np.inf
+    values[2] *= 1e10  # what is rounding there is much elsewhere
     made = Sample("query", ("s",), (values,), np.zeros(4, bool))
-    pairs = [(0, 1), (0, 2), (3, 0), (1, 1)]
+    pairs = [(0, 1), (0, 2), (3, 0), (1, 1), (2, 3)]
     plan = Plan(resamples=500)
     assert paired_permutation(made, plan, pairs) == [
         paired_permutation(made, plan, [pair])[0] for pair in pairs
@@ -161,3 +207,16 @@ def test_mcnemar_is_the_fraction_that_it_is():
         assert paired.exact
         assert float(mcnemar(np.array(wins), np.array(losses))) == paired.p_value
     assert 0 < float(mcnemar(np.array(0), np.array(900))) < 1e-200
+
+
+def test_the_least_p_is_that_of_units_that_all_differ_alike():
+    assert [p_floor(unlike) for unlike in (0, 1, 2, 3, 6)] == [1, 1, 1 / 2, 1 / 4, 1 / 32]
+    for unlike in (1, 2, 5):
+        values = [[2.0] * unlike + [7.0], [1.0] * unlike + [7.0]]
+        assert paired_permutation(sample(values), ALL, [(0, 1)])[0].p_value == p_floor(unlike)
+        assert float(mcnemar(np.array(unlike), np.array(0))) == p_floor(unlike)
+
+
+def test_shares_of_queries_are_means_from_0_to_1():
+    assert [is_share(score) for score in (HIT, SOFT, ERROR, CHAMFER)] == [True, True, False, False]
+    assert not is_share(SOFT.model_copy(update={"average": "median"}))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.statistics.board_intervals import with_intervals
+from airzoo_bench.core.plurals import counted, plural
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Plan, counted, plural
-from airzoo_bench.statistics.wording import brackets_note, intervals_made, resampled
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.board_intervals import with_intervals
 from airzoo_bench.tables.entries import OVERALL, board_of
+from airzoo_bench.tables.wording import brackets_note, intervals_made, resampled
 from tests.statistics.support import CHAMFER, ERROR, HIT, made_method
 
 NONE = Interval(None, None, "", "why")

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.protocol import load_protocol, shipped_protocols
-from airzoo_bench.published import published_tables
-from airzoo_bench.result import ProtocolUsed, Result, TruthUsed, write_result
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, write_result
 from airzoo_bench.tables.entries import Board, with_published
+from airzoo_bench.tables.published import published_tables
 from tests.support import run_main, write_predictions
 from tests.tables.typeset import typeset
 from tests.test_result import result
@@ -217,7 +217,7 @@ def test_a_document_with_everything(
         (["--cite", "Mine=a}b", *LATEX], ["'a}b' is no citation key"]),
         (["--cite", "Nobody=a", *LATEX], ["--cite: no row is called 'Nobody'"]),
         (["--cite", "none.toml", *LATEX], ["none.toml: no such file of citations"]),
-        (["--score", "R@2"], ["no score 'R@2' (did you mean 'R@1'", "one of R@1, Distance"]),
+        (["--score", "R@2"], ["called 'R@2' (did you mean 'R@1'", "one of: R@1; Distance"]),
         (["--scene", "Sea"], ["no scene 'Sea'", "one of City, Rural"]),
         (["--intervals"], ["records"]),
     ],

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.errors import ResultError
-from airzoo_bench.published import published_tables, read_source
-from airzoo_bench.result import ScoreColumn
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import methods_layout, scenes_layout
 from airzoo_bench.tables.marks import add_gains, cite, highlight, parse_baselines
 from airzoo_bench.tables.model import Between, Cell, Column, PlusMinus, Row, Table, mark_best
+from airzoo_bench.tables.published import published_tables, read_source
 from airzoo_bench.tables.render import FORMATS, render
 from tests.tables.typeset import bold_words, typeset
 

@@ -141,7 +141,7 @@ class TestSorting:
         self, files: list[Path], capsys: pytest.CaptureFixture[str]
     ) -> None:
         assert run_main("table", *files, "--sort", "R@2") == 2
-        assert "--sort: there is no score 'R@2' (did you mean 'R@1'" in capsys.readouterr().err
+        assert "--sort: no score here is called 'R@2' (did you mean 'R@1" in capsys.readouterr().err
         assert run_main("table", files[0], "--sort", "R@1") == 2
         assert "takes no --sort" in capsys.readouterr().err
 
@@ -163,7 +163,7 @@ class TestAveragesOfThePaper:
     def test_that_nobody_prints(
         self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        import airzoo_bench.published as published
+        import airzoo_bench.tables.published as published
 
         every = published.published_tables
         monkeypatch.setattr(

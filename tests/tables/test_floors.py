@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from airzoo_bench.result import Reference, Result, write_result
+from airzoo_bench.results.result import Reference, Result, write_result
 from airzoo_bench.tables.build import scenes_table
 from airzoo_bench.tables.entries import board_of
 from airzoo_bench.tables.floors import with_floors
@@ -16,6 +17,7 @@ from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import benchmarks_layout, scenes_layout
 from airzoo_bench.tables.model import mark_best
 from airzoo_bench.tables.render import FORMATS, render
+from tests.statistics.support import made_method, write_method
 from tests.support import run_main
 from tests.tables.test_command import made
 from tests.tables.typeset import bold_words, typeset
@@ -32,6 +34,10 @@ def chance(city: float, rural: float) -> Reference:
 def scored(method: str, city: float, rural: float, **parts: Any) -> Result:
     scenes = {"City": {"recall@1": city}, "Rural": {"recall@1": rural}}
     return made(method, scenes, **({"references": {NAME: chance(0.75, 0.5)}} | parts))
+
+
+def with_references(result: Result, references: dict[str, Reference]) -> Result:
+    return result.model_copy(update={"references": references}).sealed()
 
 
 @pytest.fixture
@@ -150,6 +156,23 @@ def test_a_terminal_shows_them_in_grey() -> None:
     table = scenes_layout(with_floors(board_of([result]), [result]))
     line = next(r for r in render(table, "terminal", styled=True).splitlines() if NAME in r)
     assert "\x1b[3;90m" in line
+
+
+def test_why_they_have_no_interval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = {scene: {"recall@1": [1.0, 0.0] * 4} for scene in ("City", "Rural")}
+    paths = []
+    for name in ("one", "two"):
+        method = made_method(rows, name=name)
+        changed = replace(method, result=with_references(method.result, {NAME: chance(0.5, 0.5)}))
+        paths.append(write_method(tmp_path / name, changed))
+    said = f"no interval for {NAME}: intervals are of methods"
+    for results in (paths, paths[:1]):
+        assert run_main("table", *results, "--intervals", "--floors") == 0
+        out = capsys.readouterr().out
+        assert out.count(said) == 1
+        assert ("no interval for Pooled: intervals are of scenes" in out) == (len(results) == 1)
+        assert run_main("table", *results, "--intervals") == 0
+        assert said not in capsys.readouterr().out
 
 
 def test_published_numbers_alone_have_none(capsys: pytest.CaptureFixture[str]) -> None:

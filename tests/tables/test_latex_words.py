@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.errors import UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.marks import cite
 from airzoo_bench.tables.model import Cell, Column, Row, Table

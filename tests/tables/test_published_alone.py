@@ -7,7 +7,7 @@ import io
 
 import pytest
 
-from airzoo_bench.published import published_tables
+from airzoo_bench.tables.published import published_tables
 from tests.support import run_main
 
 

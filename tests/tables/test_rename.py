@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.result import write_result
+from airzoo_bench.results.result import write_result
 from airzoo_bench.tables.render import FORMATS
 from tests.support import run_main
 from tests.tables.test_command import made

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.errors import ResultError
+from airzoo_bench.core.errors import ResultError
 from airzoo_bench.tables.build import methods_table, scenes_table
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table, mark_best
 from airzoo_bench.tables.render import FORMATS, render

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.result import Result, ScoreColumn, write_result
-from airzoo_bench.result_files import method_names
+from airzoo_bench.results.files import method_names
+from airzoo_bench.results.result import Result, ScoreColumn, write_result
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.render import render
@@ -136,7 +136,7 @@ def test_a_score_that_one_track_has(files: list[Path], capsys: pytest.CaptureFix
     both = printed(capsys, *files, "--score", "Error", "--score", "R@1", "--format", "csv")
     assert both.splitlines()[0].count("Error") == both.splitlines()[0].count("R@1") == 2
     assert run_main("table", *files, "--score", "R@7") == 2
-    assert "no score 'R@7'" in capsys.readouterr().err
+    assert "no score here is called 'R@7'" in capsys.readouterr().err
 
 
 def test_units_are_named_for_the_fewer_scores(

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.errors import ResultError
-from airzoo_bench.result import write_result
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.results.result import write_result
 from airzoo_bench.tables.build import methods_table, scenes_table
 from airzoo_bench.tables.entries import board_of
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.records import Scored
-from airzoo_bench.statistics.board_intervals import with_intervals
+from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.board_intervals import with_intervals
 from airzoo_bench.tables.entries import OVERALL, board_of
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.marks import add_gains

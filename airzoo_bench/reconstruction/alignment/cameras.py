@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from airzoo_bench.errors import first_of
+from airzoo_bench.core.errors import first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.reconstruction.alignment.consensus import (

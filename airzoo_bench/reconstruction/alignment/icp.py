@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, fit_many
-from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.regions import finite_rows
 
 __all__ = ["CloudFit", "IcpReport", "IcpSettings", "drawn", "refine"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from airzoo_bench.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.poses import Poses
 

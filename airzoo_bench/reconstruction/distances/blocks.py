@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.progress import Progress, silent
 from airzoo_bench.reconstruction.distances.boxes import bound_squared, gap_squared
 from airzoo_bench.reconstruction.distances.morton import gather, morton_order
 from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.progress import Progress, silent
-from airzoo_bench.reconstruction.clouds import CloudSource
 from airzoo_bench.reconstruction.distances.blocks import block_distances
 from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 from airzoo_bench.reconstruction.regions import finite_rows

@@ -25,7 +25,7 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.distances.boxes import BoxTree, squared_distance
 from airzoo_bench.reconstruction.distances.morton import gather, morton_order
 
-__all__ = ["NeighbourSearch", "mutual_distances", "nearest_distances"]
+__all__ = ["NeighbourSearch", "mutual_distances"]
 
 _LEAF = 16
 _CHUNK = 1 << 17
@@ -42,55 +42,28 @@ _MIXERS = tuple(map(np.uint64, (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667
 Hashes = NDArray[np.uint64]
 
 
-def nearest_distances(points: Floats, others: Floats, *, threads: int) -> Floats:
-    """Distance of each point to the nearest of others.
+def mutual_distances(first: Floats, second: Floats, *, threads: int) -> tuple[Floats, Floats]:
+    """Distance of each point to the nearest of the other cloud, both ways.
 
     Parameters
     ----------
-    points : (N, 3) array
-        Finite.
-    others : (M, 3) array
-        Finite; M below 2^32.
+    first : (N, 3) array
+    second : (M, 3) array
+        Finite, each with fewer than 2^32 points.
     threads : int
         At least 1. The distances do not depend on it.
 
     Returns
     -------
     (N,) float64
-        In the order of `points`; infinite where there are no others.
+        From each point of `first` to `second`.
+    (M,) float64
+        From each point of `second` to `first`. Infinite where the other cloud has no point.
 
     Raises
     ------
     ValueError
         Another shape, or a coordinate that is not finite.
-    """
-    _check(points)
-    _check(others)
-    if len(others) == 0:
-        return np.full(len(points), np.inf)
-    return _distances(points, morton_order(points), others, morton_order(others), threads)
-
-
-def mutual_distances(first: Floats, second: Floats, *, threads: int) -> tuple[Floats, Floats]:
-    """Nearest distances both ways, as two calls of `nearest_distances`, but quicker.
-
-    Parameters
-    ----------
-    first : (N, 3) array
-    second : (M, 3) array
-    threads : int
-
-    Returns
-    -------
-    (N,) float64
-        From each point of `first` to `second`.
-    (M,) float64
-        From each point of `second` to `first`.
-
-    Raises
-    ------
-    ValueError
-        See `nearest_distances`.
     """
     _check(first)
     _check(second)

@@ -16,7 +16,7 @@ from typing import IO
 
 import numpy as np
 
-from airzoo_bench.errors import UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["Block", "Cells", "Spill", "cells_of", "spilled"]

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import struct
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from numbers import Real
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Ints
-from airzoo_bench.pycolmap_loader import load_pycolmap
+from airzoo_bench.geometry.sift import extract, mutual_nearest
 from airzoo_bench.reconstruction.sfm.model import Lens, Model, model_arrays, model_from_arrays
 from airzoo_bench.reconstruction.sfm.views import TwoViews, map_photos, verify
-from airzoo_bench.sift import extract, mutual_nearest
-from airzoo_bench.temporaries import temporary_folder
 
 __all__ = [
     "Batch",
@@ -38,6 +39,7 @@ Reader = Callable[[Path, int], NDArray[np.uint8]]
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 _FILM_MM = 36.0
+_EXIF_IFD = 0x8769
 _FOCAL_35MM = 0xA405  # EXIF's FocalLengthIn35mmFilm; 0 is unknown
 _VERSION = 1  # of the files in the folder
 
@@ -53,7 +55,7 @@ class SfmSettings:
     max_features : int
         The largest SIFT features of a photo that are kept.
     peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1.
+        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
     doubled : bool
         See `sift.extract`.
     ratio : float
@@ -68,15 +70,17 @@ class SfmSettings:
     seed : int
     """
 
-    long_side_px: int
-    max_features: int
-    peak_threshold: float
-    doubled: bool
-    ratio: float
-    neighbours: int | None
-    least_inliers: int
-    max_error_px: float
-    seed: int
+    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1600
+    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 100)] = 4096
+    peak_threshold: float = 0.02 / 3
+    doubled: Annotated[bool, DOUBLED] = True
+    ratio: float = 0.8
+    neighbours: Annotated[
+        int | None, Option("neighbours", "Each photo is matched with so many, by GPS.", 2)
+    ] = 12
+    least_inliers: int = 15
+    max_error_px: float = 4.0
+    seed: Annotated[int, Option("seed", "Of every random choice.", 0)] = 0
 
 
 class Photo(NamedTuple):
@@ -110,15 +114,18 @@ def focal_from_exif(path: Path, size: Ints) -> float:
     """Return the focal length in pixels that EXIF states as that of 35 mm film; NaN without.
 
     The frame of such film is 36 mm wide, here the photo's long side.
-    """
-    from PIL import ExifTags, Image
 
-    try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
-            given = float(image.getexif().get_ifd(ExifTags.IFD.Exif).get(_FOCAL_35MM, 0) or 0)
-    except (OSError, ValueError, TypeError, SyntaxError, struct.error, ZeroDivisionError):
-        return np.nan  # reading the photo itself will say what is wrong with it
-    return given / _FILM_MM * float(max(size)) if 0.0 < given < np.inf else np.nan
+    Raises
+    ------
+    BenchmarkError
+        See `opened_photo`.
+    """
+    with opened_photo(path) as image:
+        given = image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_35MM, 0)
+    if not isinstance(given, Real):
+        return np.nan
+    focal = float(given) / _FILM_MM * float(max(size))
+    return focal if 0.0 < focal < np.inf else np.nan
 
 
 def extract_features(settings: SfmSettings, read: Reader, photo: Photo) -> None:

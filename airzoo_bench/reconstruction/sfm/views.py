@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.pycolmap_loader import load_pycolmap
 from airzoo_bench.reconstruction.sfm.model import Colours, Lens, Model
 
 __all__ = ["TwoViews", "map_photos", "verify"]

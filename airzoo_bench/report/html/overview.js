@@ -20,7 +20,7 @@ function bestOverall(section) {
   const { texts, marks } = section.standings.overall;
   const marked = (mark) => section.methods.map((_, place) => place).filter((place) => marks[place][index] === mark);
   const [first, ...more] = marked("best").length ? marked("best") : [0];
-  const others = [more.length ? ` and ${more.length} more` : "", marked("tied").length ? `; ${marked("tied").length} cannot be told from it` : ""];
+  const others = [more.length ? ` and ${more.length} more` : "", marked("tied").length ? `; ${marked("tied").length} ${marked("tied").length === 1 ? "other" : "others"} cannot be told from it` : ""];
   return { score, value: texts[first][index], name: `${section.methods[first].name}${others.join("")}`,
     limits: interval(score, (section.intervals.overall[score.key] || [])[first]) };
 }

@@ -23,10 +23,10 @@ function pairsView(section) {
 
 function pairTable(section, found, first, second) {
   const [one, other] = [section.methods[first].name, section.methods[second].name];
-  const heads = [["Score", "text"], [one, null], [other, null], ["Difference", null], ["95 % interval", null], ["p", null], ["p corrected", null], [`${other} is`, "text"]];
+  const heads = [["Score", "text"], [one, null], [other, null], ["Difference", null], ["95 % interval", null], ["p", null], ["p corrected", null], ["Verdict", "text"]];
   const rows = found.map((pair) => el("tr", {}, el("th", { scope: "row", class: "text" }, pair.score),
-    [...pair.values, pair.difference, pair.interval, pair.p, pair.pHolm].map((text) => el("td", {}, text)), el("td", { class: "text" }, pair.verdict)));
-  return el("div", { class: "scroll" }, el("table", {},
-    el("caption", {}, el("span", {}, `${other} minus ${one}`)),
+    [...pair.values, pair.difference, pair.interval, pair.p, pair.pHolm].map((text) => el("td", text.startsWith("none") ? { class: "why" } : {}, text)), el("td", { class: "text" }, pair.verdict)));
+  return el("div", { class: "scroll" }, el("table", { class: "pairs" },
+    el("caption", {}, el("span", {}, `${other} minus ${one}; the verdict is that on ${other}`)),
     el("thead", {}, el("tr", {}, heads.map(([text, kind]) => el("th", { scope: "col", class: kind }, text)))), el("tbody", {}, rows)));
 }

@@ -1,0 +1,198 @@
+"""Scoring and checking predictions of a benchmark, from files or from arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.api.arrays import in_order
+from airzoo_bench.api.results import Result
+from airzoo_bench.core.data_root import data_root
+from airzoo_bench.core.errors import ArgumentError, UserError
+from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.evaluation.check import check as find_errors
+from airzoo_bench.evaluation.evaluate import evaluate as run
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.results.records import held_to_result
+
+__all__ = ["Check", "check", "evaluate"]
+
+Predictions = str | Path | Mapping[str, Any]
+
+
+def evaluate(
+    predictions: Predictions,
+    *,
+    protocol: str | None = None,
+    data: str | Path | None = None,
+    method: str | None = None,
+    jobs: int = 2,
+    max_memory: int = 2 << 30,
+) -> Result:
+    """Score predictions on a benchmark folder, as ``airzoo-bench eval`` does.
+
+    Parameters
+    ----------
+    predictions : path or mapping of str to array-like
+        A prediction file, folder or archive; or the fields of one, as docs/predictions.md names
+        them (of reconstruction a path).
+    protocol : str, optional
+        Name or path of a protocol; by default the predictions' own.
+    data : path, optional
+        The benchmark folder, or the folder that holds it; by default ``AIRZOO_BENCH_DATA``, else a
+        cache folder.
+    method : str, optional
+        What tables call it; by default the file's name.
+    jobs : int
+        Threads; the numbers do not depend on it.
+    max_memory : int
+        The most that the predictions may make the run hold, in bytes.
+
+    Returns
+    -------
+    Result
+        Scores by scene and overall, with `records`; it shows itself as a table.
+
+    Raises
+    ------
+    UserError
+        The predictions, the protocol or the benchmark folder are not as they must be.
+
+    Examples
+    --------
+    >>> evaluate("nowhere.npz")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    airzoo_bench.core.errors.UnreadableError: nowhere.npz: no such prediction file...
+    """
+    resources = Resources(memory_bytes=max_memory, jobs=jobs)
+    with _as_path(predictions, protocol) as path:
+        done = run(path, data=_folder(data), protocol=protocol, method=method, resources=resources)
+    records = done.records
+    if "query" not in records:
+        records = records.assign(query=records["scene"])
+    name = done.result.predictions.method
+    return Result(name, done.result, held_to_result(records, done.result, name))
+
+
+@dataclass(frozen=True)
+class Check:
+    """What is wrong with predictions, and what one may wish to know.
+
+    Attributes
+    ----------
+    errors : tuple of UserError
+        What `evaluate` would refuse.
+    notes : tuple of str
+    """
+
+    errors: tuple[UserError, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.errors
+
+    def __repr__(self) -> str:
+        said = [*map(str, self.errors), *(f"note: {note}" for note in self.notes)]
+        return "\n".join(said) or "nothing wrong was found"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+def check(
+    predictions: Predictions,
+    *,
+    protocol: str | None = None,
+    data: str | Path | None = None,
+    max_memory: int = 2 << 30,
+) -> Check:
+    """Find all that is wrong with predictions, without scoring them.
+
+    Parameters
+    ----------
+    predictions, protocol, data, max_memory
+        See `evaluate`. Without the benchmark folder all is done that can be.
+
+    Returns
+    -------
+    Check
+        It shows itself as a list of sentences.
+
+    Raises
+    ------
+    UserError
+        There is nothing to check: no such file, or no protocol that is known.
+
+    Examples
+    --------
+    >>> check({"query_ids": ["city/1"]})  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    airzoo_bench.core.errors.ArgumentError: predictions as arrays do not say...
+    """
+    resources = Resources(memory_bytes=max_memory)
+    with _as_path(predictions, protocol) as path:
+        found = find_errors(path, data=_folder(data), protocol=protocol, resources=resources)
+    return Check(tuple(found.errors), tuple(found.notes))
+
+
+def _folder(data: str | Path | None) -> Path:
+    return data_root() if data is None else Path(data)
+
+
+def _field(name: str, values: Any) -> NDArray[Any]:
+    """Return a field as an array of numbers or text; columns of pandas hold text as objects."""
+    try:
+        array = np.asarray(in_order(name, values))
+    except ValueError as error:
+        raise ArgumentError(
+            f"field {name!r} cannot be an array: {error}",
+            expected="rows of one length",
+            mend="fill shorter lists with empty ids",
+        ) from error
+    if array.dtype != np.dtype(object):
+        return array
+    if not all(isinstance(value, str) for value in array.ravel()):
+        raise ArgumentError(
+            f"field {name!r} holds Python objects, or lists of different lengths",
+            expected="an array of numbers or text",
+            mend="np.array(values, dtype=str) for ids",
+        )
+    return array.astype(str)
+
+
+@contextmanager
+def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
+    """Give the path of predictions; arrays are written to a file first, as a user would."""
+    if isinstance(predictions, str | Path):
+        yield Path(predictions)
+        return
+    if not isinstance(predictions, Mapping):
+        raise ArgumentError(
+            f"predictions are of type {type(predictions).__name__}",
+            expected="a path, or a dict of the fields of a prediction file",
+        )
+    fields = {name: _field(name, values) for name, values in predictions.items()}
+    if protocol is None and "protocol" not in fields:
+        raise ArgumentError(
+            "predictions as arrays do not say which protocol they are for",
+            expected="protocol=, or a field 'protocol', with the name of one",
+            mend="`airzoo-bench protocols` lists them",
+        )
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "predictions.npz")
+        with atomic_write(path) as stream:
+            write_npz(stream, fields)
+        yield path

@@ -1,0 +1,154 @@
+"""Parts of maps that a method is given: tiles and crops, read when they are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rasterio import Affine
+
+from airzoo_bench.api.photos import Photo
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.frames import describe_crs
+from airzoo_bench.geometry.grids import pixel_to_world
+from airzoo_bench.geometry.rasters import RasterInfo, read_rgb
+from airzoo_bench.matching.lifting import lift
+
+__all__ = ["Crop", "Tile"]
+
+_POINTS = 1 << 19  # of a crop that are lifted at a time
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tile:
+    """A tile of a gallery.
+
+    Attributes
+    ----------
+    id : str
+        ``scene/size_row_column``.
+    box : tuple of 4 float
+        lon_min, lat_min, lon_max, lat_max in degrees, WGS84.
+    size_m : float
+        Mean side on the ground, in metres.
+    window : tuple of 4 int
+        x, y, width, height in pixels of the map that it is cut from.
+    map : Path
+        That map.
+    """
+
+    id: str
+    box: tuple[float, float, float, float]
+    size_m: float
+    window: tuple[int, int, int, int]
+    map: Path
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """The tile (H, W, 3), read now.
+
+        Raises
+        ------
+        RasterError
+            The map is not there or cannot be read.
+        """
+        return read_rgb(self.map, self.window)
+
+    def __repr__(self) -> str:
+        return f"Tile({self.id!r}, {self.window[2]} x {self.window[3]} px, {self.size_m:.1f} m)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Crop:
+    """The part of the map that a query is matched to, found from its prior.
+
+    Attributes
+    ----------
+    query : Photo
+    window : tuple of 4 int
+        x, y, width, height in pixels of the whole map.
+    map : RasterInfo
+        The whole map: path, size, geotransform, CRS.
+    surface : Path
+        The surface model of the scene, on a grid of its own.
+    """
+
+    query: Photo
+    window: tuple[int, int, int, int]
+    map: RasterInfo
+    surface: Path
+
+    @property
+    def offset(self) -> tuple[int, int]:
+        """Where the crop begins in the whole map: column and row in pixels."""
+        return self.window[:2]
+
+    @property
+    def crs(self) -> str:
+        """CRS of the map, such as ``EPSG:32615``, or its WKT where it has no code."""
+        code = self.map.crs.to_epsg()
+        return self.map.crs.to_wkt() if code is None else f"EPSG:{code}"
+
+    @property
+    def transform(self) -> Affine:
+        """Affine transform from pixels of the crop (column, row) to coordinates of `crs`."""
+        a, b, _, d, e, _ = self.map.transform[:6]
+        c, f = pixel_to_world(self.map.transform, self.offset).tolist()
+        return Affine(a, b, c, d, e, f)
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """The crop of the orthophoto (H, W, 3), read now.
+
+        Raises
+        ------
+        RasterError
+            The map is not there or cannot be read.
+        """
+        return read_rgb(self.map.path, self.window)
+
+    @property
+    def heights(self) -> NDArray[np.float32]:
+        """Heights (H, W) of the surface at the centres of the crop's pixels, in metres, read now.
+
+        Interpolated as scoring does; NaN where the surface model has none.
+
+        Raises
+        ------
+        RasterError
+            The surface model is not there or cannot be read.
+        """
+        _, _, width, height = self.window
+        heights = np.empty((height, width), np.float32)
+        step = max(1, _POINTS // width)
+        for top in range(0, height, step):
+            part = heights[top : top + step]
+            row, column = np.indices(part.shape, np.float64)
+            xy = np.stack((column + 0.5, row + 0.5 + top), axis=-1).reshape(-1, 2)
+            part[...] = self.to_points(xy)[:, 2].reshape(part.shape)
+        return heights
+
+    def to_map(self, xy: ArrayLike) -> Floats:
+        """Take pixels (M, 2) of the crop to pixels of the whole map, as predictions have them."""
+        return np.asarray(xy, np.float64) + self.offset
+
+    def to_world(self, xy: ArrayLike) -> Floats:
+        """Take pixels (M, 2) of the crop to coordinates of `crs`, x before y."""
+        return pixel_to_world(self.map.transform, self.to_map(xy))
+
+    def to_points(self, xy: ArrayLike) -> Floats:
+        """Lift pixels (M, 2) of the crop onto the surface: (M, 3) in the scene's CRS, or NaN.
+
+        Raises
+        ------
+        RasterError
+            The surface model is not there or cannot be read.
+        """
+        return lift(self.to_map(xy), self.map, self.surface, workers=1).points
+
+    def __repr__(self) -> str:
+        _, _, width, height = self.window
+        crs = describe_crs(self.map.crs)
+        return f"Crop({self.query.id!r}, {width} x {height} px at {self.offset}, {crs})"

@@ -1,0 +1,166 @@
+"""Photos as a method may know them: what leads to their true poses is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.api.cameras import Camera, Pose
+from airzoo_bench.benchmark.images import photo_size, read_rgb_photo
+from airzoo_bench.benchmark.queries import (
+    CAMERA_COLUMNS,
+    PRIOR_COLUMNS,
+    cameras_of,
+    conditions_of,
+    poses_of,
+)
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Photo", "Photos"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Photo:
+    """A photo as a method may know it; its true pose is not here.
+
+    Attributes
+    ----------
+    id : str
+        ``scene/name``, as prediction files have it.
+    name : str
+        The file's name relative to the folder of photos, such as ``DJI_0018.JPG``.
+    path : Path
+        The file.
+    prior : Pose or None
+        By the photo's own GPS and gimbal angles; None where it has none.
+    conditions : mapping of str to str
+        Such as weather and time of day. What is a number (altitude, pitch) is left out: it comes
+        from the true pose.
+    """
+
+    id: str
+    name: str
+    path: Path
+    prior: Pose | None
+    conditions: Mapping[str, str]
+    _camera: Camera | None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the photo.
+
+        Raises
+        ------
+        BenchmarkError
+            The benchmark does not know it.
+        """
+        if self._camera is None:
+            raise BenchmarkError(f"the camera of {self.id} is not known", where=self.path)
+        return self._camera
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """The photo (H, W, 3) at full size, read now; see `read`."""
+        return self.read()
+
+    def read(self, long_side_px: int | None = None) -> NDArray[np.uint8]:
+        """Read the photo in colour.
+
+        Parameters
+        ----------
+        long_side_px : int, optional
+            Made smaller so far that its long side fits; full size where left out.
+
+        Returns
+        -------
+        (H, W, 3) uint8 array
+
+        Raises
+        ------
+        BenchmarkError
+            It is not there or not readable, or not of its camera's size.
+        """
+        size = photo_size(self.path)
+        if self._camera is not None and size != (self._camera.width, self._camera.height):
+            raise BenchmarkError(
+                f"the photo is {size[0]} x {size[1]} px",
+                where=self.path,
+                expected=f"{self._camera.width} x {self._camera.height} px, the size of its camera",
+            )
+        return read_rgb_photo(self.path, long_side_px or max(size))
+
+    def __repr__(self) -> str:
+        return f"Photo({self.id!r})"
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """Photos by row, made of columns from which the true poses have been taken out."""
+
+    ids: list[str]
+    names: list[str]
+    folder: Path
+    conditions: dict[str, list[str]]
+    cameras: Cameras | None
+    priors: dict[int, Poses]
+
+    @classmethod
+    def of(cls, table: pd.DataFrame, folder: Path) -> Photos:
+        """Take from a scene's table of photos what a method may know.
+
+        Parameters
+        ----------
+        table : DataFrame
+            As `benchmark.queries.read_queries` returns it.
+        folder : Path
+            Of the photos.
+
+        Raises
+        ------
+        BenchmarkError
+            A photo lacks a camera parameter.
+        """
+        # Numbers, such as altitude and pitch, were computed from the true poses.
+        conditions = conditions_of(table).select_dtypes(exclude="number")
+        return cls(
+            table["id"].tolist(),
+            table["image"].tolist(),
+            folder,
+            {str(name): conditions[name].astype(str).tolist() for name in conditions},
+            cameras_of(table) if set(CAMERA_COLUMNS) <= set(table.columns) else None,
+            _priors(table),
+        )
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def photo(self, row: int) -> Photo:
+        """Return one photo."""
+        name, prior = self.names[row], self.priors.get(row)
+        return Photo(
+            self.ids[row],
+            name,
+            self.folder / name,
+            None if prior is None else Pose(prior),
+            {key: values[row] for key, values in self.conditions.items()},
+            None if self.cameras is None else Camera(self.cameras.take(row)),
+        )
+
+
+def _priors(table: pd.DataFrame) -> dict[int, Poses]:
+    """Return the priors by row, of the photos that have one."""
+    if not set(PRIOR_COLUMNS) <= set(table.columns):
+        return {}
+    there = np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
+    poses = poses_of(table[there], PRIOR_COLUMNS)
+    return {int(row): poses.take(index) for index, row in enumerate(np.flatnonzero(there))}

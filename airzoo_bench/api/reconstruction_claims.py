@@ -1,0 +1,173 @@
+"""Answers of the reconstruction track, collected: clouds with cameras, or depth maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from airzoo_bench.api.benchmark import BlindScene
+from airzoo_bench.api.claims import Fields, coordinates, index_of, precise
+from airzoo_bench.api.row_file import RowFile
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import write_npz
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.view_suspicions import refuse_other_resolution
+
+__all__ = ["ReconstructionClaims", "entries_of"]
+
+
+def entries_of(scenes: Sequence[BlindScene]) -> tuple[str, ...]:
+    """Return the names of all files that a prediction of some scenes may have."""
+    endings = (".ply", ".cameras.npz", ".npz")
+    return ("protocol.txt", *(f"{scene.id}{ending}" for scene in scenes for ending in endings))
+
+
+class ReconstructionClaims:
+    """A cloud a scene with the cameras of its photos, or a depth map a photo.
+
+    Parameters
+    ----------
+    scenes : sequence of BlindScene
+        Of the protocol.
+    folder : Path
+        Keeps clouds and depth maps until all is written, so that they need not stay in memory.
+    """
+
+    def __init__(self, scenes: Sequence[BlindScene], folder: Path) -> None:
+        self._out = folder / "finished"
+        self._out.mkdir()
+        self._scenes = {scene.id: _Scene(scene, folder) for scene in scenes}
+        self._photos = {
+            photo.id: (scene.id, row)
+            for scene in scenes
+            for row, photo in enumerate(scene.photos())
+        }
+
+    def add(self, name: str, fields: Fields) -> None:
+        """Check and keep a cloud, a camera or a depth map; see `Claims.add`."""
+        if "points" in fields:
+            index_of(name, dict.fromkeys(self._scenes, 0), "scene of the benchmark")
+            self._add_cloud(name, fields)
+            return
+        index_of(name, dict.fromkeys(self._photos, 0), "photo of the reconstruction")
+        scene, row = self._photos[name]
+        self._scenes[scene].add(row, name, fields)
+
+    def _add_cloud(self, scene: str, fields: Fields) -> None:
+        points = precise("points", fields["points"], (None, 3))
+        colours = fields.get("colours")
+        if colours is not None:
+            colours = coordinates("colours", colours, (len(points), 3))
+            if colours.dtype != np.uint8:
+                raise PredictionError(f"colours are {colours.dtype}", expected="uint8")
+        if not len(points):
+            raise PredictionError("points is empty", expected="points, or no cloud at all")
+        self._scenes[scene].take_cloud()
+        write_ply(self._out / f"{scene}.ply", Cloud(points, colours))
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the scenes without a cloud or a depth map."""
+        return tuple(name for name, scene in self._scenes.items() if not scene.has_geometry)
+
+    def write(self) -> Path:
+        """Write what belongs to whole scenes, and return the folder of all that is finished."""
+        for name, scene in self._scenes.items():
+            arrays = scene.arrays()
+            if arrays:
+                ending = ".npz" if "depth" in arrays else ".cameras.npz"
+                write_npz(self._out / f"{name}{ending}", arrays)
+        return self._out
+
+
+class _Scene:
+    """The cameras of a scene's photos, and their depth maps where it has no cloud."""
+
+    def __init__(self, scene: BlindScene, folder: Path) -> None:
+        self._names = [photo.name for photo in scene.photos()]
+        count = len(self._names)
+        self._depth = RowFile(folder / f"{scene.id}.depth", "depth", count, axes=2)
+        self._confidence = RowFile(folder / f"{scene.id}.conf", "confidence", count, axes=2)
+        self._extrinsics: dict[int, NDArray[np.float64]] = {}
+        self._intrinsics: dict[int, NDArray[np.float64]] = {}
+        self._has_cloud = False
+
+    @property
+    def has_geometry(self) -> bool:
+        return self._has_cloud or bool(self._intrinsics)
+
+    def take_cloud(self) -> None:
+        if self._intrinsics:
+            raise _both()
+        self._has_cloud = True
+
+    def add(self, row: int, name: str, fields: Fields) -> None:
+        extrinsics = _extrinsics(name, fields["rotation"], fields["centre"])
+        if "depth" in fields:
+            self._add_depth(row, name, fields)
+        elif self._intrinsics:
+            raise PredictionError("has no depth, unlike the photos of its scene before")
+        self._extrinsics[row] = extrinsics
+
+    def _add_depth(self, row: int, name: str, fields: Fields) -> None:
+        if self._has_cloud or len(self._extrinsics) > len(self._intrinsics):
+            raise _both()
+        depth = self._depth.check(fields["depth"])
+        given = fields.get("confidence")
+        confidence = None if given is None else self._confidence.check(given)
+        if confidence is not None and confidence.shape != depth.shape:
+            raise PredictionError(
+                f"confidence has shape {confidence.shape}", expected=f"{depth.shape}, as depth has"
+            )
+        if self._intrinsics and (confidence is not None) != self._confidence.there.any():
+            raise PredictionError("confidence with some photos only", expected="with all, or none")
+        self._intrinsics[row] = _intrinsics(name, fields["intrinsics"], depth.shape)
+        self._depth.put(row, depth)
+        if confidence is not None:
+            self._confidence.put(row, confidence)
+
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """Return the fields of the file of cameras or depth maps; nothing where there are none."""
+        rows = sorted(self._extrinsics)
+        if not rows:
+            return {}
+        arrays: dict[str, NDArray[Any]] = {
+            "image_names": np.array([self._names[row] for row in rows], dtype=str),
+            "extrinsics": np.stack([self._extrinsics[row] for row in rows]),
+        }
+        if self._intrinsics:
+            arrays["intrinsics"] = np.stack([self._intrinsics[row] for row in rows])
+            arrays["pixel_centres"] = np.array("half")
+            arrays["depth"] = self._depth.packed()
+        if self._confidence.there.any():
+            arrays["conf"] = self._confidence.packed()
+        return arrays
+
+
+def _extrinsics(name: str, rotation: ArrayLike, centre: ArrayLike) -> NDArray[np.float64]:
+    """Return a camera's [R | t], (3, 4)."""
+    turned = precise("rotation", rotation, (3, 3))
+    place = precise("centre", centre, (3,))
+    poses = Poses.from_centres(turned[None], place[None], [name])
+    return np.concatenate([poses.rotation[0], poses.translation[0][:, None]], axis=1)
+
+
+def _intrinsics(name: str, matrix: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return a camera's K (3, 3), which must be of the depth map's size."""
+    given = precise("intrinsics", matrix, (3, 3))
+    height, width = shape
+    cameras = Cameras.from_matrices(given[None], width, height, names=[name])
+    refuse_other_resolution(cameras, [name], "intrinsics")
+    return given
+
+
+def _both() -> PredictionError:
+    return PredictionError(
+        "a cloud and depth maps in one scene", expected="one of the two, the cloud with cameras"
+    )

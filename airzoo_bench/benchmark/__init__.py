@@ -1,0 +1,1 @@
+"""The benchmark folder: its manifest, its photos, and what truth is made from."""

@@ -1,0 +1,189 @@
+"""The canonical benchmark folder: what ``prepare`` writes and every track reads.
+
+::
+
+    benchmark.toml              name, version, settings of the truth, scenes, checksums
+    protocols/<name>.toml       the protocol that the truth was made for
+    scenes/<scene>/queries.csv  a row a photo: camera, pose, prior, conditions
+    scenes/<scene>/<track>/...  the truth of a track
+
+Images and rasters may stand in the folder or where the user keeps them; the truth is always inside
+and every file of it is held to its checksum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify
+from airzoo_bench.core.data_root import DATA_VARIABLE, data_root
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.validation import read_toml, validated
+
+__all__ = [
+    "DATA_VARIABLE",
+    "Benchmark",
+    "SceneWanted",
+    "TruthWanted",
+    "benchmark_folders",
+    "data_root",
+    "find_benchmark",
+]
+
+
+class SceneWanted(Protocol):
+    """A scene that a protocol names."""
+
+    @property
+    def id(self) -> str:
+        """The scene's id."""
+
+
+class TruthWanted(Protocol):
+    """What a protocol asks of a benchmark folder; the folder need not know protocols."""
+
+    @property
+    def name(self) -> str:
+        """The protocol's name."""
+
+    @property
+    def track(self) -> str:
+        """Which track's truth."""
+
+    @property
+    def scenes(self) -> Sequence[SceneWanted]:
+        """The scenes that must be there."""
+
+    def truth_settings(self) -> dict[str, dict[str, Any]]:
+        """Return the values that the truth must have been made by, by section and key."""
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """An opened benchmark folder."""
+
+    folder: Path
+    file: BenchmarkFile
+
+    @classmethod
+    def open(cls, folder: Path) -> Benchmark:
+        """Open a benchmark folder and hold its files to their checksums.
+
+        Raises
+        ------
+        BenchmarkError
+            There is no benchmark.toml, it is not valid, or a file is missing or was changed.
+        """
+        path = folder / "benchmark.toml"
+        if not path.is_file():
+            raise BenchmarkError(
+                "no benchmark folder here",
+                where=folder,
+                expected="a folder with benchmark.toml, as `airzoo-bench prepare` writes it",
+                mend=f"name it with --data, or set {DATA_VARIABLE} to the folder that holds it",
+            )
+        data = read_toml(path, BenchmarkError, "benchmark file")
+        file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
+        verify(folder, file)
+        return cls(folder, file)
+
+    @property
+    def name(self) -> str:
+        """The benchmark's name, as protocols give it."""
+        return self.file.name
+
+    def scene(self, scene_id: str) -> SceneFile:
+        """Return the entry of one scene."""
+        return next(scene for scene in self.file.scenes if scene.id == scene_id)
+
+    def scene_folder(self, scene_id: str) -> Path:
+        """Return the folder of one scene's tables and truth."""
+        return self.folder / "scenes" / scene_id
+
+    def resolve(self, path: str) -> Path:
+        """Return the place of a file that benchmark.toml names."""
+        return self.folder / path
+
+    def check_fits(self, protocol: TruthWanted) -> None:
+        """Refuse a protocol that the truth in this folder was not made for.
+
+        Raises
+        ------
+        BenchmarkError
+            Scenes are missing, or the truth was made with other settings; all are named.
+        """
+        missing = {s.id for s in protocol.scenes} - {s.id for s in self.file.scenes}
+        if missing:
+            raise BenchmarkError(
+                f"lacks the scenes {', '.join(sorted(missing))} of protocol {protocol.name}",
+                where=self.folder,
+                mend="prepare them, or choose the protocol that the folder was made for",
+            )
+        have = self.file.tracks.get(protocol.track)
+        if have is None:
+            raise BenchmarkError(
+                f"has no truth for {protocol.track}, only for {', '.join(self.file.tracks)}",
+                where=self.folder,
+                mend="prepare it with a protocol of that track",
+            )
+        differences = _differences(have, protocol.truth_settings())
+        if differences:
+            raise BenchmarkError(
+                f"its truth was made with other settings than protocol {protocol.name}:\n    "
+                + "\n    ".join(differences),
+                where=self.folder,
+                mend="use the protocol in its protocols/ folder, or prepare it again with this one",
+            )
+
+
+def benchmark_folders(root: Path) -> dict[str, Path]:
+    """Return the benchmark folders below a data root, by folder name."""
+    return {path.parent.name: path.parent for path in sorted(root.glob("*/benchmark.toml"))}
+
+
+def find_benchmark(name: str, data: Path) -> Benchmark:
+    """Open a benchmark by name.
+
+    Parameters
+    ----------
+    name : str
+        As the protocol gives it.
+    data : Path
+        Its folder, or the folder that holds it.
+
+    Raises
+    ------
+    BenchmarkError
+        It is not there, or the folder holds another benchmark.
+    """
+    folder = data if (data / "benchmark.toml").is_file() else data / name
+    if not folder.is_dir():
+        there = ", ".join(benchmark_folders(data)) or "none"
+        raise BenchmarkError(
+            f"benchmark {name} is not there",
+            where=data,
+            expected=f"a folder {name}/ (benchmark folders found: {there})",
+            mend=f"name it with --data, or set {DATA_VARIABLE}, or make it with "
+            "`airzoo-bench prepare`",
+        )
+    benchmark = Benchmark.open(folder)
+    if benchmark.name != name:
+        raise BenchmarkError(
+            f"holds benchmark {benchmark.name}, not {name}",
+            where=folder,
+            mend="name the right folder with --data, or the right protocol with --protocol",
+        )
+    return benchmark
+
+
+def _differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:
+    return [
+        f"{section}.{key}: {ours.get(key)} in the folder, {theirs.get(key)} in the protocol"
+        for section in want
+        for ours, theirs in [(have.get(section, {}), want[section])]
+        for key in sorted({*ours, *theirs})
+        if ours.get(key) != theirs.get(key)
+    ]

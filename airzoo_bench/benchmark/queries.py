@@ -1,0 +1,150 @@
+"""The table of a scene's photos, shared by all tracks: camera, pose, prior, conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "CAMERA_COLUMNS",
+    "IDENTITY_COLUMNS",
+    "POSE_COLUMNS",
+    "PRIOR_COLUMNS",
+    "cameras_of",
+    "conditions_of",
+    "poses_of",
+    "query_table",
+    "read_queries",
+    "write_queries",
+]
+
+IDENTITY_COLUMNS = ("id", "image")
+SIZE_COLUMNS = ("width", "height")
+FOCAL_COLUMNS = ("fx", "fy")
+PRINCIPAL_POINT_COLUMNS = ("cx", "cy")
+DISTORTION_COLUMNS = ("k1", "k2", "p1", "p2", "k3")
+CAMERA_COLUMNS = (*SIZE_COLUMNS, *FOCAL_COLUMNS, *PRINCIPAL_POINT_COLUMNS, *DISTORTION_COLUMNS)
+POSE_COLUMNS = ("qw", "qx", "qy", "qz", "x", "y", "z")
+PRIOR_COLUMNS = tuple(f"prior_{name}" for name in POSE_COLUMNS)
+
+
+def query_table(
+    ids: Sequence[str],
+    images: Sequence[str],
+    cameras: Cameras,
+    poses: Poses,
+    priors: Poses | None,
+) -> pd.DataFrame:
+    """Lay out N queries, a row each, without conditions.
+
+    Parameters
+    ----------
+    ids, images : sequence of N str
+    cameras, poses : Cameras, Poses
+    priors : Poses, optional
+        Poses from metadata; NaN centres where a photo has none.
+    """
+    import pandas as pd
+
+    columns: dict[str, object] = {"id": list(ids), "image": list(images)}
+    columns |= {"width": cameras.width, "height": cameras.height}
+    columns |= _named(FOCAL_COLUMNS, cameras.focal)
+    columns |= _named(PRINCIPAL_POINT_COLUMNS, cameras.principal_point)
+    columns |= _named(DISTORTION_COLUMNS, cameras.distortion)
+    columns |= _named(POSE_COLUMNS, _pose_numbers(poses))
+    if priors is not None:
+        columns |= _named(PRIOR_COLUMNS, _pose_numbers(priors))
+    return pd.DataFrame(columns)
+
+
+def write_queries(folder: Path, queries: pd.DataFrame) -> None:
+    """Write a scene's ``queries.csv``, sorted by id."""
+    folder.mkdir(parents=True, exist_ok=True)
+    ordered = queries.sort_values("id", kind="stable")
+    ordered.to_csv(folder / "queries.csv", index=False, lineterminator="\n")
+
+
+def read_queries(folder: Path, excluded: pd.DataFrame) -> pd.DataFrame:
+    """Read a scene's photos but for those that a track has left out.
+
+    Raises
+    ------
+    BenchmarkError
+        See `read_table`.
+    """
+    everything = read_table(folder / "queries.csv", IDENTITY_COLUMNS)
+    kept = ~everything["id"].isin(excluded["id"])
+    return everything[kept].reset_index(drop=True)
+
+
+def cameras_of(queries: pd.DataFrame) -> Cameras:
+    """Return the cameras of a table's rows.
+
+    Raises
+    ------
+    BenchmarkError
+        A query lacks a camera parameter; the first three are named.
+    """
+    _check_complete(queries, CAMERA_COLUMNS, "camera parameters")
+    return Cameras(
+        queries["width"].to_numpy(np.int64),
+        queries["height"].to_numpy(np.int64),
+        _values(queries, FOCAL_COLUMNS),
+        _values(queries, PRINCIPAL_POINT_COLUMNS),
+        _values(queries, DISTORTION_COLUMNS),
+    )
+
+
+def poses_of(queries: pd.DataFrame, columns: tuple[str, ...] = POSE_COLUMNS) -> Poses:
+    """Return the poses of a table's rows, or their priors.
+
+    Raises
+    ------
+    BenchmarkError
+        A query lacks a number; the first three are named.
+    """
+    _check_complete(queries, columns, "a pose" if columns == POSE_COLUMNS else "a prior pose")
+    numbers = _values(queries, columns)
+    return Poses(rotation=quaternion_to_matrix(numbers[:, :4]), centres=numbers[:, 4:])
+
+
+def conditions_of(queries: pd.DataFrame, others: Sequence[str] = ()) -> pd.DataFrame:
+    """Return the columns that are neither identity nor geometry, nor among `others`."""
+    known = {*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *POSE_COLUMNS, *PRIOR_COLUMNS, *others}
+    names = [name for name in queries.columns if name not in known]
+    return queries[names].reset_index(drop=True)
+
+
+def _check_complete(queries: pd.DataFrame, columns: Sequence[str], what: str) -> None:
+    missing = [name for name in columns if name not in queries.columns]
+    if missing:
+        raise BenchmarkError(f"the queries lack the columns {', '.join(missing)} ({what})")
+    rows = np.flatnonzero(~np.isfinite(_values(queries, columns)).all(axis=1))
+    if rows.size:
+        named = first_of(queries["id"].iloc[rows], len(queries))
+        raise BenchmarkError(f"queries without {what}: {named}", mend="prepare the benchmark again")
+
+
+def _values(queries: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.float64]:
+    return queries[list(columns)].to_numpy(np.float64)
+
+
+def _pose_numbers(poses: Poses) -> NDArray[np.float64]:
+    return np.concatenate([matrix_to_quaternion(poses.rotation), poses.centres], axis=1)
+
+
+def _named(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    return dict(zip(names, values.T, strict=True))

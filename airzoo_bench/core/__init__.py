@@ -1,0 +1,1 @@
+"""What every room stands on: errors, files, settings, processes; it knows nothing of the field."""

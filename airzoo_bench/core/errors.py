@@ -1,0 +1,138 @@
+"""Faults of the user, each with one clear message.
+
+A message says *what* is wrong, *where*, what was *expected* and how to *mend* it. The command
+line prints it and exits with code 2; anything that is not a :class:`UserError` is a bug of the
+suite and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Self
+
+from airzoo_bench.core.plurals import counted
+
+__all__ = [
+    "ArgumentError",
+    "BenchmarkError",
+    "CameraError",
+    "PredictionError",
+    "ProtocolError",
+    "RasterError",
+    "ResultError",
+    "UnreadableError",
+    "UsageError",
+    "UserError",
+    "first_of",
+]
+
+
+class UserError(Exception):
+    """Something in the input is wrong and the user can mend it.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong, in one sentence without a full stop.
+    where : object, optional
+        The file, and the field or key in it.
+    expected : str, optional
+        What would have been right.
+    mend : str, optional
+        What to do about it.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: object = None,
+        expected: str | None = None,
+        mend: str | None = None,
+    ) -> None:
+        self.what = what
+        self.where = None if where is None else str(where)
+        self.expected = expected
+        self.mend = mend
+        super().__init__(str(self))
+
+    def inside(self, place: object) -> Self:
+        """Return the same fault with the place it is in before its own."""
+        where = str(place) if self.where is None else f"{place}, {self.where}"
+        return type(self)(self.what, where=where, expected=self.expected, mend=self.mend)
+
+    def __str__(self) -> str:
+        head = self.what if self.where is None else f"{self.where}: {self.what}"
+        lines = [head]
+        if self.expected:
+            lines.append(f"  expected: {self.expected}")
+        if self.mend:
+            lines.append(f"  to mend:  {self.mend}")
+        return "\n".join(lines)
+
+
+class ArgumentError(UserError, ValueError):
+    """A function of the Python face was called with an argument that it cannot work with."""
+
+
+class UsageError(UserError):
+    """The command line was called with arguments that do not fit together."""
+
+
+class ProtocolError(UserError):
+    """A protocol is unknown or not named, or its file is not valid."""
+
+
+class BenchmarkError(UserError):
+    """A benchmark folder is missing, damaged, or does not fit the protocol."""
+
+
+class PredictionError(UserError):
+    """A prediction file cannot be scored as it is."""
+
+
+class UnreadableError(PredictionError):
+    """A prediction file is not there, or is no file of its kind."""
+
+
+class ResultError(UserError):
+    """A result file cannot be read, or results cannot be put side by side."""
+
+
+class RasterError(UserError):
+    """A GeoTIFF lacks what is needed of it: georeference, CRS, valid heights."""
+
+
+class CameraError(UserError):
+    """A camera or pose is not one: singular intrinsics, a rotation that does not rotate."""
+
+
+def first_of(
+    names: Iterable[object], total: int | None = None, shown: int = 3, noun: str = ""
+) -> str:
+    """Count names and show the first few, for messages.
+
+    Parameters
+    ----------
+    names : iterable of object
+        What is to be named, in the order of the file.
+    total : int, optional
+        Out of how many; left out of the text where not given.
+    shown : int
+        How many to show.
+    noun : str
+        What they are, in the singular.
+
+    Returns
+    -------
+    str
+        Such as ``"12 of 161 (first 3: a, b, c)"``, or ``"1 query (a)"``.
+    """
+    listed = [str(name) for name in names]
+    known = len(listed) if total is None else total
+    count = counted(known, noun) if noun else f"{known:,}"
+    if total is not None:
+        count = f"{len(listed):,} of {count}"
+    head = ", ".join(listed[:shown])
+    label = f"first {shown}: " if len(listed) > shown else ""
+    return f"{count} ({label}{head})"

@@ -1,0 +1,287 @@
+"""Writing files whole or not at all, and naming content by its hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.core.exchange import exchange
+from airzoo_bench.core.output_places import (
+    cannot_write,
+    check_output_file,
+    check_output_folder,
+    followed,
+)
+from airzoo_bench.core.temporaries import (
+    clear_abandoned,
+    set_aside,
+    temporary_file,
+    temporary_folder,
+)
+
+__all__ = [
+    "atomic_entries",
+    "atomic_folder",
+    "atomic_write",
+    "canonical_json",
+    "check_new_folder",
+    "check_output_file",
+    "check_output_folder",
+    "fingerprint",
+    "read_text",
+    "sha256_of",
+    "sha256_of_tree",
+    "write_npz",
+]
+
+_CHUNK_BYTES = 1 << 20
+_MARK = "benchmark.toml"
+_NO_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+@contextmanager
+def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
+    """Open a file that appears under its name only when it has been written to the end.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file shall stand; missing parent folders are made. Of a symbolic link, the file
+        that it leads to is replaced.
+    mode : str
+        ``"wb"`` or ``"w"`` (UTF-8, newlines as written).
+
+    Yields
+    ------
+    file object
+        Open for writing, beside the final place.
+
+    Raises
+    ------
+    UsageError
+        See `check_output_file`.
+    UserError
+        The folder cannot be written to, or the disk is full.
+    """
+    check_output_file(path)
+    target = followed(path)
+    text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with temporary_file(target) as (handle, temporary):
+            with os.fdopen(handle, mode, **text) as stream:
+                yield stream
+            _give_usual_permissions(temporary, 0o666)
+            temporary.replace(target)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+
+
+@contextmanager
+def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
+    """Fill a folder that appears under its name only when it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        Where the folder shall stand.
+    replace : bool
+        Whether a folder that stands there already is replaced.
+
+    Yields
+    ------
+    Path
+        An empty folder beside the final place.
+
+    Raises
+    ------
+    UsageError
+        See `check_new_folder`.
+    UserError
+        It cannot be written.
+    """
+    check_new_folder(path, replace=replace)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary_folder(path.parent, path.name) as temporary:
+            yield temporary
+            _give_usual_permissions(temporary, 0o777)
+            if path.exists():
+                exchange(temporary, path)
+            else:
+                temporary.replace(path)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+
+
+@contextmanager
+def atomic_entries(folder: Path, names: Collection[str]) -> Iterator[Path]:
+    """Fill a folder whose entries replace those of another that have these names, all or none.
+
+    A folder with nothing else in it is exchanged in one step. One that holds other files too, or
+    that cannot be renamed (the working folder, the place of a disk), keeps its place: its entries
+    are exchanged, and put back where that fails or, by the next run, where the process was killed.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is missing.
+    names : collection of str
+        Of files and folders; all that are there go, those that were filled in come.
+
+    Yields
+    ------
+    Path
+        An empty folder.
+
+    Raises
+    ------
+    UserError
+        It cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        clear_abandoned(folder)
+        whole = _is_ours_alone(folder, names)
+        home = folder.parent if whole else folder
+        with temporary_folder(home, folder.name) as temporary:
+            yield temporary
+            if whole:
+                temporary.chmod(folder.stat().st_mode)
+                exchange(temporary, folder)
+                return
+            with set_aside(folder, names):
+                for entry in sorted(temporary.iterdir()):
+                    entry.replace(folder / entry.name)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def _is_ours_alone(folder: Path, names: Collection[str]) -> bool:
+    stays = folder.is_symlink() or folder.is_mount() or folder.samefile(Path.cwd())
+    writable = os.access(folder.parent, os.W_OK | os.X_OK)
+    return writable and not stays and {entry.name for entry in folder.iterdir()} <= set(names)
+
+
+def check_new_folder(path: Path, *, replace: bool) -> None:
+    """Refuse a folder that cannot be made, or must not be replaced.
+
+    Raises
+    ------
+    UsageError
+        It exists and `replace` is false, or is something else than what was made here before:
+        a file, or a folder with other content, which nobody wants to lose.
+    """
+    if not path.exists():
+        check_output_folder(path.parent, ())
+        return
+    if not replace:
+        raise UsageError(
+            "the folder exists already", where=path, mend="name another, or add --force"
+        )
+    if not path.is_dir() or (any(path.iterdir()) and not (path / _MARK).is_file()):
+        raise UsageError(
+            "is not a benchmark folder, and so is not replaced",
+            where=path,
+            expected=f"a folder with {_MARK}, or none",
+            mend="name another folder",
+        )
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal, read in pieces."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while chunk := stream.read(_CHUNK_BYTES):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def sha256_of_tree(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a folder with their names."""
+    if path.is_file():
+        return sha256_of(path)
+    files = sorted(p for p in path.rglob("*") if p.is_file())
+    return fingerprint([[p.relative_to(path).as_posix(), sha256_of(p)] for p in files])
+
+
+def canonical_json(value: object) -> str:
+    """Serialise to the one JSON text that equal values share: sorted keys, no blanks."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def fingerprint(value: object) -> str:
+    """Return the SHA-256 of a value's canonical JSON, in hexadecimal."""
+    return hashlib.sha256(canonical_json(value).encode()).hexdigest()
+
+
+def write_npz(
+    target: Path | IO[bytes], arrays: Mapping[str, NDArray[Any]], *, compress: bool = False
+) -> None:
+    """Write arrays as ``.npz`` that is the same to the last byte for the same arrays.
+
+    ``numpy.savez`` stamps every member with the time of day.
+    """
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+    with zipfile.ZipFile(target, "w", method) as archive:
+        for name, array in arrays.items():
+            member = zipfile.ZipInfo(f"{name}.npy", _NO_TIME)
+            member.compress_type = method
+            with archive.open(member, "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
+
+
+def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 16 << 20) -> str:
+    """Read a small UTF-8 text that a person wrote.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : type of UserError
+        Which error to raise.
+    what : str
+        What the file is, for the message: "protocol file".
+    limit_bytes : int
+        A larger file is refused before it is read.
+
+    Raises
+    ------
+    UserError
+        Of class `kind`: the file is missing, too large, or not UTF-8.
+    """
+    if path.is_dir():
+        raise kind(f"a folder, not a {what}", where=path)
+    if not path.is_file():
+        raise kind(f"no such {what}", where=path)
+    if path.stat().st_size > limit_bytes:
+        raise kind(f"too large for a {what}", where=path, expected=f"at most {limit_bytes:,} bytes")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise kind(
+            f"not text: byte {error.start} is not UTF-8",
+            where=path,
+            expected=f"a {what} in UTF-8",
+        ) from error
+
+
+def _umask() -> int:
+    current = os.umask(0)
+    os.umask(current)
+    return current
+
+
+def _give_usual_permissions(path: Path, usual: int) -> None:
+    # What is temporary is private to its owner; a result is meant to be shared.
+    path.chmod(usual & ~_umask())

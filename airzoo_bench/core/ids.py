@@ -1,0 +1,139 @@
+"""Ids of queries and tiles: ``scene/name``, each once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.validation import nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pandas as pd
+
+__all__ = [
+    "PHOTO_SUFFIXES",
+    "Assignment",
+    "assign_queries",
+    "check_ids",
+    "scene_of",
+    "with_endings",
+]
+
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+"""What the names of photos end in; their ids leave it out."""
+
+_IMAGE_SUFFIXES = (
+    *PHOTO_SUFFIXES,
+    *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
+)
+
+_SHOWN = 3
+_SHOWN_LETTERS = 80
+
+Texts = NDArray[np.str_]
+
+
+def scene_of(ids: Texts) -> Texts:
+    """Return the scene part of ids ``scene/name``."""
+    return np.char.partition(ids, "/")[..., 0] if ids.size else np.zeros(ids.shape, ids.dtype)
+
+
+def with_endings(ids: Texts) -> bool:
+    """Tell whether most ids end as files of images do, in letters of either case."""
+    ends = [str(name).lower().endswith(_IMAGE_SUFFIXES) for name in ids]
+    return sum(ends) * 2 > len(ends)
+
+
+def check_ids(ids: Texts, where: str) -> None:
+    """Refuse ids without a scene or a name, and ids that stand more than once.
+
+    Raises
+    ------
+    PredictionError
+        The message names the first three.
+    """
+    if not ids.size:
+        raise PredictionError(
+            "holds no id", where=where, expected="ids such as city/DJI_0001", mend="fill the file"
+        )
+    place = np.char.find(ids, "/")
+    unscened = np.flatnonzero((place <= 0) | (place == np.char.str_len(ids) - 1))
+    if unscened.size:
+        listed = [repr(str(name)) for name in ids[unscened]]
+        raise PredictionError(
+            f"ids without a scene or a name: {first_of(listed, len(ids))}",
+            where=where,
+            expected="scene/name, such as city/DJI_0001",
+            mend="put the scene before each name",
+        )
+    unique, counts = np.unique(ids, return_counts=True)
+    if unique.size < ids.size:
+        raise PredictionError(
+            f"ids more than once: {first_of(unique[counts > 1], len(unique))}",
+            where=where,
+            expected="each id once",
+            mend="keep one row of each",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """Which row of the predictions answers which query.
+
+    Attributes
+    ----------
+    rows : list of (Q,) int
+        For each scene the row of each query, -1 where the predictions lack it.
+    missing : (M,) str
+        The queries that the predictions lack.
+    strange : (S,) str
+        Ids of the predictions that are no query of any scene.
+    """
+
+    rows: list[NDArray[np.intp]]
+    missing: Texts
+    strange: Texts
+
+    def notes(self) -> list[str]:
+        """Name the first queries that are missing, and the first ids that are none."""
+        notes = []
+        if self.missing.size:
+            named = first_of(self.missing, sum(len(found) for found in self.rows), _SHOWN)
+            notes.append(f"queries that the predictions lack, scored at their worst: {named}")
+        if self.strange.size:
+            # Each id stands once: what a mistyped one means is among the queries that are missing.
+            absent = self.missing.tolist()
+            shown = [
+                repr(name[:_SHOWN_LETTERS]) + nearest(name, absent, 1)
+                for name in self.strange[:_SHOWN].tolist()
+            ]
+            named = first_of([*shown, *self.strange[_SHOWN:]], shown=_SHOWN)
+            notes.append(f"ids of the predictions that are no queries, left aside: {named}")
+        return notes
+
+
+def assign_queries(given: Texts, scenes: Sequence[pd.Series[str]]) -> Assignment:
+    """Find the row of the predictions that answers each query.
+
+    Parameters
+    ----------
+    given : (N,) str
+        Ids of the predictions, each once.
+    scenes : sequence of Series
+        Ids of the queries of each scene.
+    """
+    import pandas as pd
+
+    index = pd.Index(given)
+    rows = [index.get_indexer(pd.Index(ids)) for ids in scenes]
+    absent = [ids.to_numpy(str)[found < 0] for ids, found in zip(scenes, rows, strict=True)]
+    strange = np.ones(len(given), np.bool_)
+    for found in rows:
+        strange[found[found >= 0]] = False
+    return Assignment(rows, np.concatenate([np.zeros(0, "<U1"), *absent]), given[strange])

@@ -1,0 +1,100 @@
+"""Places for output: whether a file or folder may stand there, asked before work is done for it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from airzoo_bench.core.errors import UsageError, UserError
+
+__all__ = ["cannot_write", "check_output_file", "check_output_folder", "followed"]
+
+
+def check_output_folder(folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder for output that cannot take files of these names, before any is written.
+
+    Raises
+    ------
+    UsageError
+        A file stands where the folder or one above it should be, or a folder where a file should;
+        or see `check_output_file`.
+    """
+    for place in (folder, *folder.parents):
+        if place.exists():
+            if not place.is_dir():
+                raise UsageError("a file, not a folder", where=place, mend="name a folder")
+            break
+    for name in names:
+        _check_place(folder / name, "name another --out")
+
+
+def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
+    """Refuse a file that cannot be written, before the work that it is to hold.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write, which may exist.
+    inputs : iterable of Path
+        What is read to make it, and so must not be lost; those that do not exist are passed over.
+
+    Raises
+    ------
+    UsageError
+        It is one of the inputs, through links too; something that is no plain file stands there (a
+        folder, a pipe, a device); it or its folder is not to be written to; or a file stands
+        where a folder should.
+    """
+    try:
+        _check_place(path, "name another file")
+        _check_folder(followed(path))
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    for one in inputs:
+        if one.exists() and path.exists() and path.samefile(one):
+            raise UsageError(
+                "is read to make what would be written here, and would be lost",
+                where=path,
+                mend="name another file to write",
+            )
+
+
+def followed(path: Path) -> Path:
+    """Return what a symbolic link leads to; anything else as it is."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def cannot_write(path: Path, error: OSError) -> UserError:
+    """Make the error of a file or folder that the system refuses to write."""
+    return UserError(
+        f"cannot be written: {error.strerror or error}",
+        where=path,
+        mend="choose a folder you may write to, on a disk with room",
+    )
+
+
+def _check_place(path: Path, mend: str) -> None:
+    """Refuse what stands where a file shall be written, if a file cannot take its place."""
+    if path.is_symlink() and followed(path).is_symlink():
+        raise UsageError("a symbolic link that leads to itself", where=path, mend=mend)
+    if not path.exists():
+        return
+    if path.is_dir():
+        raise UsageError("a folder, not a file", where=path, mend=mend)
+    if not path.is_file():
+        raise UsageError("a pipe or a device, not a file", where=path, mend=mend)
+    # Whoever may do everything would not want to replace what is marked as read-only either.
+    if not path.stat().st_mode & 0o222 or not os.access(path, os.W_OK):
+        raise UsageError("a read-only file, which is not replaced", where=path, mend=mend)
+
+
+def _check_folder(path: Path) -> None:
+    """Refuse a file in a folder that is a file, or that nothing may be written into."""
+    place = next(place for place in path.absolute().parents if place.exists())
+    if not place.is_dir():
+        raise UsageError("a file, not a folder", where=place, mend=f"{path.name} needs a folder")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise UsageError(
+            "nothing may be written into this folder", where=place, mend="name another one"
+        )

@@ -1,0 +1,94 @@
+"""What can be added without touching the suite: tracks and datasets.
+
+Built-in ones are named here and imported when they are asked for; another package adds its own by
+an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+__all__ = ["DATASETS", "TRACKS", "Registry", "resolve"]
+
+
+def resolve(place: str) -> Any:
+    """Import ``module:name``."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
+
+
+class Registry:
+    """Things by name: built-in ones, those of installed packages, and those added at run time.
+
+    Parameters
+    ----------
+    group : str
+        Of the entry points.
+    built_in : mapping of str to str
+        Places ``module:name``, by name.
+    """
+
+    def __init__(self, group: str, built_in: Mapping[str, str]) -> None:
+        self.group = group
+        self._places = dict(built_in)
+        self._added: dict[str, Any] = {}
+
+    def add(self, name: str, thing: Any) -> None:
+        """Add a thing for the rest of this process.
+
+        Raises
+        ------
+        ValueError
+            The name is taken.
+        """
+        if name in self.names():
+            raise ValueError(f"{self.group}: {name!r} is there already")
+        self._added[name] = thing
+
+    def remove(self, name: str) -> None:
+        """Take back what `add` added."""
+        del self._added[name]
+
+    def names(self) -> list[str]:
+        """Return all names: built-in first, in their own order, then others by name."""
+        return [*self._places, *sorted({*self._installed(), *self._added} - {*self._places})]
+
+    def get(self, name: str) -> Any:
+        """Return a thing.
+
+        Raises
+        ------
+        KeyError
+            Nothing has that name.
+        """
+        if name in self._places:
+            return resolve(self._places[name])
+        if name in self._added:
+            return self._added[name]
+        return self._installed()[name].load()
+
+    def _installed(self) -> dict[str, EntryPoint]:
+        return {point.name: point for point in entry_points(group=self.group)}
+
+
+TRACKS = Registry(
+    "airzoo_bench.tracks",
+    {
+        "retrieval": "airzoo_bench.retrieval.track:TRACK",
+        "matching": "airzoo_bench.matching.track:TRACK",
+        "reconstruction": "airzoo_bench.reconstruction.track:TRACK",
+    },
+)
+"""Tracks by name, each a `airzoo_bench.evaluation.track.Track`."""
+
+DATASETS = Registry(
+    "airzoo_bench.datasets",
+    {
+        "photos": "airzoo_bench.cli.prepare:PHOTOS",
+        "airzoo-mini": "airzoo_bench.cli.prepare:AIRZOO_MINI",
+    },
+)
+"""What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

@@ -1,0 +1,112 @@
+"""Files that people write: TOML and JSON into models, mistakes into messages."""
+
+from __future__ import annotations
+
+import difflib
+import heapq
+import tomllib
+from itertools import takewhile
+from operator import eq
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.files import read_text
+
+__all__ = ["nearest", "read_toml", "validated", "validation_message"]
+
+M = TypeVar("M", bound=BaseModel)
+
+_SHOWN = 5
+_OFFERED = 3
+_AS_NEAR = 0.1  # of what difflib says: others than the best are offered where they are as near
+_MANY = 200
+_SHORTEST_PART = 3  # letters; fewer are in too many names
+
+
+def read_toml(path: Path, kind: type[UserError], what: str) -> dict[str, Any]:
+    """Read a TOML file, or say what is wrong with it."""
+    try:
+        return tomllib.loads(read_text(path, kind, what))
+    except (ValueError, RecursionError) as error:  # the latter of values nested too deep
+        raise kind(
+            f"not valid TOML: {error}",
+            where=path,
+            expected=f"a {what}",
+            mend="correct that place",
+        ) from error
+
+
+def validated(
+    data: dict[str, Any], model: type[M], kind: type[UserError], path: Path, what: str
+) -> M:
+    """Make a model of a file's content, or say which keys are wrong."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise kind(validation_message(error, model), where=path, mend=f"correct the {what}") from (
+            error
+        )
+
+
+def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
+    """Put pydantic's findings into lines that name key, value and expectation."""
+    found = error.errors()
+    more = [f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
+    return "\n    ".join([*(_finding(item, model) for item in found[:_SHOWN]), *more])
+
+
+def _finding(item: Any, model: type[BaseModel]) -> str:
+    key = ".".join(str(part) for part in item["loc"])
+    if item["type"] == "extra_forbidden":
+        return f"unknown key '{key}'{nearest(str(item['loc'][-1]), _known_keys(model))}"
+    if item["type"] == "json_invalid":
+        return f"not valid JSON: {item['ctx']['error']}"
+    if item["type"] == "missing":
+        return f"key '{key}' is missing"
+    if not item["loc"]:
+        return str(item["msg"]).removeprefix("Value error, ")
+    if isinstance(item["input"], dict) and item["type"] == "value_error":
+        return f"key '{key}': {item['msg'].removeprefix('Value error, ')}"
+    given = repr(item["input"])
+    shown = given if len(given) <= 60 else given[:57] + "..."
+    return f"key '{key}' is {shown}: {item['msg'].removeprefix('Value error, ')}"
+
+
+def _known_keys(model: type[BaseModel]) -> list[str]:
+    keys: list[str] = []
+    for name, field in model.model_fields.items():
+        keys.append(field.alias or name)
+        for part in (field.annotation, *getattr(field.annotation, "__args__", ())):
+            if isinstance(part, type) and issubclass(part, BaseModel):
+                keys += _known_keys(part)
+    return keys
+
+
+def nearest(name: str, known: list[str], offered: int = _OFFERED) -> str:
+    """Offer the known names that are most like a mistyped one, or hold it, for messages."""
+    some = known if len(known) <= _MANY else _alike_at_the_ends(name, known)
+    near = difflib.get_close_matches(name, some, n=offered, cutoff=0.6)
+    near = [other for other in near if _ratio(name, other) > _ratio(name, near[0]) - _AS_NEAR]
+    if not near and len(name) >= _SHORTEST_PART:
+        near = [n for n in known if name.casefold() in n.casefold()][:offered]
+    return f" (did you mean {' or '.join(repr(n) for n in near)}?)" if near else ""
+
+
+def _ratio(name: str, other: str) -> float:
+    return difflib.SequenceMatcher(None, other, name).ratio()
+
+
+def _alike_at_the_ends(name: str, known: list[str]) -> list[str]:
+    """Choose those that begin and end as a name does: comparing it with each takes seconds."""
+
+    def kept(other: str) -> int:
+        return _shared(name, other) + _shared(name[::-1], other[::-1])
+
+    return heapq.nlargest(_MANY, known, key=kept)
+
+
+def _shared(one: str, other: str) -> int:
+    return len(list(takewhile(bool, map(eq, one, other))))

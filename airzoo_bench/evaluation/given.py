@@ -1,0 +1,128 @@
+"""Opening predictions: of which track and protocol they are, and their truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.errors import UnreadableError
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.evaluation.parts import Predictions, Truth
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.track import Track
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.protocol.choice import choose_protocol, refuse_other_track
+from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import Protocol
+
+__all__ = ["AnyTrack", "Given", "open_predictions", "read_truths", "track_of"]
+
+AnyTrack = Track[Any, Any, Any, Any, Any, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Predictions, as read or listed, with their track and protocol.
+
+    Attributes
+    ----------
+    track : Track
+    predictions : Predictions
+    protocol : Protocol
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    """
+
+    track: AnyTrack
+    predictions: Predictions
+    protocol: Protocol
+    data: Path
+
+
+def open_predictions(
+    path: Path, track: str | None, protocol: str | None, data: Path, resources: Resources
+) -> Given:
+    """Read or list predictions.
+
+    Parameters
+    ----------
+    path : Path
+    track : str, optional
+        By default found from the protocol, else from the file.
+    protocol : str, optional
+        Name or path; by default the file's own.
+    data : Path
+    resources : Resources
+
+    Raises
+    ------
+    UserError
+        The file cannot be read, or no protocol of the track is known for it.
+    """
+    found = track_of(path, protocol, data, resources) if track is None else TRACKS.get(track)
+    refuse_other_track(path, protocol, data, found.protocol, resources.memory_bytes)
+    predictions = found.read(path, resources.memory_bytes)
+    chosen = choose_protocol(
+        path, predictions.protocol, protocol, data, found.protocol, found.says_protocol
+    )
+    return Given(found, predictions, chosen, data)
+
+
+def read_truths(track: AnyTrack, protocol: Protocol, data: Path) -> tuple[Benchmark, list[Truth]]:
+    """Find the benchmark of a protocol, and read the truth of its scenes, in its order.
+
+    Raises
+    ------
+    BenchmarkError
+        The folder is not there, is damaged, or was prepared by other settings.
+    """
+    benchmark = find_benchmark(protocol.benchmark, data)
+    benchmark.check_fits(protocol)
+    return benchmark, [track.read_truth(benchmark, scene.id) for scene in protocol.scenes]
+
+
+def track_of(path: Path, protocol: str | None, data: Path, resources: Resources) -> AnyTrack:
+    """Find the track of predictions by their protocol, else by what kind of file they are.
+
+    Raises
+    ------
+    UnreadableError
+        No track's predictions come as such a file.
+    ProtocolError
+        The protocol is unknown.
+    """
+    tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
+    ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
+    fitting = [track for track in tracks if ending in track.suffixes]
+    if path.is_file() and not fitting:
+        raise UnreadableError(
+            f"no kind of file that predictions come in: {path.suffix[:20]!r}",
+            where=path,
+            expected="; ".join(f"{track.name}: {track.kinds}" for track in tracks),
+            mend="`airzoo-bench template` writes an example",
+        )
+    if path.is_file() and len(fitting) == 1:
+        return fitting[0]
+    fields: set[str] = set()
+    if path.is_file() and path.suffix == ".npz":
+        arrays = open_arrays(path, resources.memory_bytes)
+        fields = arrays.names()
+        protocol = protocol or protocol_name(arrays)
+    if protocol is not None:
+        found: AnyTrack = TRACKS.get(find_protocol(protocol, data).track)
+        return found
+    return _by_content(path, tracks, fields)
+
+
+def _ending(path: Path, endings: set[str]) -> str:
+    """Return the longest ending that a name has: of ``a.tar.gz`` it is not ``.gz``."""
+    name = path.name.lower()
+    return max((ending for ending in endings if name.endswith(ending)), key=len, default="")
+
+
+def _by_content(path: Path, tracks: list[AnyTrack], fields: set[str]) -> AnyTrack:
+    own = [track for track in tracks if fields & {*track.fields}]
+    folders = [track for track in tracks if path.is_dir() and track.folders]
+    return (own or folders or tracks)[0]

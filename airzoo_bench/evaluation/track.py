@@ -1,0 +1,215 @@
+"""What a track is: all that evaluation and the command line need to know of one.
+
+A track is an object that `registry.TRACKS` names. It reads predictions, holds them against the
+truth scene by scene, scores them, and says what its scores are called; whatever else it offers
+(a template, a baseline, options of ``eval``) has a default of "nothing".
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError, UsageError
+from airzoo_bench.evaluation.baseline import Baseline
+from airzoo_bench.evaluation.parts import Assigned, EvalOption, Predictions, ScoredScene, Truth
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.protocol.choice import IN_A_FIELD
+from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.results.result import Reference
+from airzoo_bench.results.scores import Score, concatenate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Track"]
+
+P = TypeVar("P", bound=Protocol)
+R = TypeVar("R", bound=Predictions)
+T = TypeVar("T", bound=Truth)
+A = TypeVar("A", bound=Assigned)
+C = TypeVar("C")
+S = TypeVar("S", bound=ScoredScene)
+
+
+class Track(ABC, Generic[P, R, T, A, C, S]):
+    """One track, by the types of its protocol, predictions, truth, assignment, claims and scores.
+
+    Attributes
+    ----------
+    name : str
+        As in protocol files, commands and results.
+    summary : str
+        What is scored, in one sentence, for the help.
+    protocol : type of Protocol
+    kinds : str
+        What predictions come in, for messages.
+    suffixes : tuple of str
+        Endings of files that can be predictions.
+    fields : tuple of str
+        Fields of an ``.npz`` that no other track has.
+    folders : bool
+        Whether predictions can be a folder.
+    says_protocol : tuple of str
+        Where predictions say which protocol they are for, and how to mend that they do not.
+    argument : str
+        What predictions are, for the help.
+    example : str
+        Predictions and further options, for the help.
+    jobs : int
+        Threads that ``eval`` takes by default.
+    options : tuple of EvalOption
+    files : mapping of str to callable
+        What a run writes beside ``result.json`` and ``records.csv``, by its name.
+    baseline : Baseline or None
+    template_kinds : tuple of str
+        What templates can hold, the default first; empty where there is no choice.
+    template_out : str
+        What a template is called where nobody says.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    protocol: type[P]
+    kinds: ClassVar[str] = ".npz"
+    suffixes: ClassVar[tuple[str, ...]] = (".npz",)
+    fields: ClassVar[tuple[str, ...]] = ()
+    folders: ClassVar[bool] = False
+    says_protocol: ClassVar[tuple[str, str]] = IN_A_FIELD
+    argument: ClassVar[str] = "A prediction file."
+    example: ClassVar[str] = "preds.npz --out results/mymethod"
+    jobs: ClassVar[int] = 2
+    options: ClassVar[tuple[EvalOption, ...]] = ()
+    files: ClassVar[Mapping[str, Callable[[Any, Path], None]]] = {}
+    baseline: ClassVar[Baseline[Any] | None] = None
+    template_kinds: ClassVar[tuple[str, ...]] = ()
+    template_out: ClassVar[str] = "template.npz"
+
+    # --- what every track must have ---
+
+    @abstractmethod
+    def read(self, path: Path, memory_bytes: int) -> R:
+        """Read or list predictions; what is no such thing raises PredictionError."""
+
+    @abstractmethod
+    def read_truth(self, benchmark: Benchmark, scene: str) -> T:
+        """Read the truth of a scene from a benchmark folder."""
+
+    @abstractmethod
+    def assign(self, predictions: R, protocol: P, truths: Sequence[T], data: Path) -> A:
+        """Find what of the predictions is of which query or scene.
+
+        Where the benchmark folder is not there, `truths` is empty, and ids are looked at alone.
+
+        Raises
+        ------
+        PredictionError
+            They are of another benchmark altogether.
+        """
+
+    @abstractmethod
+    def claims(
+        self, predictions: R, assigned: A, truths: Sequence[T], protocol: P, resources: Resources
+    ) -> Iterator[C | PredictionError]:
+        """Hold predictions against each scene; yields what they claim of it, or what is wrong."""
+
+    @abstractmethod
+    def score(self, claim: C, truth: T, protocol: P, resources: Resources) -> S:
+        """Score a scene; what is missing from the claim scores its worst."""
+
+    @abstractmethod
+    def scores(self, protocol: P, scored: Sequence[S]) -> list[Score]:
+        """Return what the columns of the records are called."""
+
+    # --- what a track may add ---
+
+    def records(self, scored: Sequence[S], protocol: P) -> pd.DataFrame:
+        """Put the records of scenes under each other."""
+        return concatenate([scene.records for scene in scored])
+
+    def expected_counts(self, truth: T) -> dict[str, int]:
+        """Return those of a scene's counts that are known without predictions."""
+        return {}
+
+    def validation_errors(
+        self, predictions: R, protocol: P, *, thorough: bool
+    ) -> Iterator[PredictionError]:
+        """Yield what is wrong with predictions and can be seen without truth.
+
+        Where `thorough`, also what takes time to find, and what scoring would find by itself.
+        """
+        yield from ()
+
+    def kind(self, predictions: R, scored: Sequence[S]) -> str:
+        """Say what predictions hold, for the result."""
+        return self.name
+
+    def method(self, path: Path) -> str:
+        """Name the method where nobody does."""
+        return path.stem
+
+    def notes(
+        self,
+        predictions: R,
+        protocol: P,
+        truths: Sequence[T],
+        claims: Sequence[C],
+        scored: Sequence[S],
+    ) -> list[str]:
+        """Say what a reader of the numbers must know."""
+        return []
+
+    def inspect(self, claim: C, truth: T, protocol: P, resources: Resources) -> list[str]:
+        """Do with a claim what can be done without scoring; returns notes on it.
+
+        Raises
+        ------
+        PredictionError
+            Scoring would refuse it.
+        """
+        return []
+
+    def inspect_alone(
+        self, predictions: R, protocol: P, resources: Resources
+    ) -> Iterator[PredictionError | str]:
+        """Yield errors and notes of predictions whose benchmark folder is not there."""
+        yield from ()
+
+    def check_notes(
+        self,
+        predictions: R,
+        protocol: P,
+        truths: Sequence[T],
+        claims: Sequence[C],
+        resources: Resources,
+    ) -> list[str]:
+        """Say, without scoring, what `notes` would; asked where nothing is wrong."""
+        return []
+
+    def references(self, protocol: P, truths: Sequence[T]) -> dict[str, Reference]:
+        """Return what scores without a method, by the name that tables print."""
+        return {}
+
+    def check_template_path(self, out: Path, *, force: bool) -> None:
+        """Refuse, before any work, a path that a template cannot be written to."""
+        if out.suffix != ".npz":
+            raise UsageError("templates are written as .npz", where=out, mend=f"name it {out}.npz")
+        if out.exists() and not out.is_dir() and not force:
+            raise UsageError(
+                "is there already, and could be a prediction",
+                where=out,
+                mend="name another file with --out, or add --force",
+            )
+
+    def write_template(
+        self, out: Path, protocol: P, truths: Sequence[T], kind: str, seed: int
+    ) -> None:
+        """Write an example prediction, at random."""
+        raise NotImplementedError(f"the {self.name} track has no template")
+
+    def template_note(self, protocol: P, truths: Sequence[T]) -> str | None:
+        """Say what a template will score, where that is known."""
+        return None

@@ -1,0 +1,277 @@
+"""Fields of a prediction file by name, whatever kind of file it is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.formats.parquet import read_columns
+
+__all__ = [
+    "Arrays",
+    "check_fields",
+    "check_length",
+    "numbers",
+    "open_arrays",
+    "protocol_name",
+    "texts",
+    "wrong_type",
+]
+
+_LONGEST_ID = 256
+_LONGEST_NAME = 64
+_BLOCK_CODES = 1 << 20
+_BYTES_OF_DOUBLE = 8
+_COPIES_OF_TEXT = 4  # that a run makes while it splits, sorts and compares ids
+_N_CODES = 0x110000
+_EXAMPLE = "ids of photos such as city/DJI_0001"
+_EXAMPLES = dict.fromkeys(
+    ("ranked_ids", "gallery_ids"), "ids of tiles such as city/512_00000_00256, from tiles.parquet"
+)
+
+
+class Arrays(Protocol):
+    """Arrays of a file by name, read one at a time."""
+
+    path: Path
+    budget: Budget
+
+    def names(self) -> set[str]:
+        """Return the names of the fields."""
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Read a field into memory."""
+
+    def map(self, name: str) -> NDArray[Any]:
+        """Map a field from disk where that is possible, else read it."""
+
+
+class _Npz:
+    def __init__(self, path: Path, limit_bytes: int) -> None:
+        self.path = path
+        self._file = NpzFile(path, limit_bytes)
+        self.budget = self._file.budget
+        self.read, self.map = self._file.read, self._file.map
+
+    def names(self) -> set[str]:
+        return set(self._file.entries)
+
+
+class _Parquet:
+    def __init__(self, path: Path, limit_bytes: int, columns: tuple[str, ...]) -> None:
+        self.path = path
+        self.budget = Budget(limit_bytes)
+        self._arrays = read_columns(path, columns, self.budget)
+
+    def names(self) -> set[str]:
+        return set(self._arrays)
+
+    def read(self, name: str) -> NDArray[Any]:
+        array = self._arrays[name]
+        if name != "protocol":
+            return array
+        named = np.unique(array)
+        if named.size > 1:
+            raise PredictionError(
+                f"column 'protocol' names {first_of([repr(str(one)[:80]) for one in named])}",
+                where=self.path,
+                expected="the same protocol in every row",
+                mend="write a file for each protocol",
+            )
+        return named.reshape(-1)[:1].reshape(()) if named.size else np.array("")
+
+    map = read
+
+
+def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> Arrays:
+    """Open a prediction file.
+
+    Parameters
+    ----------
+    path : Path
+    limit_bytes : int
+        The most that the arrays may take in memory together.
+    columns : tuple of str
+        Fields that a parquet file may hold; none where the track has no such files.
+
+    Raises
+    ------
+    PredictionError
+        Another kind of file, or a damaged one.
+    """
+    kinds = ".npz or .parquet" if columns else ".npz"
+    if path.is_dir():
+        raise UnreadableError("a folder, not a prediction file", where=path, expected=kinds)
+    if path.suffix == ".npz":
+        return _Npz(path, limit_bytes)
+    if path.suffix == ".parquet" and columns:
+        return _Parquet(path, limit_bytes, columns)
+    raise UnreadableError(
+        f"unknown kind of prediction file {path.suffix!r}",
+        where=path,
+        expected=kinds,
+        mend="`airzoo-bench template` writes an example",
+    )
+
+
+def check_fields(
+    arrays: Arrays, needed: Collection[str], allowed: Collection[str], expected: str
+) -> None:
+    """Refuse a file that lacks a field, or has one that would be passed over.
+
+    Raises
+    ------
+    PredictionError
+        The message names the fields.
+    """
+    names = arrays.names()
+    missing = sorted(set(needed) - names)
+    if missing:
+        there = _listed(names, allowed) or "none"
+        raise PredictionError(
+            f"lacks the field{'s' * (len(missing) > 1)} {', '.join(missing)} (it has: {there})",
+            where=arrays.path,
+            expected=expected,
+            mend="`airzoo-bench template` writes an example",
+        )
+    unknown = {name for name in names if name not in allowed}
+    if unknown:
+        raise PredictionError(
+            f"has fields that are not read here: {_listed(unknown, allowed)}",
+            where=arrays.path,
+            expected="only " + ", ".join(allowed),
+            mend="rename or leave them out; a misspelt field would otherwise be passed over",
+        )
+
+
+def _listed(names: Collection[str], known: Collection[str]) -> str:
+    return ", ".join(name if name in known else repr(name[:80]) for name in sorted(names))
+
+
+def protocol_name(arrays: Arrays) -> str | None:
+    """Return the protocol that a file names, if it names one."""
+    if "protocol" not in arrays.names():
+        return None
+    value = arrays.read("protocol")
+    if value.dtype.kind != "U" or value.size != 1:
+        raise PredictionError(
+            f"field 'protocol' is {value.dtype} of shape {value.shape}",
+            where=arrays.path,
+            expected="one text, such as protocol='uav-visloc-retrieval'",
+        )
+    name = str(value.reshape(-1)[0])
+    if len(name) > _LONGEST_NAME or "/" in name or "\\" in name or name.endswith(".toml"):
+        # A file from a stranger must not choose which file of this computer is read.
+        raise PredictionError(
+            f"field 'protocol' is {name[:80]!r}, which is no protocol's name",
+            where=arrays.path,
+            expected="a name, such as 'uav-visloc-retrieval'",
+            mend="name a protocol's file with --protocol",
+        )
+    return name
+
+
+def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
+    """Read a field of text with so many dimensions."""
+    values = arrays.read(name)
+    if values.dtype.kind != "U" or values.ndim != ndim:
+        raise wrong_type(
+            arrays.path,
+            name,
+            values,
+            expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
+            mend=f"np.array({name}, dtype=str), with {_EXAMPLES.get(name, _EXAMPLE)}",
+        )
+    copies = f"field '{name}' while its ids are compared"
+    arrays.budget.hold(arrays.path, copies, values.nbytes * _COPIES_OF_TEXT)
+    _check_characters(arrays.path, name, values)
+    return values
+
+
+def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
+    """Refuse ids that could forge a line of a message, steer a terminal, or fill a screen."""
+    if not ids.size:
+        return
+    flat = np.ascontiguousarray(ids).reshape(-1)
+    step = max(1, _BLOCK_CODES // max(ids.dtype.itemsize // 4, 1))
+    blocks = [flat[start : start + step] for start in range(0, len(flat), step)]
+    unprintable = np.concatenate([_unprintable(block) for block in blocks])
+    long = np.concatenate([np.char.str_len(block) > _LONGEST_ID for block in blocks])
+    for wrong, what, expected in (
+        (unprintable, "characters that do not print", "printable characters only"),
+        (long, f"more than {_LONGEST_ID} characters", f"at most {_LONGEST_ID} characters"),
+    ):
+        rows = np.flatnonzero(wrong.reshape(len(ids), -1).any(axis=1)).tolist()
+        if rows:
+            raise PredictionError(
+                f"ids with {what} in {first_of(rows, len(ids), noun='row')}, counted from 0",
+                where=f"{path}, field '{name}'",
+                expected=expected,
+                mend="take the ids from the benchmark; `airzoo-bench template` writes them",
+            )
+
+
+def _unprintable(ids: NDArray[np.str_]) -> NDArray[np.bool_]:
+    codes = ids.view(np.uint32).reshape(len(ids), -1)
+    used = np.zeros(_N_CODES, np.bool_)
+    used[codes] = True
+    bad = [code for code in np.flatnonzero(used[1:]) + 1 if not chr(code).isprintable()]
+    nul_inside: NDArray[np.bool_] = np.count_nonzero(codes, axis=-1) != np.char.str_len(ids)
+    return np.logical_or(nul_inside, np.isin(codes, bad).any(axis=-1)) if bad else nul_inside
+
+
+def numbers(
+    arrays: Arrays, name: str, shape: tuple[int | None, ...], *, mapped: bool = False
+) -> NDArray[np.floating[Any]]:
+    """Read a field of floating point; None in `shape` stands for any length above 0."""
+    values = arrays.map(name) if mapped else arrays.read(name)
+    is_float = values.dtype.kind == "f" and values.dtype.itemsize <= 8
+    fits = len(shape) == values.ndim and all(
+        want == have or (want is None and have > 0)
+        for want, have in zip(shape[1:], values.shape[1:], strict=False)
+    )
+    if not (is_float and fits):
+        sides = ", ".join("any" if want is None else str(want) for want in shape)
+        raise wrong_type(
+            arrays.path,
+            name,
+            values,
+            expected=f"floating point of 16, 32 or 64 bits, of shape ({sides})",
+            mend=f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape",
+        )
+    if not mapped and values.dtype.itemsize < _BYTES_OF_DOUBLE:
+        what = f"field '{name}' in double precision"
+        arrays.budget.hold(arrays.path, what, values.size * _BYTES_OF_DOUBLE)
+    return values
+
+
+def wrong_type(
+    path: Path, name: str, values: NDArray[Any], *, expected: str, mend: str
+) -> PredictionError:
+    """Make the fault of a field of another type or shape."""
+    return PredictionError(
+        f"field '{name}' is {values.dtype} of shape {values.shape}",
+        where=path,
+        expected=expected,
+        mend=mend,
+    )
+
+
+def check_length(arrays: Arrays, name: str, values: NDArray[Any], rows: int) -> None:
+    """Refuse a field that does not have a row for each id."""
+    if len(values) != rows:
+        ids = "gallery_ids" if name.startswith("gallery") else "query_ids"
+        raise PredictionError(
+            f"field '{name}' has {counted(len(values), 'row')}, '{ids}' has {rows:,}",
+            where=arrays.path,
+            expected="a row an id, in the same order",
+            mend="write the rows and their ids together",
+        )

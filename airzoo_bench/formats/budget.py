@@ -1,0 +1,58 @@
+"""How much memory a file may make a run hold, all its parts together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from airzoo_bench.core.errors import PredictionError
+
+__all__ = ["Budget"]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What the parts of a file take, and the most that they may take together.
+
+    Readers name each part before they allocate it. What a run makes of a part (numbers of 16 bits
+    become 64, names become text of Python) counts, not what the part takes in the file.
+
+    Attributes
+    ----------
+    limit_bytes : int
+    held : dict
+        Bytes by part.
+    """
+
+    limit_bytes: int
+    held: dict[str, int] = field(default_factory=dict)
+
+    def hold(self, path: Path, part: str, nbytes: int, mend: str | None = None) -> None:
+        """Count a part; one that is named again counts once, with the more that it takes.
+
+        Parameters
+        ----------
+        path : Path
+            For messages.
+        part : str
+            Such as ``"field 'depth'"``.
+        nbytes : int
+            What it takes in memory, exact however large.
+        mend : str, optional
+            What to do beside raising the limit.
+
+        Raises
+        ------
+        PredictionError
+            All parts together take more than the limit.
+        """
+        self.held[part] = max(nbytes, self.held.get(part, 0))
+        others = sum(self.held.values()) - self.held[part]
+        if self.held[part] + others > self.limit_bytes:
+            beside = f" beside {others:,} bytes of others" if others else ""
+            raise PredictionError(
+                f"{part}: {self.held[part]:,} bytes of memory{beside}, more than the limit",
+                where=path,
+                expected=f"at most {self.limit_bytes:,} bytes, all together",
+                mend="raise --max-memory" + (f"; {mend}" if mend else ""),
+            )

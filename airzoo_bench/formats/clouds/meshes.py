@@ -1,0 +1,245 @@
+"""Meshes: checked, sampled on their surface by area, the same points on every machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.source import FileCloud, fault
+from airzoo_bench.geometry.arrays import Floats, Ints
+
+__all__ = [
+    "Mesh",
+    "MeshSampling",
+    "check_memory",
+    "face_areas",
+    "fans",
+    "sampled",
+    "triangles_of",
+]
+
+_BYTES_PER_VERTEX = 3 * 8 + 3
+_BYTES_PER_FACE = 3 * 8 + 2 * 8
+_ENDLESS = 1e18
+_DOUBLE = np.dtype(np.float64)
+_WEYL = np.uint64(0x9E3779B97F4A7C15)
+_MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+
+
+@dataclass(frozen=True)
+class MeshSampling:
+    """How a protocol samples meshes.
+
+    Attributes
+    ----------
+    seed : int
+        From 0 up to 2^64 - 1.
+    count : int or None
+        Points on the whole mesh; exactly one of this and `per_square_unit` is given.
+    per_square_unit : float or None
+        Points per square unit of the scene (square metre).
+    max_points : int
+        More are refused: a mesh in millimetres would ask for a million times as many.
+    """
+
+    seed: int
+    count: int | None
+    per_square_unit: float | None
+    max_points: int
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh in memory, as read.
+
+    Attributes
+    ----------
+    path : Path
+    kind : str
+    vertices : (V, 3) float64
+    faces : (F, 3) int64
+    colours : (V, 3) uint8 or None
+    notes : tuple of str
+    precision : dtype
+        Type that the coordinates are stored in.
+    """
+
+    path: Path
+    kind: str
+    vertices: Floats
+    faces: Ints
+    colours: NDArray[np.uint8] | None = None
+    notes: tuple[str, ...] = ()
+    precision: np.dtype[Any] = _DOUBLE
+
+
+def check_memory(path: Path, vertices: int, faces: int, limit_bytes: int) -> None:
+    """Refuse a mesh that takes more memory than the limit."""
+    needed = vertices * _BYTES_PER_VERTEX + faces * _BYTES_PER_FACE
+    if needed > limit_bytes:
+        raise fault(
+            path,
+            f"a mesh of {vertices:,} vertices and {faces:,} faces takes {needed:,} bytes of memory",
+            expected=f"at most {limit_bytes:,} bytes",
+            mend="raise --max-memory, or sample the mesh and give the points",
+        )
+
+
+def fans(polygons: Ints) -> Ints:
+    """Cut polygons (P, n) of n vertices into triangles ((n - 2) P, 3), as fans from the first."""
+    sides = polygons.shape[1] if polygons.ndim == 2 else 0
+    if sides < 3:
+        return np.empty((0, 3), np.int64)
+    first = np.broadcast_to(polygons[:, :1], (len(polygons), sides - 2))
+    triangles: Ints = np.stack((first, polygons[:, 1:-1], polygons[:, 2:]), axis=-1)
+    return triangles.reshape(-1, 3)
+
+
+def triangles_of(polygons: Sequence[Sequence[int]]) -> Ints:
+    """Cut polygons of different sizes into triangles (F, 3), in their order."""
+    by_size: dict[int, list[int]] = {}
+    for place, polygon in enumerate(polygons):
+        by_size.setdefault(len(polygon), []).append(place)
+    parts, owners = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    for size, places in by_size.items():
+        rows = np.array([polygons[place] for place in places], np.int64)
+        parts.append(fans(rows.reshape(len(places), size)))
+        owners.append(np.repeat(places, max(size - 2, 0)))
+    order = np.argsort(np.concatenate(owners), kind="stable")
+    triangles: Ints = np.concatenate(parts)[order]
+    return triangles
+
+
+def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
+    """Sample a mesh's surface uniformly by area, piece by piece when points are asked for.
+
+    The surface is cut into parts of the same area, in the order of the faces, and one point is
+    drawn in each. A point follows from the seed and its index alone, by integers and by single IEEE
+    operations, so that the bytes are the same on every machine and for every block.
+
+    Raises
+    ------
+    PredictionError
+        Faces name vertices that are not there or not finite, the surface has no area, or more
+        points are asked for than the protocol allows.
+    """
+    ends = _checked_ends(mesh)
+    total = float(ends[-1])
+    wanted = sampling.count
+    if wanted is None:
+        wanted = max(round(min(total * (sampling.per_square_unit or 0.0), _ENDLESS)), 1)
+    count = _allowed(mesh, wanted, total, sampling.max_points)
+    read = partial(_pieces, mesh, ends, count, sampling.seed)
+    notes = (
+        *mesh.notes,
+        f"a mesh of {counted(len(mesh.faces), 'face')}: {counted(count, 'point')} sampled on its "
+        f"surface of {total:.6g} square units",
+    )
+    return FileCloud(mesh.path, mesh.kind, count, read, mesh.precision, notes)
+
+
+def face_areas(vertices: Floats, faces: Ints) -> Floats:
+    """Areas (F,) of triangles; differences come first, so that far coordinates lose nothing."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        u, v = b - a, c - a
+        x = u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1]
+        y = u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2]
+        z = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        areas: Floats = 0.5 * np.sqrt(x * x + y * y + z * z)
+    return areas
+
+
+def _checked_ends(mesh: Mesh) -> Floats:
+    outside = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
+    if outside.any():
+        raise fault(
+            mesh.path,
+            f"faces with a vertex that is not there: "
+            f"{first_of(np.flatnonzero(outside).tolist(), len(mesh.faces))}, counted from 0",
+            expected=f"indices below {len(mesh.vertices):,}, the number of vertices",
+        )
+    areas = face_areas(mesh.vertices, mesh.faces)
+    endless = ~np.isfinite(areas)
+    if endless.any():
+        raise fault(
+            mesh.path,
+            f"faces with a corner that is NaN, infinite or absurdly far: "
+            f"{first_of(np.flatnonzero(endless).tolist(), len(areas))}, counted from 0",
+            expected="finite corners",
+            mend="leave these faces out",
+        )
+    with np.errstate(over="ignore"):
+        ends: Floats = np.cumsum(areas)
+    if not (ends.size and 0.0 < ends[-1] < np.inf):
+        total = ends[-1] if ends.size else 0.0
+        raise fault(mesh.path, f"the mesh has an area of {total}", expected="faces with an area")
+    return ends
+
+
+def _allowed(mesh: Mesh, wanted: int, area: float, most: int) -> int:
+    if wanted > most:
+        raise PredictionError(
+            f"its surface of {area:.4g} square units would take {wanted:.4g} points",
+            where=mesh.path,
+            expected=f"at most {most:,}",
+            mend="check its unit: a mesh in millimetres has a million times the area; or give "
+            "points instead of a mesh",
+        )
+    return wanted
+
+
+def _pieces(mesh: Mesh, ends: Floats, count: int, seed: int, points: int) -> Iterator[Cloud]:
+    for start in range(0, count, points):
+        place, weights = _draw(ends, count, seed, start, min(start + points, count))
+        corners = mesh.faces[place]
+        colours = None
+        if mesh.colours is not None:
+            blended = _blend(mesh.colours.astype(np.float64), corners, weights)
+            colours = np.rint(np.clip(blended, 0.0, 255.0)).astype(np.uint8)
+        yield Cloud(_blend(mesh.vertices, corners, weights), colours)
+
+
+def _draw(
+    ends: Floats, count: int, seed: int, start: int, stop: int
+) -> tuple[NDArray[np.intp], Floats]:
+    """Faces (N,) and weights (N, 2) of their second and third corners."""
+    index = np.arange(start, stop, dtype=np.uint64)
+    offset, u, v = (_uniform(index, seed, stream) for stream in range(3))
+    reached = (index.astype(np.float64) + offset) * (ends[-1] / count)
+    # Rounding may reach the very end of the surface; the last face with an area is then meant.
+    last = np.searchsorted(ends, ends[-1], side="left")
+    place = np.minimum(np.searchsorted(ends, reached, side="right"), last)
+    folded = u + v > 1.0
+    weights = np.stack((np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)), axis=-1)
+    return place, weights
+
+
+def _blend(values: Floats, corners: Ints, weights: Floats) -> Floats:
+    a, b, c = (values[corners[:, corner]] for corner in range(3))
+    blended: Floats = a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a)
+    return blended
+
+
+def _uniform(index: NDArray[np.uint64], seed: int, stream: int) -> Floats:
+    """Numbers in [0, 1) by index, the SplitMix64 generator (Steele, Lea and Flood, 2014)."""
+    with np.errstate(over="ignore"):
+        key = _mixed(np.array([seed % (1 << 64)], np.uint64) + _WEYL * np.uint64(stream + 1))
+        mixed = _mixed(key + (index + np.uint64(1)) * _WEYL)
+    numbers: Floats = (mixed >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    return numbers
+
+
+def _mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    state = (state ^ (state >> np.uint64(30))) * _MIX_1
+    state = (state ^ (state >> np.uint64(27))) * _MIX_2
+    return np.asarray(state ^ (state >> np.uint64(31)))

@@ -1,0 +1,208 @@
+"""PLY: clouds, Gaussian splats and meshes, binary of both byte orders and text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
+from airzoo_bench.formats.clouds.ply_header import Element, PlyHeader, read_header
+from airzoo_bench.formats.clouds.ply_lists import binary_polygons, end_of_element, text_polygons
+from airzoo_bench.formats.clouds.source import (
+    MEND_COPY,
+    FileCloud,
+    as_colours,
+    as_confidence,
+    columns_to_points,
+    fault,
+    read_block,
+    uncounted,
+)
+from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows
+from airzoo_bench.geometry.arrays import Ints
+
+__all__ = ["open_ply"]
+
+_CONFIDENCE = ("confidence", "conf")
+_COLOURS = ("red", "green", "blue")
+_SPLATS = ("f_dc_0", "opacity")
+_FACE_LISTS = ("vertex_indices", "vertex_index")
+_SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colours"
+
+
+def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
+    """Open a PLY file: a mesh where it has faces, else a cloud.
+
+    Read from ``vertex``: x, y, z; red, green, blue; confidence or conf. Other columns are passed
+    over.
+
+    Parameters
+    ----------
+    path : Path
+    limit_bytes : int
+        The most that a mesh may take in memory; clouds are read in pieces.
+
+    Raises
+    ------
+    PredictionError
+        The header is not one, lacks coordinates, or promises more than the file holds.
+    """
+    header = read_header(path)
+    vertex = header.element("vertex")
+    if vertex is None or not {"x", "y", "z"} <= set(vertex.names):
+        raise fault(
+            path,
+            "has no vertices" if vertex is None else "its vertices lack x, y or z",
+            expected="element vertex with properties x, y, z",
+        )
+    if vertex.has_lists:
+        raise fault(path, "its vertices hold lists", expected="numbers only in element vertex")
+    cloud = _open_vertices(path, header, vertex)
+    faces = header.element("face")
+    return _open_mesh(path, header, cloud, faces, limit_bytes) if faces and faces.count else cloud
+
+
+def _open_vertices(path: Path, header: PlyHeader, vertex: Element) -> FileCloud:
+    precision = np.result_type(*(one.type for one in vertex.properties if one.name in "xyz"))
+    notes: tuple[str, ...] = (_SPLAT_NOTE,) if set(_SPLATS) <= set(vertex.names) else ()
+    if not header.order:
+        _refuse_short_text(path, header)
+        read = partial(_read_text, path, header, vertex)
+        if vertex is header.elements[-1]:
+            rows = sum(one.count for one in header.elements)
+            left = lines_beyond(path, header.size, rows)
+            notes += uncounted(left, "lines", vertex.count)
+        return FileCloud(path, "PLY (text)", vertex.count, read, precision, notes)
+    start = _start_of(path, header, vertex)
+    record = vertex.record(header.order)
+    _refuse_short(path, vertex, start, record.itemsize)
+    notes += _more_than_promised(path, header, vertex, start + vertex.count * record.itemsize)
+    read = partial(_read_binary, path, record, start, vertex.count)
+    return FileCloud(path, "PLY (binary)", vertex.count, read, precision, notes)
+
+
+def _more_than_promised(
+    path: Path, header: PlyHeader, vertex: Element, end: int
+) -> tuple[str, ...]:
+    left = path.stat().st_size - end if vertex is header.elements[-1] else 0
+    return uncounted(left, "bytes", vertex.count)
+
+
+def _start_of(path: Path, header: PlyHeader, element: Element) -> int:
+    start = header.size
+    for before in header.elements[: header.elements.index(element)]:
+        start = end_of_element(path, before, header.order, start)
+    return start
+
+
+def _refuse_short(path: Path, vertex: Element, start: int, itemsize: int) -> None:
+    held = max(path.stat().st_size - start, 0) // itemsize
+    if held < vertex.count:
+        raise _too_few(path, vertex.count, f"room for {held:,}")
+
+
+def _refuse_short_text(path: Path, header: PlyHeader) -> None:
+    # A number takes two bytes at least, with the blank behind it.
+    least = sum(2 * max(len(one.properties), 1) * one.count for one in header.elements)
+    if least > path.stat().st_size - header.size + 1:
+        promised = ", ".join(f"{one.count:,} {one.name[:20]}" for one in header.elements[:3])
+        raise _too_few(path, promised, f"{path.stat().st_size - header.size:,} bytes of text")
+
+
+def _too_few(path: Path, promised: int | str, held: str) -> PredictionError:
+    count = f"{promised:,} points" if isinstance(promised, int) else promised
+    return fault(
+        path,
+        f"its header promises {count}, the file has {held}",
+        expected="all that the header promises",
+        mend=MEND_COPY,
+    )
+
+
+def _read_binary(
+    path: Path, record: np.dtype[Any], start: int, count: int, points: int
+) -> Iterator[Cloud]:
+    with path.open("rb", buffering=0) as stream:
+        stream.seek(start)
+        for done in range(0, count, points):
+            block = read_block(stream, record, min(points, count - done), path)
+            yield _cloud({name: block[name] for name in record.names or ()})
+
+
+def _read_text(path: Path, header: PlyHeader, vertex: Element, points: int) -> Iterator[Cloud]:
+    with opened_text(path, header.size, header.lines) as text:
+        for before in header.elements[: header.elements.index(vertex)]:
+            for _ in range(before.count):
+                text.take(1, before.count, "rows before the points")
+        width, count = len(vertex.properties), vertex.count
+        for done in range(0, count, points):
+            rows = parse_rows(text, min(points, count - done), width, count, "points")
+            yield _cloud(_typed_columns(vertex, rows))
+
+
+def _typed_columns(vertex: Element, rows: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    return {
+        one.name: _typed(rows[:, place], np.dtype(one.type))
+        for place, one in enumerate(vertex.properties)
+        if one.name in ("x", "y", "z", *_COLOURS, *_CONFIDENCE)
+    }
+
+
+def _typed(column: NDArray[np.float64], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Take numbers of a text to the type of a colour; coordinates keep all digits that are there.
+
+    Text of a float property may have more digits than float32; they are not thrown away.
+    """
+    if kind.kind == "f":
+        return column
+    limits = np.iinfo(kind)
+    return np.clip(np.nan_to_num(column, nan=0.0), limits.min, limits.max).astype(kind)
+
+
+def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
+    colours = confidence = None
+    if all(name in columns for name in _COLOURS):
+        colours = as_colours(*(columns[name] for name in _COLOURS))
+    for name in _CONFIDENCE:
+        if name in columns:
+            confidence = as_confidence(columns[name])
+            break
+    points = columns_to_points(columns["x"], columns["y"], columns["z"])
+    return Cloud(points, colours, confidence)
+
+
+def _open_mesh(
+    path: Path, header: PlyHeader, cloud: FileCloud, faces: Element, limit_bytes: int
+) -> Mesh:
+    lists = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
+    if not lists:
+        raise fault(
+            path,
+            "its faces have no list of vertices",
+            expected="property list uchar int vertex_indices",
+        )
+    check_memory(path, cloud.count, 0, limit_bytes)
+    piece = next(cloud.pieces(max(cloud.count, 1)), Cloud(np.empty((0, 3))))
+    triangles = _triangles(path, header, faces, lists[0], limit_bytes)
+    check_memory(path, cloud.count, len(triangles), limit_bytes)
+    return Mesh(
+        path, "PLY mesh", piece.points, triangles, piece.colours, cloud.notes, cloud.precision
+    )
+
+
+def _triangles(path: Path, header: PlyHeader, faces: Element, name: str, limit_bytes: int) -> Ints:
+    if header.order:
+        start = _start_of(path, header, faces)
+        return binary_polygons(path, faces, name, header.order, start, limit_bytes)
+    with opened_text(path, header.size, header.lines) as text:
+        for before in header.elements[: header.elements.index(faces)]:
+            for _ in range(before.count):
+                text.take(1, before.count, "rows before the faces")
+        return text_polygons(text, faces, name, limit_bytes)

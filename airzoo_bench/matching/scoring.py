@@ -1,0 +1,232 @@
+"""Scoring one scene of the matching track: truth and claim become records, a row a query."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.matching.claims import SceneClaim
+from airzoo_bench.matching.lifting import LiftStatus, lift
+from airzoo_bench.matching.metrics import pose_errors
+from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
+from airzoo_bench.matching.scores import pose_columns
+from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
+from airzoo_bench.matching.truth import MatchingTruth
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MISSING = "missing from the predictions"
+NOT_GIVEN = "no pose given"
+GIVEN = "given"
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredScene:
+    """Records of a scene, and what pictures need beside them.
+
+    Attributes
+    ----------
+    records : DataFrame
+        A row a query.
+    centres : (Q, 3) float64
+        Estimated camera centres; NaN for failures.
+    inliers : list of (m,) bool
+        Of the matches of each query; empty where poses were given.
+    seconds : (Q,) float64
+        Spent in the solver. Not part of the records, which are the same for the same input.
+    counts : dict of str to int
+        What a result states of the scene.
+    """
+
+    records: pd.DataFrame
+    centres: Floats
+    inliers: list[NDArray[np.bool_]]
+    seconds: Floats
+    counts: dict[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Posed:
+    """Poses of Q queries however they came about, with the counts of what led to them."""
+
+    rotations: Floats
+    centres: Floats
+    status: list[str]
+    inliers: list[NDArray[np.bool_]]
+    seconds: Floats
+    counts: dict[str, Ints]
+
+
+def score_scene(
+    truth: MatchingTruth,
+    claim: SceneClaim,
+    lifting: Lift,
+    solver: Solver,
+    settings: MatchingScores,
+    *,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> ScoredScene:
+    """Score every query of a scene.
+
+    Parameters
+    ----------
+    truth : MatchingTruth
+        With Q queries.
+    claim : SceneClaim
+        Of the same Q queries.
+    lifting, solver, settings : Lift, Solver, MatchingScores
+        The protocol's.
+    workers : int
+        Threads; the records do not depend on it.
+    progress : Progress
+
+    Returns
+    -------
+    ScoredScene
+        A failure has infinite errors and stays in the records.
+    """
+    if claim.poses is not None:
+        posed = _given(claim.poses)
+    else:
+        posed = _solved(truth, claim, lifting, solver, workers, progress)
+    records = _records(truth, claim.answered, posed, settings)
+    counts = _result_counts(truth, records)
+    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
+
+
+def _result_counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int]:
+    counts = {
+        "queries": len(records),
+        "missing": int((~records["answered"]).sum()),
+        "failed": int(records["failed"].sum()),
+        "left_out": len(truth.excluded),
+    }
+    for name in ("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"):
+        if name in records.columns:
+            counts[name] = int(records[name].sum())
+    return counts
+
+
+def _records(
+    truth: MatchingTruth, answered: NDArray[np.bool_], posed: _Posed, settings: MatchingScores
+) -> pd.DataFrame:
+    import pandas as pd
+
+    true = truth.poses
+    rotation = true.rotation if settings.orientation_is_trusted else None
+    errors = pose_errors(posed.rotations, posed.centres, rotation, true.centres)
+    columns: dict[str, Any] = {
+        "scene": truth.scene,
+        "query": truth.queries["id"].to_numpy(),
+        "answered": answered,
+        "status": np.where(answered, posed.status, MISSING),
+        "failed": ~np.isfinite(errors.translation_m),
+        **posed.counts,
+        **pose_columns(errors, settings),
+    }
+    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+
+
+def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
+    """Return the records of a method that answers every query by its prior pose."""
+    answered = np.ones(len(truth.queries), np.bool_)
+    return _records(truth, answered, _given(truth.priors), settings)
+
+
+def _given(poses: Poses) -> _Posed:
+    none: NDArray[np.bool_] = np.zeros(0, np.bool_)
+    found: NDArray[np.bool_] = np.asarray(np.isfinite(poses.centres).all(axis=1))
+    return _Posed(
+        poses.rotation,
+        poses.centres,
+        np.where(found, GIVEN, NOT_GIVEN).tolist(),
+        [none] * len(found),
+        np.zeros(len(found)),
+        {},
+    )
+
+
+def _solved(
+    truth: MatchingTruth,
+    claim: SceneClaim,
+    lifting: Lift,
+    solver: Solver,
+    workers: int,
+    progress: Progress,
+) -> _Posed:
+    points, status = lifted_points(truth, claim, lifting, workers)
+    given = np.diff(claim.offsets)
+    lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
+    cameras = truth.cameras
+    problems = [
+        PoseProblem(
+            cameras.take(row), claim.query_xy[part][lifted[part]], points[part][lifted[part]]
+        )
+        for row, part in enumerate(claim.parts())
+    ]
+    settings = solver.model_dump(exclude={"name", "least_matches"})
+    found = solve_poses(
+        problems, workers=workers, progress=progress, solver=solver.name, **settings
+    )
+    return _Posed(
+        np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
+        np.array([estimate.centre for estimate in found]).reshape(-1, 3),
+        [estimate.status.value for estimate in found],
+        [
+            _of_all(estimate, lifted[part])
+            for estimate, part in zip(found, claim.parts(), strict=True)
+        ],
+        np.array([estimate.seconds for estimate in found]),
+        _counts(claim, status, found),
+    )
+
+
+def lifted_points(
+    truth: MatchingTruth, claim: SceneClaim, lifting: Lift, workers: int
+) -> tuple[Floats, NDArray[np.uint8]]:
+    """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
+    if claim.map_xy is None:
+        return claim.points, np.full(len(claim.points), LiftStatus.LIFTED, np.uint8)
+    heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
+    shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
+    lifted = lift(
+        claim.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
+    )
+    return lifted.points, lifted.status
+
+
+def _of_all(estimate: PoseEstimate, lifted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Spread inliers among lifted matches over all matches of a query."""
+    inliers = np.zeros(len(lifted), np.bool_)
+    inliers[lifted] = estimate.inliers
+    return inliers
+
+
+def _counts(
+    claim: SceneClaim, status: NDArray[np.uint8], found: list[PoseEstimate]
+) -> dict[str, Ints]:
+    names = {
+        "lifted": LiftStatus.LIFTED,
+        "outside_map": LiftStatus.OUTSIDE_MAP,
+        "outside_dsm": LiftStatus.OUTSIDE_DSM,
+        "no_height": LiftStatus.NO_HEIGHT,
+    }
+    parts = claim.parts()
+    counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
+    for name, kind in names.items():
+        counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)
+    counts["beyond_limit"] = np.array([estimate.left_out for estimate in found], np.int64)
+    counts["inliers"] = np.array([estimate.inliers.sum() for estimate in found], np.int64)
+    return counts

@@ -1,0 +1,82 @@
+"""How far matching's scores depend on the seed of the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.results.scores import Score, summarise
+
+__all__ = ["SeedSpread", "seed_spreads", "spread_over_seeds"]
+
+
+@dataclass(frozen=True)
+class SeedSpread:
+    """One score under several seeds: the average over scenes at its least, median and most.
+
+    Attributes
+    ----------
+    score : Score
+    least, median, most : float
+    """
+
+    score: Score
+    least: float
+    median: float
+    most: float
+
+    def __str__(self) -> str:
+        scale, unit = (100.0, "%") if self.score.unit == "share" else (1.0, self.score.unit)
+        least, median, most = (f"{scale * v:.2f}" for v in (self.least, self.median, self.most))
+        return f"{self.score.title}: {least} to {most} {unit}, median {median}"
+
+
+def spread_over_seeds(
+    evaluation: Evaluation, seeds: int, out: Path | None, resources: Resources
+) -> Iterator[str]:
+    """Score the same claims with the protocol's seed and the seeds that follow it.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Made with the protocol's seed, which counts as the first.
+    seeds : int
+    out : Path or None
+        Not written to.
+    resources : Resources
+
+    Yields
+    ------
+    str
+        A heading, and a line for each headline score, averaged over scenes.
+    """
+    yield f"average over scenes under {seeds} seeds, of which the result has the first:"
+    for one in seed_spreads(evaluation, seeds, resources):
+        yield f"  {one}"
+
+
+def seed_spreads(evaluation: Evaluation, seeds: int, resources: Resources) -> list[SeedSpread]:
+    """Return how far each headline score, averaged over scenes, spreads over seeds."""
+    protocol, track = evaluation.protocol, evaluation.given.track
+    scores = [score for score in matching_scores(protocol.scores) if score.headline]
+    averages = [evaluation.result.overall]
+    pairs = list(zip(evaluation.claims, evaluation.truths, strict=True))
+    for step in range(1, seeds):
+        solver = protocol.solver.model_copy(update={"seed": protocol.solver.seed + step})
+        seeded = protocol.model_copy(update={"solver": solver})
+        scored = [track.score(claim, truth, seeded, resources) for claim, truth in pairs]
+        scenes = [truth.scene for _, truth in pairs]
+        averages.append(summarise(track.records(scored, seeded), scores, scenes).overall)
+    return [_spread(score, [values[score.column] for values in averages]) for score in scores]
+
+
+def _spread(score: Score, values: list[float]) -> SeedSpread:
+    # The lower of the two in the middle, since the mean of infinities and numbers says nothing.
+    median = sorted(values)[(len(values) - 1) // 2]
+    return SeedSpread(score, float(np.min(values)), median, float(np.max(values)))

@@ -1,0 +1,1 @@
+"""Export: folders of frames, the photos and truth of the benchmark, pictures for people."""

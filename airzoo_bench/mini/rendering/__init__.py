@@ -1,0 +1,1 @@
+"""Rendering: photos of a world with exact depth, in every weather and light."""

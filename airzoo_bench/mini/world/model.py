@@ -1,0 +1,142 @@
+"""What a world is made of: a mesh, its colours, and the rasters of its map; and its light.
+
+All geometry is in metres of a local frame: x east, y north, z up, with the origin at the south-west
+corner of the region and heights as in the surface model. Rasters have their first row in the north.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = [
+    "CRS",
+    "OLDER_SUN",
+    "REGIONS",
+    "SIDE_M",
+    "SURVEY_SUN",
+    "Buildings",
+    "Light",
+    "Material",
+    "Mesh",
+    "Region",
+    "World",
+]
+
+CRS = "EPSG:4547"
+SIDE_M = 600.0
+
+
+@dataclass(frozen=True)
+class Region:
+    """A square part of the world; west and south, in `CRS`, are its corner."""
+
+    name: str
+    west: float
+    south: float
+    side_m: float
+
+    @property
+    def north(self) -> float:
+        """The northing of its northern border."""
+        return self.south + self.side_m
+
+
+REGIONS = {
+    "city": Region("city", 401_000.0, 3_120_000.0, SIDE_M),
+    "rural": Region("rural", 409_000.0, 3_128_000.0, SIDE_M),
+}
+
+
+class Material(IntEnum):
+    """What a triangle is made of, which says where its colour comes from."""
+
+    GROUND = 0  # land and water inside the region: `World.ground_albedo`
+    ROOF = 1  # `World.top_albedo`
+    WALL = 2  # `World.buildings`, by owner
+    CANOPY = 3  # `World.tree_colours`, by owner
+    TRUNK = 4
+    APRON = 5  # land beyond the region: `World.top_albedo`, mirrored at the border
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles of a world, counter-clockwise as seen from outside."""
+
+    vertices: Floats  # (V, 3): metres of the local frame
+    triangles: NDArray[np.int32]  # (T, 3): rows of `vertices`
+    material: NDArray[np.uint8]  # (T,): see `Material`
+    # (T,): the building of a roof or wall, the tree of a canopy or trunk; -1 for land
+    owner: NDArray[np.int32]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Mesh]) -> Mesh:
+        """Put meshes into one."""
+        starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+        triangles = [part.triangles + start for part, start in zip(parts, starts, strict=True)]
+        return cls(
+            np.concatenate([part.vertices for part in parts]),
+            np.concatenate(triangles).astype(np.int32),
+            np.concatenate([part.material for part in parts]),
+            np.concatenate([part.owner for part in parts]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Buildings:
+    """How the walls of B buildings look."""
+
+    wall_colour: NDArray[np.uint8]  # (B, 3): albedo
+    window_colour: NDArray[np.uint8]  # (B, 3)
+    base_m: Floats  # (B,): height of the floor, from which storeys are counted
+    storey_m: Floats  # (B,): height of a storey
+    bay_m: Floats  # (B,): width of a window's bay
+    # (B,): 0 single windows, 1 bands of windows, 2 balconies, 3 a barn's door
+    style: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """One region: geometry, colours without light, and the rasters of its map."""
+
+    region: Region
+    seed: int
+    mesh: Mesh
+    buildings: Buildings
+    tree_colours: NDArray[np.uint8]  # (trees, 3): albedo of canopies
+    ground_albedo: NDArray[np.uint8]  # (2400, 2400, 3): the land without light, at 0.25 m
+    top_albedo: NDArray[np.uint8]  # (2400, 2400, 3): all that is seen from above, likewise
+    water: NDArray[np.bool_]  # (2400, 2400): where the land is water, which mirrors the sky
+    # (1200, 1200): heights of what is seen from above at pixel centres, at 0.5 m
+    dsm: NDArray[np.float32]
+    # (2400, 2400, 3): the orthophoto, `top_albedo` in the survey's sun, with shadows
+    dom: NDArray[np.uint8]
+    # (2000, 2000, 3): the older mosaic at 0.3 m: another season, changed roofs, shifted
+    satellite: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Light:
+    """Sunlight and skylight.
+
+    A surface of albedo ``a`` (display values of 0 to 255, per channel) with the outward unit normal
+    ``n`` shows ``a * (sky + sun * max(0, n . direction) * visible)``, cut at 255, where ``visible``
+    is 1 in the sun and 0 in a cast shadow.
+    """
+
+    direction: tuple[float, float, float]  # unit vector to the sun: east, north, up
+    sun: tuple[float, float, float]  # factors of red, green and blue
+    sky: tuple[float, float, float]
+
+
+# Directions are rational: of length 1, and the same on every machine without a sine.
+# An early afternoon in summer: sun in the south-south-west, 52 degrees high.
+SURVEY_SUN = Light((-6 / 19, -10 / 19, 15 / 19), (0.95, 0.90, 0.78), (0.30, 0.36, 0.46))
+# A morning in winter: sun in the south-east, 39 degrees high, a paler light.
+OLDER_SUN = Light((6 / 11, -6 / 11, 7 / 11), (1.02, 0.94, 0.80), (0.36, 0.40, 0.47))

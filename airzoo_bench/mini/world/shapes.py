@@ -1,0 +1,281 @@
+"""Shapes on the ground, and the pixels of a raster that they cover."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Bools, Floats
+
+__all__ = [
+    "Ellipse",
+    "Frame",
+    "Line",
+    "Patch",
+    "Point",
+    "Polygon",
+    "Raster",
+    "Rect",
+    "Shape",
+    "Stroke",
+    "bend",
+    "distance",
+    "distance_to_line",
+    "edges",
+    "line_height",
+    "square",
+    "steps",
+]
+
+Point = tuple[float, float]
+Line = tuple[Point, ...]
+_FAR_M = 10_000.0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Axes u and v about an origin (x, y), in metres of the region; v is to the left of u.
+
+    `cosine` and `sine` are the direction of u.
+    """
+
+    x: float
+    y: float
+    cosine: float = 1.0
+    sine: float = 0.0
+
+    @classmethod
+    def along(cls, start: Point, end: Point) -> Frame:
+        """Return axes at a point with u towards another."""
+        length = distance(start, end)
+        return cls(*start, (end[0] - start[0]) / length, (end[1] - start[1]) / length)
+
+    @property
+    def origin(self) -> Point:
+        """Where u and v are 0."""
+        return self.x, self.y
+
+    def to_local(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Return u and v of points."""
+        x, y = x - self.x, y - self.y
+        return x * self.cosine + y * self.sine, y * self.cosine - x * self.sine
+
+    def to_world(self, u: float, v: float) -> Point:
+        """Return x and y of a point."""
+        x = self.x + u * self.cosine - v * self.sine
+        return x, self.y + u * self.sine + v * self.cosine
+
+    def at(self, u: float, v: float, *, turned: bool = False) -> Frame:
+        """Return the same axes with the origin moved, and turned left by a right angle or not."""
+        if turned:
+            return Frame(*self.to_world(u, v), -self.sine, self.cosine)
+        return Frame(*self.to_world(u, v), self.cosine, self.sine)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The part of a raster that a shape may cover."""
+
+    window: tuple[slice, slice]  # slices of the raster
+    mask: Bools  # (h, w): where the shape does cover it
+    u: Floats  # (h, w): coordinates in the axes of the shape, in metres
+    v: Floats  # (h, w)
+
+
+@dataclass(frozen=True)
+class Raster:
+    """A square raster over a region, first row in the north."""
+
+    size: int
+    pixel_m: float
+
+    def window(self, points: Line, reach: float = 0.0) -> tuple[slice, slice]:
+        """Return rows and columns that may lie within reach of the box of points."""
+        side = self.size * self.pixel_m
+        x, y = zip(*points, strict=True)
+        columns = self._span(min(x) - reach, max(x) + reach)
+        return self._span(side - (max(y) + reach), side - (min(y) - reach)), columns
+
+    def _span(self, low: float, high: float) -> slice:
+        start = min(max(int(low // self.pixel_m), 0), self.size)
+        return slice(start, min(max(int(high // self.pixel_m) + 2, start), self.size))
+
+    def centres(self, rows: slice, columns: slice) -> tuple[Floats, Floats]:
+        """Return x of the columns, shape (1, w), and y of the rows, shape (h, 1)."""
+        x = (np.arange(columns.start, columns.stop) + 0.5) * self.pixel_m
+        y = (self.size - 0.5 - np.arange(rows.start, rows.stop)) * self.pixel_m
+        return x[None, :], y[:, None]
+
+
+@dataclass(frozen=True)
+class Rect:
+    """A rectangle along the axes of a frame, from (u0, v0) to (u1, v1)."""
+
+    frame: Frame
+    u0: float
+    u1: float
+    v0: float
+    v1: float
+
+    @property
+    def long(self) -> float:
+        """Its extent along u."""
+        return self.u1 - self.u0
+
+    @property
+    def deep(self) -> float:
+        """Its extent along v."""
+        return self.v1 - self.v0
+
+    @property
+    def middle(self) -> Frame:
+        """Its axes about its middle."""
+        return self.frame.at((self.u0 + self.u1) / 2, (self.v0 + self.v1) / 2)
+
+    def corners(self) -> list[Point]:
+        """Return the four corners, counter-clockwise."""
+        local = ((self.u0, self.v0), (self.u1, self.v0), (self.u1, self.v1), (self.u0, self.v1))
+        return [self.frame.to_world(u, v) for u, v in local]
+
+    def inset(self, margin: float) -> Rect:
+        """Return it smaller by a margin on each side."""
+        u0, u1, v0, v1 = self.u0 + margin, self.u1 - margin, self.v0 + margin, self.v1 - margin
+        return Rect(self.frame, u0, u1, v0, v1)
+
+    def patch(self, raster: Raster) -> Patch:
+        """Return the pixels whose centres it covers."""
+        window = raster.window(tuple(self.corners()))
+        u, v = self.frame.to_local(*raster.centres(*window))
+        mask = (u >= self.u0) & (u < self.u1) & (v >= self.v0) & (v < self.v1)
+        return Patch(window, mask, u, v)
+
+
+def square(frame: Frame, half_u: float, half_v: float) -> Rect:
+    """Return a rectangle about a frame's origin."""
+    return Rect(frame, -half_u, half_u, -half_v, half_v)
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """An ellipse along the axes of a frame, about its origin."""
+
+    frame: Frame
+    a: float
+    b: float
+
+    def patch(self, raster: Raster) -> Patch:
+        """Return the pixels whose centres it covers."""
+        window = raster.window((self.frame.origin,), max(self.a, self.b))
+        u, v = self.frame.to_local(*raster.centres(*window))
+        scaled_u, scaled_v = u / self.a, v / self.b
+        return Patch(window, scaled_u * scaled_u + scaled_v * scaled_v < 1.0, u, v)
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A convex polygon, counter-clockwise, with the axes of a frame."""
+
+    points: Line
+    frame: Frame
+
+    def patch(self, raster: Raster) -> Patch:
+        """Return the pixels whose centres it covers."""
+        window = raster.window(self.points)
+        x, y = raster.centres(*window)
+        mask = np.ones((y.size, x.size), np.bool_)
+        for (x0, y0), (x1, y1) in edges(self.points):
+            mask &= (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0)
+        return Patch(window, mask, *self.frame.to_local(x, y))
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A line of a width; u of its patch is the distance from the line."""
+
+    points: Line
+    width: float
+
+    def patch(self, raster: Raster) -> Patch:
+        """Return the pixels whose centres it covers."""
+        reach = self.width / 2
+        window = raster.window(self.points, reach)
+        x, y = raster.centres(*window)
+        away = np.full((y.size, x.size), _FAR_M)
+        for segment in pairwise(self.points):
+            (x0, x1), (y0, y1) = (sorted(ends) for ends in zip(*segment, strict=True))
+            columns = np.flatnonzero((x[0] > x0 - reach) & (x[0] < x1 + reach))
+            rows = np.flatnonzero((y[:, 0] > y0 - reach) & (y[:, 0] < y1 + reach))
+            if columns.size and rows.size:
+                part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+                off = distance_to_line(x[:, part[1]], y[part[0]], segment)
+                away[part] = np.minimum(away[part], off)
+        return Patch(window, away < reach, away, np.zeros_like(away))
+
+
+Shape = Rect | Ellipse | Polygon | Stroke
+
+
+def edges(outline: Line) -> list[tuple[Point, Point]]:
+    """Return the edges of a polygon."""
+    return list(zip(outline, outline[1:] + outline[:1], strict=True))
+
+
+def distance(a: Point, b: Point) -> float:
+    """Return the distance of two points."""
+    x, y = b[0] - a[0], b[1] - a[1]
+    return math.sqrt(x * x + y * y)
+
+
+def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
+    """Return the distance of points, x and y of which broadcast, from a line."""
+    if x.ndim == 1:
+        starts, ends = np.array(points[:-1]), np.array(points[1:])
+        squares = _square_distance(x[:, None], y[:, None], *starts.T, *ends.T).min(axis=1)
+    else:
+        each = (_square_distance(x, y, *start, *end) for start, end in pairwise(points))
+        squares = reduce(np.minimum, each)
+    return np.asarray(np.sqrt(squares))
+
+
+def _square_distance(x: Floats, y: Floats, x0: Any, y0: Any, x1: Any, y1: Any) -> Floats:
+    """Square of the distance from segments, by broadcasting."""
+    along_x, along_y = x1 - x0, y1 - y0
+    length2 = along_x * along_x + along_y * along_y
+    share = np.clip(((x - x0) * along_x + (y - y0) * along_y) / length2, 0.0, 1.0)
+    off_x, off_y = x - x0 - share * along_x, y - y0 - share * along_y
+    return np.asarray(off_x * off_x + off_y * off_y)
+
+
+def line_height(x: Floats, points: Line) -> Floats:
+    """Return y of a line from west to east at some x; beyond its ends it goes on straight.
+
+    Not ``np.interp``, which a compiler may fuse into other roundings on other machines.
+    """
+    knots_x, knots_y = np.array(points).T
+    slopes = (knots_y[1:] - knots_y[:-1]) / (knots_x[1:] - knots_x[:-1])
+    part = np.clip(np.searchsorted(knots_x, x, side="right") - 1, 0, len(slopes) - 1)
+    return np.asarray(knots_y[part] + (x - knots_x[part]) * slopes[part])
+
+
+def bend(points: Line) -> Line:
+    """Round the corners of a line by cutting them thrice (Chaikin, 1974); the ends stay."""
+    for _ in range(3):
+        cut = [points[0]]
+        for (x0, y0), (x1, y1) in pairwise(points):
+            cut.append((0.75 * x0 + 0.25 * x1, 0.75 * y0 + 0.25 * y1))
+            cut.append((0.25 * x0 + 0.75 * x1, 0.25 * y0 + 0.75 * y1))
+        points = (*cut, points[-1])
+    return points
+
+
+def steps(start: float, stop: float, gap: float) -> list[float]:
+    """Return numbers from start up to stop, a gap apart.
+
+    Not ``np.arange``, which a compiler may fuse into other roundings on other machines.
+    """
+    return [start + index * gap for index in range(max(math.ceil((stop - start) / gap), 0))]

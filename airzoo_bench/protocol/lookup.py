@@ -1,0 +1,158 @@
+"""Finding protocol files: shipped ones, and those of prepared benchmark folders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import ValidationError
+
+from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
+from airzoo_bench.protocol.model import Protocol
+
+__all__ = [
+    "find_protocol",
+    "load_protocol",
+    "protocol_files",
+    "protocol_for",
+    "protocol_of_track",
+    "shipped_protocols",
+]
+
+P = TypeVar("P", bound=Protocol)
+
+
+def load_protocol(path: Path) -> Protocol:
+    """Read and check a protocol file.
+
+    Raises
+    ------
+    ProtocolError
+        The file is missing, is not TOML, or has an unknown key, a wrong type or an impossible
+        value; the message names file, key and expectation.
+    """
+    data = read_toml(path, ProtocolError, "protocol file")
+    track = data.get("track")
+    if not isinstance(track, str) or track not in TRACKS.names():
+        raise ProtocolError(
+            "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
+            where=path,
+            expected="one of " + ", ".join(TRACKS.names()),
+            mend="correct the protocol file",
+        )
+    model: type[Protocol] = TRACKS.get(track).protocol
+    return validated(data, model, ProtocolError, path, "protocol file")
+
+
+def shipped_protocols() -> dict[str, Path]:
+    """Return the protocol files that travel with the package, by name."""
+    return {path.stem: path for path in sorted(_shipped_folder().glob("*.toml"))}
+
+
+def _shipped_folder() -> Path:
+    # In the wheel they lie inside the package; in a checkout beside it.
+    package = Path(__file__).parents[1]
+    inside = package / "protocols"
+    return inside if inside.is_dir() else package.parent / "protocols"
+
+
+def find_protocol(name: str, data_root: Path) -> Protocol:
+    """Find a protocol by name or by path.
+
+    Parameters
+    ----------
+    name : str
+        The path of a ``.toml`` file, the name of a shipped protocol, or of one that ``prepare``
+        wrote into a benchmark folder.
+    data_root : Path
+        Where benchmark folders lie.
+
+    Raises
+    ------
+    ProtocolError
+        Nothing has that name; the nearest names are offered.
+    """
+    if name.endswith(".toml"):
+        return load_protocol(Path(name))
+    known = protocol_files(data_root)
+    if name in known:
+        return load_protocol(known[name])
+    raise ProtocolError(
+        f"unknown protocol {name[:80]!r}{nearest(name[:80], list(known))}",
+        expected="a .toml file or one of: " + ", ".join(known),
+        mend=f"protocols of prepared benchmarks were sought in {data_root}: is that the right "
+        "folder (--data, AIRZOO_BENCH_DATA)? `airzoo-bench protocols` lists what is known",
+    )
+
+
+def protocol_of_track(name: str, data_root: Path, model: type[P]) -> P:
+    """Find a protocol that must be of one track.
+
+    Raises
+    ------
+    ProtocolError
+        See `find_protocol`; or it is of another track.
+    """
+    chosen = find_protocol(name, data_root)
+    if not isinstance(chosen, model):
+        (wanted,) = get_args(model.model_fields["track"].annotation)
+        raise ProtocolError(
+            f"protocol {chosen.name} is of the {chosen.track} track",
+            expected=f"one of the {wanted} track",
+            mend="`airzoo-bench protocols` lists them with their tracks",
+        )
+    return chosen
+
+
+def protocol_files(data_root: Path) -> dict[str, Path]:
+    """Return every protocol that can be named: shipped, and of prepared benchmark folders.
+
+    Parameters
+    ----------
+    data_root : Path
+        A benchmark folder, or the folder that holds some; it need not exist.
+    """
+    prepared = sorted([*data_root.glob("protocols/*.toml"), *data_root.glob("*/protocols/*.toml")])
+    return {path.stem: path for path in prepared} | shipped_protocols()
+
+
+def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -> P:
+    """Derive the protocol of own data from another one.
+
+    Parameters
+    ----------
+    base : Protocol
+        Where all values come from that are not changed, the version among them.
+    name : str
+        Of the benchmark and its one scene.
+    changes : mapping of str to mapping
+        New values by section and key, such as ``{"gallery": {"tile_sizes_px": (256,)}}``.
+
+    Raises
+    ------
+    ProtocolError
+        A value is impossible.
+    """
+    values = base.model_dump(by_alias=True)
+    values |= {"name": f"{name}-{base.track}", "benchmark": name}
+    values |= {"title": f"{name}, {base.track}", "scenes": ({"id": name, "title": name},)}
+    if values["name"] in shipped_protocols():
+        raise ProtocolError(
+            f"the name {name!r} would make a second protocol {values['name']}",
+            expected="a name that no shipped protocol has",
+            mend="choose another --name",
+        )
+    for section, keys in changes.items():
+        values[section] |= keys
+    model = type(base)
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise ProtocolError(
+            validation_message(error, model),
+            where=f"the protocol for {name[:80]!r}",
+            mend="correct the option, or the protocol that --protocol names",
+        ) from error

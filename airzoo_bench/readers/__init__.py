@@ -1,1 +1,0 @@
-"""Readers of prediction files; every file is treated as hostile input."""

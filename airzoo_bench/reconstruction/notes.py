@@ -1,0 +1,254 @@
+"""What a reader of a reconstruction's numbers must know, in sentences."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.formats.clouds.source import FileCloud
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment.cameras import Alignment
+from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.cloud_suspicions import lost_digits, mirror_suspicion, suspicions
+from airzoo_bench.reconstruction.image_poses import ImagePoses
+from airzoo_bench.reconstruction.placing import Claim, PlacedClaim
+from airzoo_bench.reconstruction.reading import ReconstructionPredictions, ScenePrediction
+from airzoo_bench.reconstruction.scoring import ScoredScene
+from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
+from airzoo_bench.reconstruction.settings import Fusion, ReconstructionScores
+from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.view_suspicions import suspect_camera_to_world, suspect_image_size
+from airzoo_bench.reconstruction.views import Views
+
+__all__ = [
+    "listing_notes",
+    "notes_of_digits",
+    "notes_of_placed",
+    "notes_of_reading",
+    "notes_of_scored",
+]
+
+_PIECE = 1 << 14
+_FEW, _LEAST, _SHARE = 1000, 20, 0.5
+_HALF_TURN_DEG = 150.0
+_LOOKED_AT = 1 << 22
+
+
+def listing_notes(predictions: ReconstructionPredictions, known: list[str]) -> list[str]:
+    """Name the scenes and files that are not what they might be meant to be."""
+    missing, unknown = predictions.missing(known), predictions.unknown(known)
+    notes = []
+    if missing:
+        notes.append(f"scenes that the predictions lack, scored at their worst: {_named(missing)}")
+    if unknown:
+        # What a mistyped name means is among the scenes that are missing.
+        offered = [name[:80] + nearest(name[:80], list(missing), 1) for name in unknown]
+        notes.append(f"scenes that the protocol lacks, left aside: {first_of(offered)}")
+    if predictions.extra:
+        notes.append(f"files that belong to no scene, left aside: {_named(predictions.extra)}")
+    return notes
+
+
+def notes_of_reading(
+    prediction: ScenePrediction,
+    truth: ReconstructionTruth,
+    claim: Claim,
+    alignment: AlignmentSettings,
+    fusion: Fusion,
+) -> list[str]:
+    """Say what looks odd about a prediction as it was read, and what was left open by it."""
+    geometry = prediction.geometry
+    if isinstance(geometry, FileCloud):
+        notes = [*geometry.notes]
+    else:
+        notes = [*geometry.notes, *_odd_views(geometry, truth, fusion)]
+    if claim.cameras is not None:
+        return [*notes, *_odd_cameras(claim.cameras, truth)]
+    if alignment.method != "none":
+        notes.append(
+            f"holds no cameras: taken as it stands, without alignment by {alignment.method}"
+        )
+    return notes
+
+
+def notes_of_digits(
+    prediction: ScenePrediction, placed: PlacedClaim, scores: ReconstructionScores
+) -> list[str]:
+    """Say where coordinates lost digits, or K may be half a pixel off, by how many metres."""
+    geometry, scale = prediction.geometry, placed.alignment.transform.scale
+    found = [_digits_of_cameras(prediction.images, scale, _finest_error(scores))]
+    if isinstance(geometry, FileCloud):
+        some = next(iter(geometry.pieces(_PIECE)), None)
+        if some is not None:
+            stored = geometry.precision
+            found.append(lost_digits(some.points, stored, scale, _finest_error(scores)))
+    elif geometry.points is not None:
+        some_points = geometry.points[0].reshape(-1, 3)[:_PIECE].astype(np.float64)
+        stored = geometry.points.dtype
+        found.append(lost_digits(some_points, stored, scale, _finest_error(scores)))
+    else:
+        found.append(_half_a_pixel(geometry, scale, scores))
+    return [note for note in found if note]
+
+
+def _digits_of_cameras(images: ImagePoses | None, scale: float, tolerance: float) -> str | None:
+    if images is None or not images.found.any():
+        return None
+    error = float(np.median(images.errors[images.found])) * scale
+    if not (error > tolerance and np.isfinite(error)):
+        return None
+    return (
+        f"extrinsics lost digits: an error of {error:.2g} m is to be expected in the cameras "
+        "(C = -R^T t, and t is long); store float64, or subtract an origin first"
+    )
+
+
+def _finest_error(scores: ReconstructionScores) -> float:
+    return min(scores.finest_m / 20.0, 0.01)
+
+
+def _half_a_pixel(views: Views, scale: float, scores: ReconstructionScores) -> str | None:
+    """Ask for the field `pixel_centres` where it is absent and would move points."""
+    if views.pixel_centres is not None or views.cameras is None or views.depth is None:
+        return None
+    some = views.depth[: max(1, _LOOKED_AT // max(views.depth[0].size, 1))]
+    seen = some[np.isfinite(some) & (some > 0)]
+    if not seen.size:
+        return None
+    aside = float(np.hypot(*(0.5 / np.median(views.cameras.focal, axis=0))))
+    error = aside * float(np.median(seen)) * scale
+    if not error > scores.finest_m / 20.0:
+        return None
+    taken = "half (the first pixel's is 0.5, 0.5)" if views.named else "integer (Depth Anything 3)"
+    return (
+        f"does not say where K has its pixel centres, taken as {taken}: if that is wrong, points "
+        f"are {error:.2g} m off; add pixel_centres = 'integer' (Depth Anything 3, VGGT, CUT3R, "
+        "MapAnything, DUSt3R) or 'half'"
+    )
+
+
+def notes_of_scored(scored: ScoredScene, scores: ReconstructionScores) -> list[str]:
+    """Name the few points that decide a mean distance by themselves."""
+    if scored.distances is None:
+        return []
+    notes = []
+    for distances, whose, mean in (
+        (scored.distances.to_truth, "predicted", "Accuracy"),
+        (scored.distances.to_prediction, "true", "Completeness"),
+    ):
+        few = max(1, len(distances) // _FEW)
+        clipped = np.minimum(distances, scores.clip_m or np.inf)
+        if len(distances) < _LEAST or not np.isfinite(clipped).all():
+            continue
+        far = np.partition(clipped, -few)[-few:]
+        far = far[far > scores.headline_below_m]
+        share = float(far.sum() / max(clipped.sum(), 1e-300))
+        if share > _SHARE:
+            notes.append(
+                f"{len(far):,} of {len(distances):,} {whose} points, up to {distances.max():.4g} m "
+                f"away, {agreeing(len(far), 'makes', 'make')} {share:.0%} of the mean distance: "
+                f"{mean} and Chamfer tell of {agreeing(len(far), 'it', 'them')} alone"
+            )
+    return notes
+
+
+def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[str]:
+    """Say what was left out of a claim, how it was aligned, and where it seems to be elsewhere."""
+    cloud = placed.cloud
+    notes = _alignment_notes(placed.alignment)
+    for count, what in (
+        (placed.distrusted, "of too little confidence"),
+        (cloud.not_finite, "with coordinates that are NaN, infinite or too large to compute with"),
+    ):
+        if count:
+            notes.append(f"left out: {counted(count, 'point')} {what}")
+    odd = suspicions(cloud.bounds, placed.truth.bounds)
+    mirrored = mirror_suspicion(
+        cloud.sample, placed.truth.sample, placed.alignment.transform, scores.f1_below_m
+    )
+    notes += odd or ([mirrored] if mirrored else [])
+    if not cloud.source.count:
+        if not cloud.outside and not cloud.not_finite and not placed.distrusted:
+            notes.append("the prediction holds no point, or no depth within the protocol's range")
+        cropped = f" ({counted(cloud.outside, 'point')} outside the crop)" if cloud.outside else ""
+        notes.append(f"no point is left to compare{cropped}: it scores 0 and infinite distances")
+    return notes
+
+
+def _named(names: tuple[str, ...]) -> str:
+    return first_of([name[:80] for name in names])
+
+
+def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list[str]:
+    widths, heights = truth.photos["width"], truth.photos["height"]
+    odd = suspect_image_size(views.size, int(widths.median()), int(heights.median()))
+    notes = [odd] if odd else []
+    if views.images is not None and not views.named:
+        notes.append(
+            "has no image_names: its views were taken for the photos in the order of their names, "
+            "which their poses fit"
+        )
+    notes += _far_depth(views, fusion)
+    if views.depth is not None and views.images is not None and not views.images.found.all():
+        lost = int(np.count_nonzero(~views.images.found))
+        maps = counted(len(views.images.found), "depth map")
+        notes.append(f"{lost} of {maps} {agreeing(lost, 'has', 'have')} no pose: left out")
+    if fusion.least_confidence is not None and views.confidence is None:
+        notes.append("has no confidence: all of it was taken")
+    return notes
+
+
+def _far_depth(views: Views, fusion: Fusion) -> list[str]:
+    """Say where depth maps hold nothing nearer than the protocol looks."""
+    if views.depth is None or views.depth.size == 0:
+        return []
+    some = views.depth[: max(1, _LOOKED_AT // max(views.depth[0].size, 1))]
+    seen = some[np.isfinite(some) & (some > 0)]
+    if seen.size and (seen > fusion.max_depth_m).mean() > 0.5:
+        return [
+            f"depths are {float(np.median(seen)):g} m (median), beyond the protocol's "
+            f"{fusion.max_depth_m:g} m: are they in millimetres?"
+        ]
+    return []
+
+
+def _odd_cameras(cameras: PosedCameras, truth: ReconstructionTruth) -> list[str]:
+    if cameras.rotation is None:
+        return []
+    rows = {name: row for row, name in enumerate(truth.photos["image"])}
+    there = np.flatnonzero(np.isfinite(cameras.centres).all(axis=1))
+    given = Poses(rotation=cameras.rotation[there], centres=cameras.centres[there])
+    true = truth.poses.take(np.array([rows[cameras.names[row]] for row in there], dtype=int))
+    turned = suspect_camera_to_world(given, true)
+    return [turned] if turned else []
+
+
+def _alignment_notes(alignment: Alignment) -> list[str]:
+    notes = []
+    if alignment.used_orientations:
+        notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
+    turns, apart = alignment.rotations_deg, alignment.centres
+    agree = 2 * alignment.inliers >= alignment.cameras
+    if turns is not None and apart is not None and agree and turns.median > _HALF_TURN_DEG:
+        notes.append(
+            f"cameras are turned by {turns.median:.0f} degrees (median), though their centres fit: "
+            "are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a "
+            "straight strip, the image names in reverse order?"
+        )
+    if not alignment.robust:
+        notes.append("fewer than 3 cameras agree: aligned to all of them")
+    elif alignment.method != "none" and not agree:
+        notes.append(
+            f"only {alignment.inliers} of {counted(alignment.cameras, 'camera')} "
+            f"{agreeing(alignment.inliers, 'agrees', 'agree')} within "
+            f"{alignment.inlier_limit:.3g} m: the alignment may be that of a part"
+        )
+    if alignment.icp_failure is not None:
+        notes.append(f"{alignment.icp_failure}: aligned by cameras only")
+    if alignment.method != "none" and alignment.missing:
+        photos = counted(alignment.cameras + alignment.missing, "photo")
+        have = agreeing(alignment.missing, "has", "have")
+        notes.append(f"{alignment.missing} of {photos} {have} no pose in the prediction")
+    return notes

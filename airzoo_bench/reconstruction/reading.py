@@ -1,0 +1,234 @@
+"""Predictions of the reconstruction track: a folder or an archive with an entry a scene.
+
+::
+
+    protocol.txt            the protocol's name, so that no --protocol is needed (optional)
+    school.ply              a cloud or mesh of the scene "school"
+    school.cameras.npz      its cameras: image_names, extrinsics (optional; aligning needs them)
+    plaza.npz               depth maps or point maps with cameras, or a cloud
+    substation/cloud.laz    or a folder a scene, with one such file
+    substation/cameras.npz
+
+A file alone is a prediction of one scene, named as the file is. A folder within an archive that
+holds all the rest is stepped over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
+from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
+from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.formats.clouds.source import FileCloud
+from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, ImagePoses, read_image_poses
+from airzoo_bench.reconstruction.views import Views, holds_views, read_views
+
+__all__ = ["ReconstructionPredictions", "ScenePrediction", "open_reconstruction"]
+
+_PROTOCOL = "protocol.txt"
+_PROTOCOL_BYTES = 1024
+_LONGEST_PROTOCOL = 64
+_CAMERAS = "cameras.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePrediction:
+    """What a method claims of a scene.
+
+    Attributes
+    ----------
+    geometry : FileCloud or Views
+    images : ImagePoses or None
+        Poses of its photos, from the views themselves or from the file of cameras.
+    """
+
+    geometry: FileCloud | Views
+    images: ImagePoses | None
+
+
+@dataclass(frozen=True)
+class _Entry:
+    geometry: Member
+    cameras: Member | None
+
+
+@dataclass(frozen=True)
+class ReconstructionPredictions:
+    """A prediction as listed, nothing of it read yet.
+
+    Attributes
+    ----------
+    path : Path
+    protocol : str or None
+        The protocol that it names.
+    entries : dict
+        By scene.
+    extra : tuple of str
+        Files that are nobody's prediction.
+    """
+
+    path: Path
+    protocol: str | None
+    entries: dict[str, _Entry]
+    extra: tuple[str, ...]
+    _bundle: Bundle
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Scenes that it has an entry of, by name."""
+        return tuple(self.entries)
+
+    def unknown(self, known: Collection[str]) -> tuple[str, ...]:
+        """Scenes that the benchmark lacks: misspelt, perhaps."""
+        return tuple(scene for scene in self.entries if scene not in known)
+
+    def missing(self, known: Collection[str]) -> tuple[str, ...]:
+        """Scenes of the benchmark that it lacks; they score 0."""
+        return tuple(scene for scene in known if scene not in self.entries)
+
+    @contextmanager
+    def opened(
+        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
+    ) -> Iterator[ScenePrediction]:
+        """Open a scene's entry, for as long as it is used.
+
+        Parameters
+        ----------
+        scene : str
+        limit_bytes : int
+            The most that the files of the scene may take in memory together.
+        sampling : MeshSampling or None
+            How meshes are sampled; where None, they are refused.
+
+        Raises
+        ------
+        PredictionError
+            See `open_cloud`, `read_views` and `Bundle.file`.
+        """
+        entry = self.entries[scene]
+        images = None
+        if entry.cameras is not None:
+            with self._bundle.file(entry.cameras) as path:
+                images = read_image_poses(path, limit_bytes)
+            limit_bytes -= len(images.names) * BYTES_A_CAMERA
+        with self._bundle.file(entry.geometry) as path:
+            if path.suffix.lower() != ".npz" or not holds_views(path, limit_bytes):
+                yield ScenePrediction(
+                    open_cloud(path, limit_bytes=limit_bytes, sampling=sampling), images
+                )
+                return
+            views = read_views(path, limit_bytes)
+            if views.images is not None and images is not None:
+                raise PredictionError(
+                    f"holds extrinsics, and so does {entry.cameras.name if entry.cameras else ''}",
+                    where=f"{self.path}, {entry.geometry.name}",
+                    mend="keep one of the two",
+                )
+            yield ScenePrediction(views, views.images or images)
+
+
+def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ReconstructionPredictions:
+    """List what a prediction holds.
+
+    Parameters
+    ----------
+    path : Path
+        A folder, a zip or tar archive, or one file of a scene.
+    unpacked_limit_bytes : int
+        The most that an archive may take on disk once unpacked.
+
+    Raises
+    ------
+    PredictionError
+        See `open_bundle`; or a scene has two entries, or there is none at all.
+    """
+    if path.is_file() and path.suffix.lower() in SUFFIXES:
+        member = Member(path.name, path.stat().st_size)
+        entries = {path.stem: _Entry(member, None)}
+        return ReconstructionPredictions(path, None, entries, (), Bundle(path.parent, (member,)))
+    bundle = open_bundle(path, unpacked_limit_bytes)
+    wrapper = _wrapper(bundle.members)
+    geometry: dict[str, Member] = {}
+    cameras: dict[str, Member] = {}
+    protocol, extra = None, []
+    for member in bundle.members:
+        name = member.name.removeprefix(wrapper)
+        scene, is_camera = _scene(name)
+        if name == _PROTOCOL:
+            protocol = _protocol(bundle, member)
+        elif scene is None:
+            extra.append(name)
+        else:
+            _add(path, cameras if is_camera else geometry, scene, member)
+    extra += [cameras[scene].name for scene in cameras if scene not in geometry]
+    entries = {scene: _Entry(one, cameras.get(scene)) for scene, one in sorted(geometry.items())}
+    if not entries:
+        raise _no_entries(path, extra)
+    return ReconstructionPredictions(path, protocol, entries, tuple(extra), bundle)
+
+
+def _wrapper(members: tuple[Member, ...]) -> str:
+    """Return the folder, with its slash, that holds everything and is no scene; or nothing."""
+    tops = {member.name.partition("/")[0] for member in members}
+    if len(tops) != 1 or any("/" not in member.name for member in members):
+        return ""
+    prefix = f"{tops.pop()}/"
+    rest = [member.name.removeprefix(prefix) for member in members]
+    files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
+    is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
+    return "" if is_scene else prefix
+
+
+def _scene(name: str) -> tuple[str | None, bool]:
+    """Return the scene that a file belongs to, and whether it holds cameras."""
+    path = PurePosixPath(name)
+    if path.suffix.lower() not in SUFFIXES or len(path.parts) > 2:
+        return None, False
+    if len(path.parts) == 2:
+        return path.parts[0], path.name == _CAMERAS
+    if name.endswith(f".{_CAMERAS}"):
+        return name.removesuffix(f".{_CAMERAS}"), True
+    return path.stem, False
+
+
+def _add(path: Path, members: dict[str, Member], scene: str, member: Member) -> None:
+    if scene in members:
+        raise PredictionError(
+            f"scene {scene!r} has two entries: {members[scene].name} and {member.name}",
+            where=path,
+            expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
+            mend="keep one of the two",
+        )
+    members[scene] = member
+
+
+def _protocol(bundle: Bundle, member: Member) -> str:
+    name = bundle.text(member, _PROTOCOL_BYTES).strip()
+    plain = name.isprintable() and not set(name) & set("/\\ ") and not name.endswith(".toml")
+    if not (plain and 0 < len(name) <= _LONGEST_PROTOCOL):
+        # A file from a stranger must not choose which file of this computer is read.
+        raise PredictionError(
+            f"the protocol {name[:80]!r} is no protocol's name",
+            where=f"{bundle.path}, {member.name}",
+            expected="a line with a name, such as airzoo-real-reconstruction",
+            mend="name a protocol's file with --protocol",
+        )
+    return name
+
+
+def _no_entries(path: Path, extra: list[str]) -> UnreadableError:
+    there = f" (there are {first_of(extra)})" if extra else ""
+    endings = sorted({PurePosixPath(name).suffix[:20] for name in extra} - {"", *SUFFIXES})
+    unread = [f"endings such as {one!r} are not read: write a cloud as .ply" for one in endings]
+    return UnreadableError(
+        f"holds no cloud, mesh or npz{there}",
+        where=path,
+        expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
+        f"{', '.join(SUFFIXES)}, archives {', '.join(ARCHIVE_SUFFIXES)}",
+        mend=unread[0] if unread else "name the files by their scenes",
+    )

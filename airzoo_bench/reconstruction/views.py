@@ -1,0 +1,275 @@
+"""Depth maps and point maps with their cameras, in npz files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import CameraError, PredictionError
+from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.reconstruction.image_poses import (
+    BYTES_A_CAMERA,
+    CAMERA_FIELDS,
+    ImagePoses,
+    camera_fault,
+    check_count,
+    field_fault,
+    image_poses,
+)
+from airzoo_bench.reconstruction.view_suspicions import refuse_other_resolution
+
+__all__ = ["Views", "holds_views", "read_views"]
+
+_DEPTH = "depth"
+_POINTS = ("world_points", "points")
+_CONFIDENCE = ("conf", "confidence")
+_COLOURS = ("colours", "colors", "image")
+_NAMES = "image_names"
+_CENTRES = "pixel_centres"
+_HALF_A_PIXEL = {"half": 0.0, "integer": 0.5}
+_BYTES_A_PIXEL = 96  # depth and surface in double precision, their places, rays and points
+_EXPECTED = (
+    "depth (N, H, W) or world_points (N, H, W, 3), intrinsics (N, 3, 3), extrinsics (N, 3, 4) or "
+    "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, "
+    "3), pixel_centres ('half' or 'integer')"
+)
+
+
+class _Numbered:
+    """Fields of a file without names of images: they are called by their number."""
+
+    def __init__(self, arrays: Arrays, count: int) -> None:
+        self.path, self.budget = arrays.path, arrays.budget
+        self._arrays, self._numbers = arrays, np.array([f"view {row}" for row in range(count)])
+
+    def names(self) -> set[str]:
+        return self._arrays.names() | {_NAMES}
+
+    def read(self, name: str) -> NDArray[Any]:
+        return self._numbers if name == _NAMES else self._arrays.read(name)
+
+    def map(self, name: str) -> NDArray[Any]:
+        return self._numbers if name == _NAMES else self._arrays.map(name)
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Depth maps or point maps of N images.
+
+    Attributes
+    ----------
+    path : Path
+    depth : (N, H, W) float array or None
+        Depth along the camera's z axis. 0, negative, NaN and infinite stand for no surface.
+    points : (N, H, W, 3) float array or None
+        World coordinates, instead of `depth`.
+    cameras : Cameras or None
+        At the size of the maps. Pixel centres sit at integer + 0.5, the corner of the first pixel
+        is (0, 0): a file whose centres are integers is shifted.
+    images : ImagePoses or None
+        Only point maps may lack them.
+    pixel_centres : str or None
+        As the file states it: ``half`` or ``integer``; None where it does not. Then they are taken
+        to be ``half`` where images are named, ``integer`` where they are not.
+    named : bool
+        False where the file does not name its images (as Depth Anything 3 writes it): the names in
+        `images` are then numbers.
+    confidence : (N, H, W) float array or None
+    colours : (N, H, W, 3) uint8 array or None
+    notes : tuple of str
+        What looks odd and need not be wrong.
+    """
+
+    path: Path
+    depth: NDArray[np.floating[Any]] | None
+    points: NDArray[np.floating[Any]] | None
+    cameras: Cameras | None
+    images: ImagePoses | None
+    confidence: NDArray[np.floating[Any]] | None
+    colours: NDArray[np.uint8] | None
+    notes: tuple[str, ...] = ()
+    named: bool = True
+    pixel_centres: str | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the maps, in pixels."""
+        maps = self.depth if self.depth is not None else self.points
+        height, width = (0, 0) if maps is None else maps.shape[1:3]
+        return int(width), int(height)
+
+
+def holds_views(path: Path, limit_bytes: int) -> bool:
+    """Whether an npz holds depth maps or point maps (else it is a cloud)."""
+    arrays = open_arrays(path, limit_bytes)
+    names = arrays.names()
+    cloud = "points" in names and not names & {_DEPTH, "world_points", *CAMERA_FIELDS}
+    return not cloud or arrays.map("points").ndim == 4
+
+
+def read_views(path: Path, limit_bytes: int) -> Views:
+    """Read depth maps or point maps.
+
+    Maps that `numpy.savez` wrote stay in the file until they are used, so that they may be larger
+    than memory.
+
+    Parameters
+    ----------
+    path : Path
+        An npz with ``depth`` (N, H, W) or (N, H, W, 1), ``intrinsics``, ``extrinsics`` and
+        ``image_names``; or with ``world_points`` or ``points`` (N, H, W, 3) and, as far as there
+        are any, these. ``conf``, ``colours`` and ``pixel_centres`` are optional. Whether names may
+        be left out is for the caller to say: `Views.named`.
+    limit_bytes : int
+        The most that the file's arrays may take in memory together.
+
+    Raises
+    ------
+    PredictionError
+        Another kind of file; a field is missing, misnamed or of another shape; intrinsics of
+        another resolution; extrinsics that are no poses; names that are missing or doubled.
+    """
+    arrays = open_arrays(path, limit_bytes)
+    names = arrays.names()
+    kinds = [name for name in (_DEPTH, *_POINTS) if name in names]
+    if len(kinds) > 1:
+        raise field_fault(
+            arrays, f"holds {' and '.join(kinds)}, and they could disagree", "one of them"
+        )
+    cameras_of_depth = tuple(name for name in CAMERA_FIELDS if name != _NAMES)
+    needed = (_DEPTH, *cameras_of_depth) if kinds == [_DEPTH] else (kinds[0] if kinds else _DEPTH,)
+    maps_name = needed[0]
+    allowed = ("protocol", _CENTRES, maps_name, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
+    check_fields(arrays, needed, allowed, _EXPECTED)
+    maps = _maps(arrays, maps_name)
+    count, height, width = maps.shape[:3]
+    stated = _pixel_centres(arrays)
+    shift = _HALF_A_PIXEL[stated or ("half" if _NAMES in names else "integer")]
+    _hold_work(arrays, count, height * width)
+    cameras, notes = _cameras(arrays, (count, height, width), shift)
+    called = arrays if _NAMES in names else _Numbered(arrays, count)
+    images = image_poses(called, count) if "extrinsics" in names else None
+    return Views(
+        path,
+        maps if maps_name == _DEPTH else None,
+        None if maps_name == _DEPTH else maps,
+        cameras,
+        images,
+        _confidence(arrays, (count, height, width)),
+        _colours(arrays, (count, height, width, 3)),
+        notes,
+        _NAMES in names,
+        stated,
+    )
+
+
+def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
+    values = arrays.map(name)
+    if name == _DEPTH and values.ndim == 4 and values.shape[-1] == 1:
+        values = values[..., 0]
+    shape = (3,) if name in _POINTS else ()
+    fits = values.ndim == 3 + len(shape) and values.shape[3:] == shape and 0 not in values.shape
+    if name == _DEPTH and values.ndim == 4 and values.shape[1] == 1:
+        raise PredictionError(
+            f"field 'depth' has shape {values.shape}, with an axis of 1 before the pixels",
+            where=arrays.path,
+            expected="shape (N, H, W), or (N, H, W, 1)",
+            mend="depth[:, 0] (depth.squeeze(1))",
+        )
+    if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
+        raise PredictionError(
+            f"field '{name}' is {values.dtype} of shape {values.shape}",
+            where=arrays.path,
+            expected=f"floating point of shape ({', '.join(('N', 'H', 'W', *map(str, shape)))})",
+            mend=f"{name}.astype(np.float32), in the units of the poses"
+            + (
+                ": whole numbers are often millimetres, / 1000" if values.dtype.kind in "iu" else ""
+            ),
+        )
+    return values
+
+
+def _pixel_centres(arrays: Arrays) -> str | None:
+    if _CENTRES not in arrays.names():
+        return None
+    value = arrays.read(_CENTRES)
+    stated = str(value.reshape(())) if value.dtype.kind == "U" and value.size == 1 else ""
+    if stated not in _HALF_A_PIXEL:
+        raise PredictionError(
+            f"says {stated[:20]!r}" if stated else "is not one text",
+            where=f"{arrays.path}, field '{_CENTRES}'",
+            expected="'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' "
+            "(it is (0, 0))",
+            mend="np.savez(..., pixel_centres='integer') for Depth Anything 3, VGGT, CUT3R, "
+            "MapAnything, DUSt3R",
+        )
+    return stated
+
+
+def _hold_work(arrays: Arrays, count: int, pixels: int) -> None:
+    """Count what fusing takes beside the maps: a view at a time, and the poses of all."""
+    arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
+    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
+
+
+def _cameras(
+    arrays: Arrays, shape: tuple[int, ...], shift: float
+) -> tuple[Cameras | None, tuple[str, ...]]:
+    if "intrinsics" not in arrays.names():
+        return None, ()
+    count, height, width = shape
+    matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
+    check_count(arrays, "intrinsics", len(matrices), count)
+    matrices[:, :2, 2] += shift
+    names = _labels(arrays, count)
+    try:
+        cameras = Cameras.from_matrices(matrices, width, height, names=names)
+    except CameraError as error:
+        raise camera_fault(arrays, "intrinsics", error) from error
+    notes = refuse_other_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
+    return cameras, notes
+
+
+def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> NDArray[np.floating[Any]] | None:
+    values = _optional(arrays, _CONFIDENCE, shape)
+    if values is not None and (values.dtype.kind != "f" or values.dtype.itemsize > 8):
+        raise field_fault(arrays, f"the confidence is {values.dtype}", "floating point")
+    return values
+
+
+def _colours(arrays: Arrays, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
+    values = _optional(arrays, _COLOURS, shape)
+    if values is not None and values.dtype != np.uint8:
+        raise field_fault(arrays, f"the colours are {values.dtype}", "uint8")
+    return values
+
+
+def _optional(
+    arrays: Arrays, names: tuple[str, ...], shape: tuple[int, ...]
+) -> NDArray[Any] | None:
+    given = [name for name in names if name in arrays.names()]
+    if not given:
+        return None
+    if len(given) > 1:
+        raise field_fault(arrays, f"holds {' and '.join(given)}", "one of them")
+    values = arrays.map(given[0])
+    if values.shape != shape:
+        raise PredictionError(
+            f"field '{given[0]}' has shape {values.shape}",
+            where=arrays.path,
+            expected=f"{shape}: the size of the maps and of '{given[0]}' must be the same",
+            mend=f"write '{given[0]}' at the size of the maps, or leave it out",
+        )
+    return values
+
+
+def _labels(arrays: Arrays, count: int) -> list[str] | None:
+    if _NAMES not in arrays.names():
+        return None
+    names = texts(arrays, _NAMES, 1)
+    return names.tolist() if len(names) == count else None

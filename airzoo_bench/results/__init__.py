@@ -1,0 +1,1 @@
+"""Scores, result files and records; which results may stand side by side."""

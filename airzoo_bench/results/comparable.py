@@ -1,0 +1,235 @@
+"""Whether results measure the same: one protocol, one truth; and if not, in what they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.results.result import Result, ScoreColumn
+
+__all__ = [
+    "check_comparable",
+    "check_score",
+    "find_scene",
+    "first_names",
+    "named_scores",
+    "other_settings",
+    "version_notes",
+]
+
+_SHOWN = 3
+_LONGEST = 60
+
+
+def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
+    """Refuse results whose numbers do not measure the same.
+
+    Parameters
+    ----------
+    names : sequence of str
+        What the message calls them.
+    results : sequence of Result
+        As many, at least one.
+
+    Raises
+    ------
+    ResultError
+        Protocol or truth of one differ from those of the first; it says in what, and how many do.
+        Or a score is another thing in one than in another.
+    """
+    _check(names, results, "protocol")
+    _check(names, results, "truth")
+    _check_meanings(names, results)
+
+
+def _check_meanings(names: Sequence[str], results: Sequence[Result]) -> None:
+    """Refuse scores of one key that are called, counted or averaged differently."""
+    known: dict[str, tuple[str, ScoreColumn]] = {}
+    for name, result in zip(names, results, strict=True):
+        for column in result.columns:
+            whose, first = known.setdefault(column.key, (name, column))
+            if column.model_copy(update={"headline": first.headline}) != first:
+                raise ResultError(
+                    f"{whose} and {name} mean different things by the score {column.key}",
+                    expected="the same title, unit, direction and average, as one protocol gives",
+                    mend="score all predictions again with the same version",
+                )
+
+
+def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
+    """Say which packages were of different versions, since a difference may be theirs."""
+    packages = dict.fromkeys(package for result in results for package in result.versions)
+    found = []
+    for package in packages:
+        users: dict[str, list[str]] = {}
+        for name, result in zip(names, results, strict=True):
+            users.setdefault(result.versions.get(package, "unknown"), []).append(name)
+        if len(users) > 1:
+            parts = ", ".join(f"{version} ({first_names(who)})" for version, who in users.items())
+            found.append(f"{package}: {parts}")
+    return [f"made with different versions of {'; '.join(found)}"] if found else []
+
+
+def find_scene(titles: Mapping[str, str], wanted: str) -> str:
+    """Return the id of a scene that is named by id or title; an id goes before a title.
+
+    Parameters
+    ----------
+    titles : mapping of str to str
+        Of each scene, by id.
+    wanted : str
+
+    Raises
+    ------
+    ResultError
+        There is no such scene, or several have that title.
+    """
+    if wanted in titles:
+        return wanted
+    found = [scene for scene, title in titles.items() if title == wanted]
+    if not found:
+        known = list(dict.fromkeys([*titles, *titles.values()]))
+        raise ResultError(
+            f"there is no scene {wanted!r} in the results{nearest(wanted, known)}",
+            expected="one of " + ", ".join(titles),
+        )
+    if len(found) > 1:
+        raise ResultError(
+            f"{len(found)} scenes have the title {wanted!r}", expected="one of " + ", ".join(found)
+        )
+    return found[0]
+
+
+def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
+    """Return scores by key and by title, as people name them."""
+    listed = list(scores)
+    return {score.key: score for score in listed} | {score.title: score for score in listed}
+
+
+def check_score(name: str, scores: Sequence[ScoreColumn], option: str, mend: str = "") -> None:
+    """Refuse the name of a score that is none of these.
+
+    Parameters
+    ----------
+    name : str
+        Key or title.
+    scores : sequence of ScoreColumn
+        Those that there are.
+    option : str
+        The one that named it.
+    mend : str
+        How it can be had, if it can.
+
+    Raises
+    ------
+    UsageError
+        None has that name; it says which there are, and the nearest.
+    """
+    known = named_scores(scores)
+    if name not in known:
+        # Titles hold commas, such as @1m,1°.
+        titles = "; ".join(dict.fromkeys(score.title for score in scores))
+        raise UsageError(
+            f"no score here is called {name[:80]!r}{nearest(name[:80], list(known))}",
+            where=option,
+            expected=f"one of: {titles}",
+            mend=mend or None,
+        )
+
+
+def first_names(names: Sequence[str], shown: int = _SHOWN) -> str:
+    """Return the first few names, and how many more there are."""
+    more = len(names) - shown
+    return ", ".join(names[:shown]) + (f" and {more} more" if more > 0 else "")
+
+
+def _check(
+    names: Sequence[str], results: Sequence[Result], what: Literal["protocol", "truth"]
+) -> None:
+    prints = [getattr(result, what).fingerprint for result in results]
+    others = [place for place, found in enumerate(prints) if found != prints[0]]
+    if not others:
+        return
+    second = others[0]
+    why = {"protocol": _other_settings, "truth": _other_truth}[what](results[0], results[second])
+    made = {"protocol": "made with different protocols", "truth": "held against different truths"}
+    raise ResultError(
+        f"{names[0]} and {names[second]} were {made[what]} "
+        f"({prints[0][:12]} and {prints[second][:12]}): {why}"
+        + _how_many([names[place] for place in others], len(results)),
+        expected={
+            "protocol": "one protocol: a difference would be its doing as well as the methods'",
+            "truth": "one truth: the same queries with the same answers",
+        }[what],
+        mend=_mend(results[0], results[second], what),
+    )
+
+
+def _mend(first: Result, other: Result, what: Literal["protocol", "truth"]) -> str:
+    if what == "truth":
+        return "score all predictions again with the same benchmark folder"
+    if first.protocol.name != other.protocol.name:
+        # They ask different things, often of different predictions: one is no slip for the other.
+        return "name results of one protocol only; `airzoo-bench table` takes several"
+    return (
+        "score all predictions again with the same --protocol, or name results of one protocol only"
+    )
+
+
+def _how_many(others: list[str], number: int) -> str:
+    if len(others) == 1:
+        return ""
+    return f"; {len(others)} of {number} results differ from the first: {first_names(others)}"
+
+
+def _other_settings(first: Result, other: Result) -> str:
+    one, two = first.protocol, other.protocol
+    names = f"{one.name} v{one.version} against {two.name} v{two.version}"
+    if one.name != two.name:
+        return names
+    found = list(_different(one.settings, two.settings))
+    if one.version != two.version:
+        found.insert(0, names)
+    return _some_of(found)
+
+
+def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
+    """Say in what the settings of two protocols differ, see `Protocol.settings`."""
+    return _some_of(list(_different(one, two)))
+
+
+def _some_of(found: Sequence[str]) -> str:
+    more = len(found) - _SHOWN
+    return "; ".join(found[:_SHOWN]) + (
+        f"; and {counted(more, 'more setting')}" if more > 0 else ""
+    )
+
+
+def _different(one: Any, two: Any, key: str = "") -> Iterator[str]:
+    """Yield the settings that differ, with both values."""
+    if isinstance(one, dict) and isinstance(two, dict):
+        for name in dict.fromkeys([*one, *two]):
+            inner = f"{key}.{name}" if key else str(name)
+            yield from _different(one.get(name), two.get(name), inner)
+    elif one != two:
+        yield f"{key} is {_short(one)} against {_short(two)}"
+
+
+def _short(value: Any) -> str:
+    text = "absent" if value is None else str(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+def _other_truth(first: Result, other: Result) -> str:
+    one, two = first.truth, other.truth
+    names = [f"{truth.benchmark} v{truth.version}" for truth in (one, two)]
+    differ = names[0] != names[1]
+    why = f"benchmark {names[0]}" + (f" against {names[1]}" if differ else ", prepared anew")
+    for scene in one.scene_titles:
+        counts = [r.counts[scene]["queries"] for r in (first, other) if scene in r.counts]
+        if len(set(counts)) > 1:
+            return f"{why}; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
+    return why

@@ -1,0 +1,299 @@
+"""Results: what was scored, with what, and what came out; JSON both ways.
+
+Shares are 0 to 1. An infinite error is the text ``Infinity``, since JSON has no number for it. A
+checksum over the content tells a result that was edited by hand.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
+
+from airzoo_bench.core.errors import ResultError
+from airzoo_bench.core.files import atomic_write, fingerprint, read_text
+from airzoo_bench.core.validation import validation_message
+from airzoo_bench.core.version import __version__
+from airzoo_bench.results.scores import Score, Summary
+
+__all__ = [
+    "SHARE_SLACK",
+    "PredictionsUsed",
+    "ProtocolUsed",
+    "Reference",
+    "Result",
+    "ScoreColumn",
+    "TruthUsed",
+    "read_result",
+    "score_columns",
+    "versions",
+    "with_summary",
+    "write_result",
+]
+
+
+def _is_number(value: float) -> float:
+    if math.isnan(value):
+        raise ValueError("a score is never NaN")
+    return value
+
+
+def _printable(name: object) -> object:
+    # Names of files may hold bytes that are no text, and a name stands on one line of a table.
+    if not isinstance(name, str):
+        return name
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+
+
+SHARE_SLACK = 1e-9
+"""By how much rounding may lift a share above 1."""
+
+Value = Annotated[float, AfterValidator(_is_number)]
+Name = Annotated[str, BeforeValidator(_printable)]
+# The largest is that which JavaScript still counts with.
+Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
+
+_EXPECTED = "a result.json that `airzoo-bench eval ... --out DIR` wrote"
+_MEND = "score the predictions again"
+_PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, ser_json_inf_nan="strings", allow_inf_nan=True
+    )
+
+
+class ProtocolUsed(_Model):
+    """The protocol that a result was made with."""
+
+    name: str
+    version: int
+    fingerprint: str
+    settings: dict[str, Any]
+
+
+class TruthUsed(_Model):
+    """The truth that predictions were held against."""
+
+    benchmark: str
+    version: int
+    fingerprint: str
+    scene_titles: dict[str, str]
+
+
+class PredictionsUsed(_Model):
+    """The predictions; the name is the file's, without its folder."""
+
+    file: Name
+    sha256: str
+    kind: str
+    method: Name
+
+
+class ScoreColumn(_Model):
+    """How a score is shown and read."""
+
+    key: str
+    title: str
+    unit: Literal["share", "m", "deg"]
+    higher_is_better: bool
+    average: Literal["mean", "median"]
+    headline: bool
+
+
+class Reference(_Model):
+    """What scores without a method at work, in the shape of a method's own summary.
+
+    Such as the chance level of a retrieval, or the prior pose taken as the answer.
+
+    Attributes
+    ----------
+    meaning : str
+        How it was made, in a sentence that tables print below the row.
+    scenes, overall, pooled
+        As in `Result`; scores for which it makes no sense are left out, of all three alike.
+    """
+
+    meaning: str
+    scenes: dict[str, dict[str, Value]]
+    overall: dict[str, Value]
+    pooled: dict[str, Value]
+
+
+def _check_range(value: float, column: ScoreColumn) -> None:
+    if value < 0 or (column.unit == "share" and value > 1 + SHARE_SLACK):
+        allowed = "0 to 1" if column.unit == "share" else "0 or more"
+        raise ValueError(f"the score {column.key} is {value:g}, expected {allowed}")
+
+
+def _check_reference(
+    name: str, reference: Reference, columns: dict[str, ScoreColumn], scenes: set[str]
+) -> None:
+    if set(reference.scenes) != scenes:
+        raise ValueError(f"the reference {name!r} and the scores are not of the same scenes")
+    for part in (*reference.scenes.values(), reference.overall, reference.pooled):
+        if not set(part) or set(part) != set(reference.overall) or set(part) - set(columns):
+            raise ValueError(f"scores of the reference {name!r} do not fit the columns")
+        for key, value in part.items():
+            _check_range(value, columns[key])
+
+
+class Result(_Model):
+    """All that is known of one evaluation.
+
+    Attributes
+    ----------
+    counts : dict of str to dict of str to int
+        Of each scene: queries, missing ones, and what else the track counts.
+    notes : tuple of str
+        What a reader of the numbers must know, in sentences.
+    scenes, overall, pooled
+        Scores by key; `overall` is the unweighted mean over scenes.
+    references : dict of str to Reference
+        By the name that tables print; none in results of older versions.
+    records_sha256 : str
+        Of the file of records that was written beside it; empty where none was.
+    checksum : str
+        Over everything else.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    track: str
+    protocol: ProtocolUsed
+    truth: TruthUsed
+    predictions: PredictionsUsed
+    versions: dict[str, str]
+    columns: tuple[ScoreColumn, ...]
+    counts: dict[str, dict[str, Count]]
+    extra_queries: Count
+    notes: tuple[str, ...]
+    scenes: dict[str, dict[str, Value]]
+    overall: dict[str, Value]
+    pooled: dict[str, Value]
+    references: dict[Name, Reference] = {}
+    records_sha256: str = ""
+    checksum: str = ""
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Result:
+        columns = {column.key: column for column in self.columns}
+        for part in (*self.scenes.values(), self.overall, self.pooled):
+            if set(part) != set(columns):
+                differing = sorted(set(columns) ^ set(part))
+                raise ValueError(f"scores do not fit the columns: {differing[:3]}")
+            for key, value in part.items():
+                _check_range(value, columns[key])
+        for what in (self.counts, self.truth.scene_titles):
+            if set(what) != set(self.scenes):
+                raise ValueError("counts, titles and scores are not of the same scenes")
+        if not all("queries" in counts for counts in self.counts.values()):
+            raise ValueError("a scene has no count of queries")
+        if "airzoo-bench" not in self.versions:
+            raise ValueError("the version of airzoo-bench is not given")
+        return self
+
+    @model_validator(mode="after")
+    def _references_fit(self) -> Result:
+        columns = {column.key: column for column in self.columns}
+        for name, reference in self.references.items():
+            _check_reference(name, reference, columns, set(self.scenes))
+        return self
+
+    @property
+    def unit(self) -> Literal["query", "scene"]:
+        """What a record is of; of scenes it is where a track scores each as a whole."""
+        return "scene" if self.track == "reconstruction" else "query"
+
+    def sealed(self) -> Result:
+        """Return the same result with its checksum."""
+        return self.model_copy(update={"checksum": self._content_hash()})
+
+    def with_records(self, sha256: str) -> Result:
+        """Return the same result, sealed, for records whose file has that hash."""
+        return self.model_copy(update={"records_sha256": sha256}).sealed()
+
+    def is_intact(self) -> bool:
+        """Whether the checksum fits the content."""
+        return self.checksum == self._content_hash()
+
+    def _content_hash(self) -> str:
+        content = json.loads(self.model_dump_json(by_alias=True, exclude={"checksum"}))
+        if not self.references:  # a field that older results lack
+            del content["references"]
+        return fingerprint(content)
+
+
+def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
+    """Turn a track's scores into a result's columns."""
+    return tuple(
+        ScoreColumn(
+            key=score.column,
+            title=score.title,
+            unit=score.unit,
+            higher_is_better=score.higher_is_better,
+            average=score.average,
+            headline=score.headline,
+        )
+        for score in scores
+    )
+
+
+def with_summary(summary: Summary) -> dict[str, Any]:
+    """Return the fields of a result that a summary fills."""
+    return {"scenes": summary.scenes, "overall": summary.overall, "pooled": summary.pooled}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package and of those that numbers depend on."""
+    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"airzoo-bench": __version__} | found
+
+
+def write_result(path: Path, result: Result) -> None:
+    """Write a result as JSON, whole or not at all."""
+    with atomic_write(path, "w") as stream:
+        stream.write(result.model_dump_json(by_alias=True, indent=1) + "\n")
+
+
+def read_result(path: Path) -> Result:
+    """Read a result and hold it to its checksum.
+
+    Raises
+    ------
+    ResultError
+        It is missing, not JSON, not a result, or was changed since it was written.
+    """
+    text = read_text(path, ResultError, "result file")
+    try:
+        result = Result.model_validate_json(text)
+    except ValidationError as error:
+        is_json = error.errors()[0]["type"] != "json_invalid"
+        # Of what is no JSON, Pydantic names line and column.
+        what = "not a result of this version:\n    " if is_json else "not a result: "
+        raise ResultError(
+            f"{what}{validation_message(error, Result)}",
+            where=path,
+            expected=_EXPECTED,
+            mend=_MEND,
+        ) from error
+    if not result.is_intact():
+        raise ResultError(
+            "its content was changed after it was written: the checksum does not fit",
+            where=path,
+            expected="a result as `airzoo-bench eval` wrote it",
+            mend=_MEND,
+        )
+    return result

@@ -1,0 +1,108 @@
+"""What a score is, and how records become one number a scene and one for the benchmark."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Score", "Summary", "concatenate", "summarise"]
+
+
+@dataclass(frozen=True)
+class Score:
+    """A score: a column of the records and the way its rows are averaged.
+
+    Attributes
+    ----------
+    column : str
+        The column of the records, which is also the score's key in results.
+    title : str
+        What tables call it.
+    unit : {"share", "m", "deg"}
+        Shares are 0 to 1 in records and results, and percent in tables.
+    higher_is_better : bool
+    average : {"mean", "median"}
+        Over the rows of a scene.
+    headline : bool
+        Whether tables show it without being asked.
+    """
+
+    column: str
+    title: str
+    unit: Literal["share", "m", "deg"]
+    higher_is_better: bool
+    average: Literal["mean", "median"]
+    headline: bool = False
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Scores by name: for each scene, over scenes, and over all rows.
+
+    Attributes
+    ----------
+    scenes : dict of str to dict of str to float
+    overall : dict of str to float
+        The unweighted mean over scenes, of medians too, as the paper has it.
+    pooled : dict of str to float
+        Over all rows, whatever their scene.
+    """
+
+    scenes: dict[str, dict[str, float]]
+    overall: dict[str, float]
+    pooled: dict[str, float]
+
+
+def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Put the records of scenes under each other."""
+    import pandas as pd
+
+    return pd.concat(parts, ignore_index=True)
+
+
+def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> Summary:
+    """Average records.
+
+    Parameters
+    ----------
+    records : DataFrame
+        A row a query, pair or cloud, with the column ``scene`` and one for each score; every
+        value is a number, failures at their worst.
+    scores : list of Score
+        What to average.
+    scenes : list of str
+        The scenes, in the order of the protocol; each has records.
+
+    Returns
+    -------
+    Summary
+
+    Raises
+    ------
+    ValueError
+        A scene has no record, or a score is NaN: both are bugs of a track, never results.
+    """
+    by_scene = {scene: records[records["scene"] == scene] for scene in scenes}
+    per_scene = {scene: _average(rows, scores) for scene, rows in by_scene.items()}
+    overall = {
+        score.column: float(np.mean([values[score.column] for values in per_scene.values()]))
+        for score in scores
+    }
+    return Summary(per_scene, overall, _average(records, scores))
+
+
+def _average(rows: pd.DataFrame, scores: list[Score]) -> dict[str, float]:
+    return {score.column: _average_one(rows, score) for score in scores}
+
+
+def _average_one(rows: pd.DataFrame, score: Score) -> float:
+    values = rows[score.column].to_numpy(np.float64)
+    if values.size == 0 or np.isnan(values).any():
+        raise ValueError(f"{score.column}: no record, or NaN, in {values.size} rows")
+    return float(np.median(values) if score.average == "median" else np.mean(values))

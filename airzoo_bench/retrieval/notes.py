@@ -1,0 +1,66 @@
+"""What a reader of retrieval's numbers must know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.retrieval.claims import RankedScene, strange_tiles
+from airzoo_bench.retrieval.predictions import RetrievalPredictions
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.settings import RetrievalProtocol, RetrievalScores
+from airzoo_bench.retrieval.truth import RetrievalTruth
+
+__all__ = ["retrieval_notes"]
+
+_SHOWN_LETTERS = 80
+
+
+def retrieval_notes(
+    predictions: RetrievalPredictions, scenes: Sequence[RankedScene], protocol: RetrievalProtocol
+) -> list[str]:
+    """Say what `eval` and `check` find beside the scores."""
+    counts = [scene.counts for scene in scenes]
+    empty = sum(count["empty_lists"] for count in counts)
+    tied = sum(count["tie_dependent"] for count in counts)
+    flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
+    dropped = sum(count["dropped_tiles"] for count in counts)
+    said = (
+        (empty, "query has", "queries have", "an empty list, scored as if it were missing"),
+        (tied, "query depends", "queries depend", "on ties, which were broken against the method"),
+        (flat, "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
+        (dropped, "tile is", "tiles are", "in no gallery, since the map is empty there"),
+    )
+    return [
+        *(f"{counted(n, one, many)} {what}" for n, one, many, what in said if n),
+        *_strange_tiles(predictions, [scene.truth for scene in scenes]),
+        *_short_lists(scenes, protocol.scores),
+    ]
+
+
+def _strange_tiles(
+    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
+) -> list[str]:
+    strange = strange_tiles(predictions, truths)
+    # Cut, since ids of a file may be long, and notes stand under tables.
+    named = first_of(name[:_SHOWN_LETTERS] for name in strange.tolist())
+    return [f"described tiles that are in no gallery, left aside: {named}"] if strange.size else []
+
+
+def _short_lists(scenes: Sequence[RankedScene], scores: RetrievalScores) -> list[str]:
+    """Say which scores read ranks that lists do not have; those of the paper do not."""
+    n = sum(scene.shorter(scores.ranks_kept) for scene in scenes)
+    if not n:
+        return []
+    depths = [k for k in scores.ndcg_at if any(scene.shorter(k) for scene in scenes)]
+    names = _and(["mAP", "MRR", *(f"nDCG@{k}" for k in depths)])
+    read = _and([score.title for score in retrieval_scores(scores) if score.headline])
+    return [
+        f"{counted(n, 'list ends', 'lists end')} before rank {scores.ranks_kept} without all "
+        f"positives: to {names} the others are not found; {read} do not look that far"
+    ]
+
+
+def _and(names: Sequence[str]) -> str:
+    return ", ".join(names[:-1]) + f" and {names[-1]}"

@@ -1,0 +1,271 @@
+"""Scores by condition, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.plurals import plural
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.statistics.intervals import FEWEST, Interval
+from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.significance import is_share
+from airzoo_bench.tables.breakdown import (
+    Grouping,
+    condition_title,
+    group_averages,
+    group_records,
+    number_texts,
+)
+from airzoo_bench.tables.entries import UNITS
+from airzoo_bench.tables.model import Cell, Column, Row, Table, mark_best
+from airzoo_bench.tables.wording import (
+    brackets_note,
+    by_reason,
+    score_cell,
+    score_title,
+)
+
+__all__ = ["breakdown_table", "group_intervals"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Variables:
+    """Every score of every method: score by score, in each method by method."""
+
+    methods: Sequence[Scored]
+    scores: Sequence[ScoreColumn]
+
+    @property
+    def all(self) -> list[tuple[ScoreColumn, Scored]]:
+        return [(score, method) for score in self.scores for method in self.methods]
+
+    @property
+    def values(self) -> Floats:
+        columns = [m.records[s.key].to_numpy(np.float64) for s, m in self.all]
+        return np.array(columns).reshape(len(columns), -1)
+
+    @property
+    def by_median(self) -> NDArray[np.bool_]:
+        # Scenes are averaged by their mean, whatever the average within a scene.
+        of_scenes = self.unit == "scene"
+        return np.array([s.average == "median" and not of_scenes for s, _ in self.all], np.bool_)
+
+    @property
+    def sample(self) -> Sample:
+        """All records as one group."""
+        of_queries = self.unit == "query"
+        shares = np.array([is_share(s) and of_queries for s, _ in self.all], np.bool_)
+        return Sample(self.unit, ("",), (self.values,), self.by_median, shares)
+
+    @property
+    def unit(self) -> str:
+        return self.methods[0].result.unit
+
+    @property
+    def plural(self) -> str:
+        return plural(self.unit)
+
+
+def breakdown_table(
+    methods: Sequence[Scored],
+    scores: Sequence[ScoreColumn],
+    by: str,
+    *,
+    bins: Sequence[float] | None = None,
+    plan: Plan | None = None,
+) -> Table:
+    """Lay out scores by group: over all queries of the group, whatever their scene.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        On the same queries. Of one, every score is a column; of several, every method is, under
+        each score, and the best of each group is marked.
+    scores : sequence of ScoreColumn
+    by, bins
+        See `group_records`.
+    plan : Plan, optional
+        Of the intervals, within each group; none where left out.
+
+    Raises
+    ------
+    UsageError
+        See `group_records`; or the column differs between methods.
+    """
+    _check_shared(methods, by)
+    grouping = group_records(methods[0].records, by, bins, keep_empty=True)
+    shown = _Variables(methods, scores)
+    averages = group_averages(shown.values, shown.by_median, grouping.codes, len(grouping.labels))
+    intervals: list[list[Interval]] = []
+    if plan is not None:
+        intervals = group_intervals(shown.sample, grouping, plan)
+    labels = _labels(methods[0], grouping)
+    about = [] if plan is None else _about_intervals(shown, labels, intervals, plan)
+    table = Table(
+        _title(shown, by),
+        (Column(condition_title(by)), Column(shown.plural.capitalize()), *_heads(shown)),
+        tuple(
+            _rows(shown, zip(labels, grouping.counts.tolist(), strict=True), averages, intervals)
+        ),
+        (
+            *_how(shown, by),
+            *_range(methods[0], grouping, shown.plural),
+            *_infinite(shown, averages),
+            *about,
+        ),
+        leading=2,
+        groups_per_block=len(scores),  # where a page takes them
+    )
+    return table if len(methods) == 1 else _best_of_rows(table, shown)
+
+
+def _rows(
+    shown: _Variables,
+    groups: Iterable[tuple[str, int]],
+    averages: Floats,
+    intervals: Sequence[Sequence[Interval]],
+) -> Iterator[Row]:
+    """Lay out a row a group, of label, count, averages (V, G) and intervals, where there are."""
+    for place, (label, count) in enumerate(groups):
+        found = intervals[place] if intervals else [None] * len(averages)
+        values = averages[:, place].tolist() if count else [None] * len(averages)
+        entries = zip(shown.all, values, found, strict=True)
+        cells = (score_cell(score, value, interval) for (score, _), value, interval in entries)
+        yield Row((Cell(label), Cell(count), *cells))
+
+
+def _check_shared(methods: Sequence[Scored], by: str) -> None:
+    """Refuse to put all methods' queries into groups that one of them made."""
+    first = methods[0].records
+    if by not in first:
+        return
+    for other in methods[1:]:
+        if by not in other.records or not first[by].equals(other.records[by]):
+            raise UsageError(
+                f"--by {by}: the column of {other.name} is not that of {methods[0].name}",
+                expected="what is the same for all methods, such as a condition of the queries",
+                mend="name one result at a time",
+            )
+
+
+def _heads(shown: _Variables) -> list[Column]:
+    several = len(shown.methods) > 1
+    group = len(shown.scores) > 1 and several
+    return [
+        Column(
+            method.name if several else score.title,
+            UNITS[score.unit],
+            score.higher_is_better,
+            group=score_title(score) if group else "",
+        )
+        for score, method in shown.all
+    ]
+
+
+def _labels(method: Scored, grouping: Grouping) -> list[str]:
+    titles = method.result.truth.scene_titles if grouping.by == "scene" else {}
+    return [titles.get(label, label) for label in grouping.labels]
+
+
+def _title(shown: _Variables, by: str) -> str:
+    protocol = shown.methods[0].result.protocol
+    what = shown.methods[0].name
+    if len(shown.methods) > 1:
+        titles = ", ".join(score.title for score in shown.scores)
+        what = f"{titles} of {len(shown.methods)} methods"
+    return f"{what} by {condition_title(by)}, {protocol.name} v{protocol.version}"
+
+
+def _how(shown: _Variables, by: str) -> list[str]:
+    if by == "scene":
+        return []
+    if shown.unit == "scene":
+        return ["each value is the mean over the scenes of its group"]
+    return ["each value over all queries of its group, whatever their scene"]
+
+
+def _range(method: Scored, grouping: Grouping, units: str) -> list[str]:
+    """Where bins are empty, say between which numbers there is something."""
+    values = method.records[grouping.by]
+    if grouping.counts.all() or values.isna().all():
+        return []
+    low, high = number_texts([float(values.min()), float(values.max())])
+    return [f"bins without {units}: {condition_title(grouping.by)} is from {low} to {high}"]
+
+
+def _infinite(shown: _Variables, averages: Floats) -> list[str]:
+    infinite = np.isinf(averages).any(axis=1)
+    notes = []
+    if (infinite & shown.by_median).any():
+        notes.append("inf: half of the group or more failed, so its median is infinite")
+    if (infinite & ~shown.by_median).any():
+        notes.append("inf: one of the group or more failed, so its mean is infinite")
+    return notes
+
+
+def group_intervals(sample: Sample, grouping: Grouping, plan: Plan) -> list[list[Interval]]:
+    """Take the intervals of averages within groups, resampled within each group.
+
+    Parameters
+    ----------
+    sample : Sample
+        V variables of all records, as one group.
+    grouping : Grouping
+    plan : Plan
+
+    Returns
+    -------
+    list of G lists of V Interval
+        Of a group without records none, for no reason: the count says it.
+    """
+    values, unit = sample.values[0], sample.unit
+    counts = dict(zip(grouping.labels, grouping.counts.tolist(), strict=True))
+    filled = [group for group, count in enumerate(counts.values()) if count]
+    parts = tuple(np.ascontiguousarray(values[:, grouping.codes == group]) for group in filled)
+    named = tuple(grouping.labels[group] for group in filled)
+    found = sample_intervals(replace(sample, groups=named, values=parts), plan).groups
+    few = f"fewer than {FEWEST} {plural(unit)}"
+    nothing = [Interval(None, None, "")] * len(values)
+    return [
+        [replace(i, reason=few) if 0 < count < FEWEST else i for i in found.get(label, nothing)]
+        for label, count in counts.items()
+    ]
+
+
+def _about_intervals(
+    shown: _Variables, labels: Sequence[str], intervals: list[list[Interval]], plan: Plan
+) -> list[str]:
+    alone = len(shown.methods) == 1
+    reasons = by_reason(
+        (interval.reason, score, label if alone else f"{label} ({method.name})")
+        for label, found in zip(labels, intervals, strict=True)
+        for interval, (score, method) in zip(found, shown.all, strict=True)
+    )
+    within = f"{shown.plural} within each group"
+    return [
+        *(f"{names}: no interval; {reason}" for reason, names in reasons.items() if reason),
+        *brackets_note([i for found in intervals for i in found], plan, within),
+    ]
+
+
+def _best_of_rows(table: Table, shown: _Variables) -> Table:
+    """Mark the best method of each group: a score's cells are turned, marked, and put back."""
+    count = len(shown.methods)
+    rows = []
+    for row in table.rows:
+        cells = list(row.cells[:2])
+        for number, score in enumerate(shown.scores):
+            head = Column("", "", score.higher_is_better)
+            part = row.cells[2 + number * count : 2 + (number + 1) * count]
+            turned = mark_best(Table("", (head,), tuple(Row((cell,)) for cell in part)))
+            cells += [marked.cells[0] for marked in turned.rows]
+        rows.append(replace(row, cells=tuple(cells)))
+    return replace(table, rows=tuple(rows))

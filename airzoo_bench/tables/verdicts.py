@@ -1,0 +1,157 @@
+"""What comparisons show, in words."""
+
+from __future__ import annotations
+
+import math
+
+from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.statistics.comparison import Pair
+from airzoo_bench.statistics.corrections import LEVEL
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.entries import as_shown
+from airzoo_bench.tables.model import share_to_percent, show_number
+from airzoo_bench.tables.printed_comparison import Bounds
+
+__all__ = [
+    "LEAST_P",
+    "bounds_verdict",
+    "disagreement",
+    "sentence",
+    "verdict",
+]
+
+
+LEAST_P = 1e-4
+"""A p-value below is shown as less than it."""
+
+_OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
+
+
+def verdict(pair: Pair) -> str:
+    """Say what a pair shows in a word, at a level of 5 % after Holm's correction.
+
+    Whatever else is said of a pair, in tables, lines and reports, goes by this word.
+
+    Returns
+    -------
+    str
+        "equal" where no unit differs; "too few" where too few do for a finding whatever their
+        values; "better" or "worse" than the reference; else "unclear", of two averages that happen
+        to be the same too.
+    """
+    if pair.wins == pair.losses == 0:
+        return "equal"
+    if not pair.test.patterns or pair.p_floor > LEVEL:
+        return "too few"
+    if not pair.difference or pair.p_holm > LEVEL:
+        return "unclear"
+    return "better" if pair.is_better else "worse"
+
+
+def sentence(pair: Pair, plan: Plan) -> str:
+    """Say what a pair shows, with its numbers, at a level of 5 % after Holm's correction."""
+    word, title = verdict(pair), pair.score.title
+    if word == "equal":
+        infinite = ", and both infinite" * (pair.difference is None)
+        return f"{pair.method} and {pair.reference} are equal on {title} everywhere{infinite}."
+    evidence = f"{_span(pair, plan)}{_p_values(pair)}{_but(pair)}"
+    if word in ("better", "worse"):
+        ahead, behind = _by_rank(pair)
+        return f"{ahead} is better than {behind} on {title} by {_amount(pair)}{evidence}."
+    both = f"{pair.method} and {pair.reference}"
+    untold = {
+        "unclear": f"{both} cannot be told apart on {title}",
+        "too few": f"Too few to tell {both} apart on {title}",
+    }
+    if pair.difference is None:
+        return f"{untold[word]}: both are infinite."
+    return f"{untold[word]}: {_standing(pair)}{evidence}."
+
+
+def _by_rank(pair: Pair) -> tuple[str, str]:
+    names = (pair.method, pair.reference)
+    return names if pair.is_better else names[::-1]
+
+
+def _standing(pair: Pair) -> str:
+    if pair.difference == 0:
+        return "both have the same value"
+    return f"{_by_rank(pair)[0]} is ahead by {_amount(pair)}"
+
+
+def _but(pair: Pair) -> str:
+    doubt = disagreement(pair)
+    return f"; but {doubt}" if doubt else ""
+
+
+def disagreement(pair: Pair) -> str:
+    """Say where the interval of a difference and the verdict point different ways; else empty."""
+    low, high = pair.interval.low, pair.interval.high
+    if low is None or high is None:
+        return ""
+    holds_0, word = low <= 0 <= high, verdict(pair)
+    if word in ("better", "worse") and holds_0:
+        return "the interval holds 0"
+    if word != "unclear" or holds_0:
+        return ""
+    if pair.test.p_value <= LEVEL:
+        return (
+            "the interval leaves 0 out, as p does before Holm: "
+            "intervals are not corrected for the number of methods"
+        )
+    return "the interval leaves 0 out: it and the test ask different things"
+
+
+def _amount(pair: Pair) -> str:
+    value = abs(pair.difference or 0.0)
+    if math.isinf(value):
+        return "an infinite amount"
+    return f"{_number(pair.score, value)} {_OF_DIFFERENCE[pair.score.unit]}"
+
+
+def _number(score: ScoreColumn, value: float) -> str:
+    return show_number(as_shown(score, value), 2)
+
+
+def _span(pair: Pair, plan: Plan) -> str:
+    """Return the interval as that of the amount by which the better one is ahead."""
+    low, high = pair.interval.low, pair.interval.high
+    if low is None or high is None:
+        return " (no interval)"
+    sign = -1 if (pair.difference or 0.0) < 0 else 1
+    limits = sorted([sign * low + 0.0, sign * high + 0.0])
+    first, last = (_number(pair.score, limit) for limit in limits)
+    return f" ({share_to_percent(plan.confidence):g} % interval {first} to {last})"
+
+
+def _p_values(pair: Pair) -> str:
+    text = f", p {_p(pair.test.p_value)}"
+    if pair.p_holm != pair.test.p_value:
+        text += f", after Holm {_p(pair.p_holm)}"
+    return text if pair.p_mcnemar is None else f"{text}, McNemar {_p(pair.p_mcnemar)}"
+
+
+def _p(value: float) -> str:
+    return f"< {LEAST_P}" if value < LEAST_P else f"= {_shown(value)}"
+
+
+def bounds_verdict(first: str, second: str, bounds: Bounds) -> str:
+    """Say in one sentence what two printed hit rates show."""
+    least, most = bounds.least[2], bounds.most[2]
+    ahead, behind = (first, second) if float(first) > float(second) else (second, first)
+    if most <= LEVEL:
+        at_most = "at most " * (most >= LEAST_P) + _shown(most)
+        return f"{ahead} % is better than {behind} %, whichever the queries are: p {at_most}."
+    if least > LEVEL:
+        return (
+            f"{ahead} % and {behind} % cannot be told apart, whichever the queries are: "
+            f"p at least {_shown(least)}."
+        )
+    return (
+        f"Whether {ahead} % is better than {behind} % depends on the queries: p lies between "
+        f"{_shown(least)} and {_shown(most)}; compare the results themselves."
+    )
+
+
+def _shown(value: float) -> str:
+    return f"less than {LEAST_P}" if value < LEAST_P else f"{value:.4f}"

@@ -1,0 +1,133 @@
+"""Words and cells that the tables of statistics share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from airzoo_bench.core.plurals import plural
+from airzoo_bench.results.comparable import first_names
+from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.tables.entries import UNITS, as_shown
+from airzoo_bench.tables.model import Between, Cell, share_to_percent
+
+__all__ = [
+    "INTERVAL_NAMES",
+    "brackets_note",
+    "by_reason",
+    "intervals_made",
+    "resampled",
+    "score_cell",
+    "score_title",
+]
+
+INTERVAL_NAMES = {"wilson": "Wilson", "mover": "MOVER", "bca": "BCa", "percentile": "percentile"}
+_DRAWN = ("bca", "percentile")
+"""What readers call the kinds of intervals."""
+
+_SHOWN = 6
+
+
+def score_title(score: ScoreColumn) -> str:
+    """Return title and unit of a score whose numbers stand in rows."""
+    return f"{score.title} [{UNITS[score.unit]}]"
+
+
+def score_cell(score: ScoreColumn, value: float | None, interval: Interval | None = None) -> Cell:
+    """Return a value as tables show it, with its interval where there is one."""
+    if value is None:
+        return Cell(None)
+    if interval is None or interval.low is None or interval.high is None:
+        return Cell(as_shown(score, value))
+    limits = Between(as_shown(score, interval.low), as_shown(score, interval.high))
+    return Cell(as_shown(score, value), uncertainty=limits)
+
+
+def by_reason(
+    entries: Iterable[tuple[str, ScoreColumn, str]], linked: str = "in"
+) -> dict[str, str]:
+    """Name what shares a reason, as shortly as it can be said.
+
+    Parameters
+    ----------
+    entries : iterable of (reason, score, member)
+        Of every score and member of a table, such as its scenes or methods.
+    linked : str
+        What stands between scores and members.
+
+    Returns
+    -------
+    dict of str to str
+        For each reason the scores that have it, such as ``all scores``, or ``R@1, R@3 in City``.
+    """
+    listed = list(entries)
+    every_score = list(dict.fromkeys(score.title for _, score, _ in listed))
+    every_member = tuple(dict.fromkeys(member for *_, member in listed))
+    found: dict[str, dict[str, list[str]]] = {}
+    for reason, score, member in listed:
+        found.setdefault(reason, {}).setdefault(score.title, []).append(member)
+    return {
+        reason: "; ".join(_named(scores, every_score, every_member, linked))
+        for reason, scores in found.items()
+    }
+
+
+def _named(
+    scores: dict[str, list[str]], every_score: list[str], every_member: tuple[str, ...], linked: str
+) -> list[str]:
+    by_members: dict[tuple[str, ...], list[str]] = {}
+    for title, members in scores.items():
+        by_members.setdefault(tuple(members), []).append(title)
+    return [
+        ("all scores" if titles == every_score and len(titles) > 1 else first_names(titles, _SHOWN))
+        + ("" if members == every_member else f" {linked} {first_names(members)}")
+        for members, titles in by_members.items()
+    ]
+
+
+def resampled(unit: str) -> str:
+    """Say what is drawn for the average over scenes, within what."""
+    return "queries within scenes" if unit == "query" else plural(unit)
+
+
+def intervals_made(
+    intervals: Iterable[Interval], plan: Plan, drawn: str, what: str = "intervals"
+) -> str:
+    """Say how intervals were made, by the kinds that there are; empty where there are none.
+
+    Parameters
+    ----------
+    intervals : iterable of Interval
+        All that are shown: where BCa does not exist, they are percentile.
+    plan : Plan
+    drawn : str
+        What was resampled, within what; such as `resampled` says.
+    what : str
+        What the intervals are of.
+
+    Returns
+    -------
+    str
+        Such as ``95 % intervals, BCa or percentile, 10000 resamples of scenes, seed 0``, or
+        ``95 % intervals, Wilson or MOVER over queries within scenes``.
+    """
+    made = {interval.method for interval in intervals}
+    closed, resampled = (
+        " or ".join(INTERVAL_NAMES[key] for key in INTERVAL_NAMES if key in made and key in kinds)
+        for kinds in (INTERVAL_NAMES.keys() - set(_DRAWN), _DRAWN)
+    )
+    how = [f"{closed} over {drawn}"] if closed else []
+    if resampled:
+        how.append(f"{resampled}, {plan.resamples} resamples of {drawn}, seed {plan.seed}")
+    if not how:
+        return ""
+    return f"{share_to_percent(plan.confidence):g} % {what}, {'; '.join(how)}"
+
+
+def brackets_note(
+    intervals: Iterable[Interval], plan: Plan, drawn: str, what: str = "intervals"
+) -> list[str]:
+    """Say what stands in square brackets, if anything does; see `intervals_made`."""
+    made = intervals_made(intervals, plan, drawn, what)
+    return [f"in square brackets: {made}"] if made else []

@@ -1,0 +1,232 @@
+"""Clouds and cameras from Python: the records of the track, SciPy and evo, edges, refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+import airzoo_bench as ab
+from airzoo_bench.api import alignment
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from tests.api.support import refused
+from tests.reconstruction.world import (
+    Array,
+    World,
+    camera_poses,
+    make_world,
+    predict_clouds,
+    true_points,
+)
+
+PLAIN: dict[str, Any] = {"voxel": None, "crop": None, "max_distance": None}
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world") / "data")
+
+
+def noisy_lot(random: np.random.Generator) -> Array:
+    points = true_points("lot")
+    kept = points[points[:, 0] < points[:, 0].mean()]
+    kept = kept[random.random(len(kept)) < 0.4] + random.normal(0, 1.0, (3,)) + (0, 0, 1.9)
+    stray = random.uniform(-60, 120, (300, 3)) + points.mean(axis=0)
+    return np.concatenate([kept, stray, [[np.nan] * 3]])
+
+
+@pytest.mark.parametrize("threshold", [10.0, 2.0])
+@pytest.mark.parametrize("crop", ["covered", "box", None])
+def test_scores_are_those_of_the_track(
+    world: World, tmp_path: Path, threshold: float, crop: Any
+) -> None:
+    points = noisy_lot(np.random.default_rng(0))
+    path = predict_clouds(world, tmp_path / "p", {"lot": points}, cameras=False)
+    chosen = world.protocol(
+        tmp_path / "c.toml",
+        alignment={"method": "none", "cameras": "optional"},
+        preparation={
+            "crop": crop or "none",
+            "crop_margin_m": threshold,
+            "crop_cell_m": threshold / 2,
+            "region": "all",
+            "voxel_m": threshold / 20,
+        },
+        scores={
+            "f1_below_m": (threshold,),
+            "headline_below_m": threshold,
+            "max_distance_m": 10 * threshold,
+        },
+    )
+    record = world.score(path, protocol=str(chosen)).scored["lot"].record
+    found = ab.cloud_scores(points, true_points("lot"), threshold, crop=crop)
+    name = f"{threshold:g}m"
+    assert found.f1 == record[f"f1_{name}"]
+    assert found.precision == record[f"precision_{name}"]
+    assert found.recall == record[f"recall_{name}"]
+    assert found.chamfer == record["chamfer_m"]
+    assert found.accuracy == record["accuracy_m"]
+    assert found.completeness == record["completeness_m"]
+    for count in ("not_finite", "outside", "thinned"):
+        assert getattr(found, count) == record[count]
+    assert found.predicted_points == record["points"]
+    assert found.true_points == record["truth_points"]
+    assert 0 < found.f1 < 1
+    assert (found.outside > 0) == (crop is not None)
+    assert found.not_finite == 1
+
+
+def test_the_defaults_are_those_of_all_shipped_protocols() -> None:
+    found = 0
+    for path in shipped_protocols().values():
+        protocol = load_protocol(path)
+        if isinstance(protocol, ReconstructionProtocol):
+            d, settings = protocol.scores.headline_below_m, protocol.preparation
+            assert (settings.voxel_m, settings.crop_margin_m) == (d / 20, d)
+            assert (settings.crop, settings.crop_cell_m) == ("covered", d / 2)
+            assert protocol.scores.max_distance_m == 10 * d
+            rules = protocol.alignment
+            assert ab.align_cameras.__kwdefaults__ | {"robust": True, "with_scale": True} == {
+                "robust": True,
+                "with_scale": True,
+                "inlier_m": rules.inlier_below_m,
+                "inlier_deg": rules.inlier_below_deg,
+                "seed": rules.seed,
+            }
+            assert (rules.min_trials, rules.max_trials) == alignment._TRIALS
+            assert rules.confidence == alignment._CONFIDENCE
+            assert rules.line_ratio == alignment._LINE_RATIO
+            assert rules.sample_share == "minimal"
+            found += 1
+    assert found == 2
+
+
+def test_plain_scores_are_those_of_scipy() -> None:
+    random = np.random.default_rng(1)
+    true, predicted = random.random((400, 3)) * 20, random.random((300, 3)) * 22
+    found = ab.cloud_scores(predicted.tolist(), true, 1.5, **PLAIN)
+    there, back = cKDTree(true).query(predicted)[0], cKDTree(predicted).query(true)[0]
+    np.testing.assert_allclose(found.to_truth, there, rtol=1e-12)
+    np.testing.assert_allclose(found.to_prediction, back, rtol=1e-12)
+    precision, recall = (there < 1.5).mean(), (back < 1.5).mean()
+    assert (found.precision, found.recall) == (precision, recall)
+    assert found.f1 == pytest.approx(2 * precision * recall / (precision + recall), rel=1e-15)
+    assert found.chamfer == pytest.approx((there.mean() + back.mean()) / 2, rel=1e-12)
+
+
+def test_edges_of_clouds() -> None:
+    true = [[0.0, 0, 0], [1, 0, 0]]
+    empty = ab.cloud_scores([], true)
+    assert (empty.f1, empty.precision, empty.recall, empty.chamfer) == (0.0, 0.0, 0.0, np.inf)
+    same = ab.cloud_scores(true, true, 0.1)
+    assert (same.f1, same.chamfer) == (1.0, 0.0)
+    at_limit = ab.cloud_scores([[0.0, 0, 2]], [[0.0, 0, 0]], 2.0, **PLAIN)
+    assert (at_limit.f1, at_limit.chamfer) == (0.0, 2.0)  # strictly below
+    away = ab.cloud_scores([[0.0, 0, 900]], [[0.0, 0, 0]], 1.0, crop=None)
+    assert away.chamfer == 10.0  # clipped
+
+
+def test_mistakes_in_clouds_are_refused() -> None:
+    one, score = [[0.0, 0, 0]], ab.cloud_scores
+    refused(score, one, [], where="true")
+    refused(score, one, [[np.nan] * 3], where="true")
+    refused(score, [[np.nan] * 3], one, where="predicted")
+    refused(score, [[0.0, 0]], one, where="predicted")
+    refused(score, np.zeros((1, 4)), one, where="predicted")
+    for threshold in (0, -1, np.nan, np.inf, "10", True):
+        refused(score, one, one, threshold, where="threshold")
+    for name in ("voxel", "max_distance"):
+        for value in (0, -1.0, "none"):
+            refused(score, one, one, where=name, **{name: value})
+    refused(score, one, one, crop="none", where="crop")
+    refused(score, one, one, threads=0, where="threads")
+
+
+def made(count: int = 12) -> tuple[Array, Array, float]:
+    """Return centres in two frames, and the scale between them."""
+    random = np.random.default_rng(2)
+    true = random.normal((500_000, 5_200_000, 100), (60, 40, 8), (count, 3))
+    turn = Rotation.random(random_state=3).as_matrix()
+    return (true - true.mean(axis=0)) @ turn.T / 7.0, true, 7.0
+
+
+@pytest.mark.parametrize("with_scale", [True, False])
+def test_the_plain_alignment_is_that_of_evo(with_scale: bool) -> None:
+    geometry = pytest.importorskip("evo.core.geometry")
+    predicted, true, _ = made()
+    true = true - true.mean(axis=0) + np.random.default_rng(4).normal(0, 3, true.shape)
+    rotation, translation, scale = geometry.umeyama_alignment(predicted.T, true.T, with_scale)
+    found = ab.align_cameras(predicted, true, robust=False, with_scale=with_scale)
+    assert found.scale == pytest.approx(scale, rel=1e-12)
+    np.testing.assert_allclose(found.rotation, rotation, atol=1e-12)
+    np.testing.assert_allclose(found.matrix[:3, 3], translation, atol=1e-9)
+    assert found.inliers.all()
+    moved = found.apply(predicted.tolist())
+    np.testing.assert_allclose(found.residuals, np.linalg.norm(moved - true, axis=1))
+
+
+def test_the_robust_alignment_is_that_of_the_track(world: World, tmp_path: Path) -> None:
+    poses = camera_poses("yard")
+    turn = Rotation.random(random_state=5).as_matrix()
+    centres = (poses.centres - poses.centres[0]) @ turn.T / 4.0
+    centres[2] += (9.0, 0, 0)
+    rotation = poses.rotation @ turn.T
+    translation = -np.einsum("nij,nj->ni", rotation, centres)
+    extrinsics = np.concatenate([rotation, translation[:, :, None]], axis=2)
+    points = (true_points("yard") - poses.centres[0]) @ turn.T / 4.0
+    path = predict_clouds(world, tmp_path / "p", {"yard": points}, cameras=False)
+    np.savez(
+        path / "yard.cameras.npz",
+        image_names=np.array(world.images("yard")),
+        extrinsics=extrinsics,
+    )
+    chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "sim3"})
+    of_track = world.score(path, protocol=str(chosen)).scored["yard"].alignment
+    assert of_track is not None
+    true = np.concatenate([poses.rotation, poses.translation[:, :, None]], axis=2)
+    found = ab.align_cameras(extrinsics, true)
+    assert found.inliers.tolist() == [True, True, False, True, True, True]
+    assert of_track.inliers == 5
+    np.testing.assert_allclose(found.matrix, of_track.transform.matrix, rtol=1e-6)
+    assert found.scale == pytest.approx(4.0, rel=1e-6)
+    lost = extrinsics.copy()
+    lost[2] = np.nan
+    again = ab.align_cameras(lost, true)
+    assert again.residuals[2] == np.inf
+    assert again.scale == pytest.approx(found.scale, rel=1e-9)
+    plain = ab.align_cameras(lost, true, robust=False)
+    assert plain.inliers.tolist() == [True, True, False, True, True, True]
+    assert plain.residuals[2] == np.inf
+
+
+def test_cameras_on_a_line_need_orientations() -> None:
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, 0, 3] = -np.arange(5.0)
+    true = poses.copy()
+    true[:, 0, 3] *= 10.0
+    found = ab.align_cameras(poses, true)
+    assert found.used_orientations
+    assert found.scale == pytest.approx(10.0)
+    refused(ab.align_cameras, -poses[:, :3, 3], -true[:, :3, 3], where="predicted, true")
+    refused(ab.align_cameras, poses, true, robust=False, where="predicted, true")
+
+
+def test_mistakes_in_cameras_are_refused() -> None:
+    predicted, true, _ = made()
+    align = ab.align_cameras
+    refused(align, predicted[:-1], true, where="predicted, true")
+    refused(align, predicted[:2], true[:2], where="predicted")
+    refused(align, predicted * np.nan, true, where="predicted")
+    refused(align, np.where(np.arange(3) == 0, np.nan, predicted), true, where="predicted")
+    refused(align, predicted, true * np.nan, where="true")
+    refused(align, predicted, true.astype(np.float32), where="true")
+    refused(align, predicted[:, :2], true, where="predicted")
+    refused(align, predicted * 0, true, where="predicted, true")
+    refused(align, predicted, true, with_scale=False, where="with_scale")
+    refused(align, predicted, true, inlier_m=0, where="inlier_m")
+    refused(align, predicted, true, seed=-1, where="seed")

@@ -1,0 +1,154 @@
+"""The names of `airzoo_bench`: cheap to import, known to tools, documented, with examples."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import inspect
+import json
+import pkgutil
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import airzoo_bench as ab
+from airzoo_bench import api
+from airzoo_bench.results.records import Scored
+from tests.statistics.support import ERROR, HIT, made_result, random_methods, write_method
+from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
+
+ROOT = Path(ab.__file__).parent
+HEAVY = ("numpy", "pandas", "scipy", "open3d", "faiss", "rasterio", "matplotlib", "pycolmap")
+SOURCE = ast.parse(Path(ab.__file__).read_text())
+MODULES = sorted(module.name for module in pkgutil.iter_modules(api.__path__))
+NAMES = [name for name in ab.__all__ if not name.startswith("_")]
+FUNCTIONS = [name for name in NAMES if inspect.isfunction(getattr(ab, name))]
+
+OF_FILES = ("evaluate", "check", "load_benchmark")
+
+
+def modules_after(code: str) -> set[str]:
+    """Return the modules that another Python has once it ran this."""
+    ask = f"{code}\nimport json, sys; print(json.dumps(list(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    return set(json.loads(run.stdout))
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    loaded = modules_after("import airzoo_bench")
+    assert loaded.isdisjoint(HEAVY)
+    own = {name for name in loaded if name.startswith("airzoo_bench.")}
+    assert own == {"airzoo_bench.core", "airzoo_bench.core.version"}
+    assert "numpy" in modules_after("import airzoo_bench; airzoo_bench.recall_at_k")
+
+
+def test_scores_of_arrays_need_no_reader_and_no_solver() -> None:
+    of_arrays = [name for name in FUNCTIONS if name not in OF_FILES]
+    loaded = modules_after(f"import airzoo_bench as ab\nfor n in {of_arrays}: getattr(ab, n)")
+    assert loaded.isdisjoint({"open3d", "faiss", "rasterio", "matplotlib", "pycolmap"})
+
+
+def test_all_the_lazy_table_and_what_type_checkers_see_agree() -> None:
+    seen = {
+        alias.name: node.module
+        for branch in SOURCE.body
+        if isinstance(branch, ast.If)
+        for node in branch.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    table = {name: f"airzoo_bench.{home}" for name, home in ab._HOME_OF.items()}
+    assert seen == table
+    assert sorted(ab.__all__) == sorted([*table, "__version__"])
+    assert set(ab.__all__) <= set(dir(ab))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_is_that_of_its_home(name: str) -> None:
+    home = import_module(f"airzoo_bench.{ab._HOME_OF[name]}")
+    assert getattr(ab, name) is getattr(home, name)
+    assert name in home.__all__
+    assert name in vars(ab)  # looked up once
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'recal_at_k'"):
+        ab.recal_at_k  # noqa: B018
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_function_says_what_it_takes_gives_and_refuses(name: str) -> None:
+    function = getattr(ab, name)
+    text = inspect.getdoc(function) or ""
+    for section in ("Parameters", "Returns", "Raises", "Examples"):
+        assert f"\n{section}\n{'-' * len(section)}\n" in text, section
+    for parameter in inspect.signature(function).parameters:
+        assert re.search(rf"^(.*, )?{parameter}(,.*)?( :|$)", text, re.MULTILINE), parameter
+
+
+def run_examples(name: str, text: str, namespace: dict[str, Any]) -> str:
+    """Run doctests, which see and leave names in a namespace; return what they say is wrong."""
+    test = doctest.DocTestParser().get_doctest(text, {}, name, name, 0)
+    test.globs = namespace
+    said: list[str] = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=doctest.NORMALIZE_WHITESPACE)
+    found = runner.run(test, out=said.append, clear_globs=False)
+    return "".join(said) if found.attempted else f"{name} shows nothing that runs"
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_examples_in_docstrings(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    function = getattr(ab, name)
+    assert run_examples(name, inspect.getdoc(function) or "", {name: function}) == ""
+
+
+def test_every_block_of_the_page(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    scenes: list[MadeScene],
+    perfect: dict[str, Any],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made = random_methods(2, {"city": 40, "rural": 30}, [HIT, ERROR])
+    for name, method in zip(("theirs", "mine"), made, strict=True):
+        result = made_result(method.records, [HIT, ERROR], name)
+        write_method(tmp_path / "results" / name, Scored(name, result, method.records))
+    write_benchmark(tmp_path / "data" / "made", made_protocol(scenes), scenes)
+    write_predictions(tmp_path / "preds.npz", "made-retrieval", **perfect)
+    page = (ROOT.parent / "docs" / "python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert {language for language, _ in blocks} == {"python"}
+    namespace: dict[str, Any] = {}
+    # One namespace for all: a page is read from its beginning.
+    said = [run_examples(f"block {n}", text, namespace) for n, (_, text) in enumerate(blocks)]
+    assert "".join(said) == ""
+    shown = {name for name in FUNCTIONS if f"ab.{name}(" in page}
+    assert shown == set(FUNCTIONS)
+
+
+def imports_of(path: Path) -> set[str]:
+    """Return the rooms of the package that a module imports."""
+    found = [
+        node.module
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module
+    ]
+    return {name.split(".")[1] for name in found if name.startswith("airzoo_bench.")}
+
+
+def test_imports_point_one_way() -> None:
+    # The face stands above tracks, statistics and tables; only the command line may call it.
+    allowed = {"api", "core", "geometry", "formats", "retrieval", "matching", "reconstruction"}
+    allowed |= {"results", "statistics", "tables", "evaluation", "benchmark", "protocol"}
+    for path in (ROOT / "api").glob("*.py"):
+        assert imports_of(path) <= allowed, path
+    for path in ROOT.rglob("*.py"):
+        room = path.relative_to(ROOT).parts[0]
+        if room not in ("api", "cli", "__init__.py"):
+            assert "api" not in imports_of(path), path

@@ -1,0 +1,50 @@
+"""Help that is alike for all commands: where examples stand, what options are called for short."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from airzoo_bench.cli.main import app
+from tests.support import run_main
+
+SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
+
+
+def commands(group: object, *above: str) -> Iterator[tuple[str, TyperCommand]]:
+    assert isinstance(group, TyperGroup)
+    for name, command in group.commands.items():
+        if isinstance(command, TyperGroup):
+            yield from commands(command, *above, name)
+        elif isinstance(command, TyperCommand):
+            yield " ".join([*above, name]), command
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_options_have_one_short_form(name: str) -> None:
+    for option in COMMANDS[name].params:
+        for long in SHORT.keys() & set(option.opts):
+            assert SHORT[long] in option.opts, (name, long)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_stand_at_the_end(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main(*name.split(), "--help") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"Example: airzoo-bench {name}" in said.rpartition("╯")[2]
+    assert "Example:" not in said.rpartition("╯")[0]
+
+
+def test_what_a_picture_needs_is_said(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    assert run_main("plot", "recall", "--help") == 0
+    said = capsys.readouterr().out
+    assert [line for line in said.splitlines() if "RESULTS" in line and "required" in line]

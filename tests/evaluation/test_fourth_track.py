@@ -1,0 +1,110 @@
+"""A track that the suite does not know is scored, checked and printed: nothing else is touched."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import pytest
+import tomli_w
+
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.query_track import QueryTrack
+from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.results.scores import Score
+from airzoo_bench.retrieval.truth import read_truth
+from tests.support import MadeScene, run_main
+
+
+class HeightProtocol(Protocol):
+    """A protocol with nothing to choose."""
+
+    track: Literal["height"]
+
+
+@dataclass
+class Heights:
+    """A prediction file, and what it says of one scene, and its score."""
+
+    path: Path
+    protocol: str | None
+    query_ids: Any
+    metres: Any
+    kind: str = "heights"
+    records: Any = None
+    counts: Any = None
+
+
+class HeightTrack(QueryTrack[Any, Any, Any, Any, Any]):
+    name, summary, protocol = "height", "Score heights above ground.", HeightProtocol
+
+    def read(self, path: Path, memory_bytes: int) -> Heights:
+        with np.load(path) as file:
+            return Heights(path, str(file["protocol"]), file["query_ids"], file["metres"])
+
+    def read_truth(self, benchmark: Benchmark, scene: str) -> Any:
+        return read_truth(benchmark.scene_folder(scene), scene)
+
+    def claim(self, predictions: Any, truth: Any, rows: Any, protocol: Any, resources: Any) -> Any:
+        return np.where(rows >= 0, np.abs(predictions.metres[rows] - 100.0), np.inf)
+
+    def score(self, claim: Any, truth: Any, protocol: Any, resources: Any) -> Any:
+        rows = {"scene": truth.scene, "query": truth.queries["id"], "error_m": claim}
+        counts = {"queries": len(claim), "missing": int(np.isinf(claim).sum())}
+        return Heights(Path(), None, None, None, records=pd.DataFrame(rows), counts=counts)
+
+    def scores(self, protocol: Any, scored: Any) -> list[Score]:
+        return [
+            Score("error_m", "Error", "m", higher_is_better=False, average="median", headline=True)
+        ]
+
+
+@pytest.fixture
+def heights(data: Path, tmp_path: Path, scenes: list[MadeScene]) -> Iterator[Path]:
+    """Return a prediction file of the track, whose protocol stands in the benchmark folder."""
+    TRACKS.add("height", HeightTrack())
+    values = {"schema": 1, "name": "made-height", "version": 1, "title": "Heights", "summary": "-"}
+    places = [{"id": scene.id, "title": scene.id.title()} for scene in scenes]
+    values |= {"benchmark": "made", "track": "height", "scenes": places}
+    folder = data / "made"
+    (folder / "protocols" / "made-height.toml").write_text(tomli_w.dumps(values))
+    manifest = folder / "benchmark.toml"
+    manifest.write_text(manifest.read_text() + "\n[tracks.height]\n")
+    ids = [query for scene in scenes for query in scene.query_ids][:-1]
+    path = tmp_path / "heights.npz"
+    np.savez(path, protocol="made-height", query_ids=ids, metres=np.arange(len(ids)) + 100.0)
+    yield path
+    TRACKS.remove("height")
+
+
+def test_it_is_scored(heights: Path, data: Path) -> None:
+    result = evaluate(heights, data=data).result
+    assert result.scenes["east"]["error_m"] == 2.5
+    assert result.counts["west"] == {"queries": 4, "missing": 1}
+    assert any("west/q00003" in note for note in result.notes)
+
+
+def test_it_is_checked(heights: Path, data: Path) -> None:
+    checked = check(heights, data=data)
+    assert not checked.errors
+    assert any("west/q00003" in note for note in checked.notes)
+
+
+def test_the_command_line_has_it(
+    heights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "high"
+    assert run_main("eval", "height", heights, "--out", out) == 0
+    assert "Error [m] ↓" in capsys.readouterr().out
+    assert run_main("table", out) == 0
+    assert run_main("compare", out) == 0
+    assert "height" in capsys.readouterr().out
+    assert run_main("eval", "--help") == 0
+    assert "Score heights above ground." in capsys.readouterr().out

@@ -1,0 +1,327 @@
+"""Meshes: sampled by area, the same bytes for every block; PLY, OBJ and GLB read right."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, fans, sampled, triangles_of
+from tests.formats.cloud_support import (
+    CUBE,
+    CUBE_QUADS,
+    OBJ_CUBE,
+    QUAD_HEADER,
+    cube_columns,
+    cube_document,
+    joined,
+    opened,
+    quads,
+    read,
+    refused,
+    write_glb,
+    write_ply,
+)
+
+CUBE_FACES = np.concatenate([fans(quad[None]) for quad in CUBE_QUADS])
+
+
+def sample_mesh(vertices: Any, faces: Any, *, count: int, seed: int, block: int = 1 << 20) -> Any:
+    """Sample a mesh in blocks of so many points."""
+    mesh = Mesh(Path("made"), "made", vertices, faces)
+    cloud = sampled(mesh, MeshSampling(seed, count, None, 1 << 20))
+    return np.concatenate([piece.points for piece in cloud.pieces(block)])
+
+
+def on_cube(points: Any, low: Any = 0.0, side: float = 1.0) -> bool:
+    local = (points - low) / side
+    inside = (local >= -1e-9).all() and (local <= 1 + 1e-9).all()
+    return bool(inside and (np.minimum(np.abs(local), np.abs(local - 1)).min(axis=1) < 1e-6).all())
+
+
+def test_a_hand_worked_pair_of_triangles() -> None:
+    # The areas are 1/2 and 3/2, so that a quarter of the points lies in the first triangle.
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [3, 0, 5], [0, 1, 5]])
+    faces = np.array([[0, 1, 2], [3, 4, 5]])
+    points = sample_mesh(vertices, faces, count=4000, seed=1)
+    low = points[:, 2] == 0.0
+    assert int(low.sum()) == 1000
+    assert (points[:1000, 2] == 0.0).all()
+    assert (points[low, 0] + points[low, 1] <= 1.0 + 1e-12).all()
+    assert (points[~low, 0] / 3 + points[~low, 1] <= 1.0 + 1e-12).all()
+    # The mean of a triangle is the mean of its corners.
+    np.testing.assert_allclose(points[low].mean(axis=0), [1 / 3, 1 / 3, 0], atol=0.02)
+    np.testing.assert_allclose(points[~low].mean(axis=0), [1, 1 / 3, 5], atol=0.05)
+
+
+def test_points_are_uniform_on_the_surface() -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    points = sample_mesh(np.array(mesh.vertices), np.array(mesh.faces), count=20_000, seed=5)
+    # On the unit sphere z is uniform (Archimedes): second moment 1/3, and no face is preferred.
+    np.testing.assert_allclose((points**2).mean(axis=0), 1 / 3, atol=0.01)
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.01)
+    assert len(np.unique(points, axis=0)) == 20_000
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 300), st.integers(0, 2**64 - 1), st.integers(1, 50))
+def test_blocks_do_not_matter(count: int, seed: int, block: int) -> None:
+    whole = sample_mesh(CUBE, CUBE_FACES, count=count, seed=seed)
+    parts = sample_mesh(CUBE, CUBE_FACES, count=count, seed=seed, block=block)
+    np.testing.assert_array_equal(parts, whole)
+    assert on_cube(whole)
+
+
+def test_the_bytes_of_a_sample_are_fixed() -> None:
+    corners = CUBE * (3.7, 2.1, 1.3) + 5_188_114.1
+    points = np.concatenate([sample_mesh(corners, CUBE_FACES, count=31, seed=s) for s in range(9)])
+    digest = hashlib.sha256(points.astype("<f8").tobytes()).hexdigest()
+    assert digest == "b147b111fb4001e7cdf5312c39b927f2dfebdd86a6bcd3a3cfb88d36422ddc5c"
+    assert (sample_mesh(CUBE, CUBE_FACES, count=10, seed=1) != points[:10]).all()
+
+
+def test_faces_without_area_get_no_point() -> None:
+    faces = np.concatenate([[[0, 0, 0]], CUBE_FACES[:2], [[1, 1, 2]]])
+    points = sample_mesh(CUBE, faces, count=1000, seed=3)
+    assert (points[:, 0] == 0.0).all()
+
+
+def test_far_from_the_origin_nothing_is_lost() -> None:
+    offset = np.array([2.0**22, 2.0**23, 0.0])
+    near = sample_mesh(CUBE, CUBE_FACES, count=500, seed=0)
+    far = sample_mesh(CUBE + offset, CUBE_FACES, count=500, seed=0)
+    assert np.abs(far - offset - near).max() < 2e-9
+
+
+def test_polygons_become_fans_in_their_order() -> None:
+    polygons = [[0, 1, 2, 3], [4, 5], [6, 7, 8], [], [9, 10, 11, 12, 13]]
+    want = [[0, 1, 2], [0, 2, 3], [6, 7, 8], [9, 10, 11], [9, 11, 12], [9, 12, 13]]
+    assert triangles_of(polygons).tolist() == want
+    assert triangles_of([]).shape == (0, 3)
+
+
+@pytest.mark.parametrize("order", ["<", ">", ""])
+def test_ply_meshes(order: str, tmp_path: Path) -> None:
+    columns = cube_columns()
+    path = write_ply(
+        tmp_path / "a.ply", columns, order, faces_header=QUAD_HEADER, faces=quads(order)
+    )
+    cloud = read(path)
+    np.testing.assert_array_equal(cloud.points, sample_mesh(CUBE, CUBE_FACES, count=500, seed=7))
+    assert "12 faces" in opened(path).notes[0]
+
+
+def test_ply_of_triangles_and_quads_mixed(tmp_path: Path) -> None:
+    header = "element face 4\nproperty uchar flags\nproperty list uchar uint vertex_index\n"
+    header += "property float w"
+    text = "1 3 0 1 3 .5\n1 3 0 3 2 .5\n2 4 4 6 7 5 .1\n3 3 0 4 5 .1\n"
+    record = {3: np.dtype("u1,u1,(3,)<u4,<f4"), 4: np.dtype("u1,u1,(4,)<u4,<f4")}
+    rows = [
+        (1, 3, (0, 1, 3), 0),
+        (1, 3, (0, 3, 2), 0),
+        (2, 4, (4, 6, 7, 5), 0),
+        (3, 3, (0, 4, 5), 0),
+    ]
+    binary = b"".join(np.array([row], record[row[1]]).tobytes() for row in rows)
+    a = write_ply(tmp_path / "a.ply", cube_columns(), "", faces_header=header, faces=text.encode())
+    b = write_ply(tmp_path / "b.ply", cube_columns(), "<", faces_header=header, faces=binary)
+    want = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5]]
+    expected = sample_mesh(CUBE, np.array(want), count=500, seed=7)
+    np.testing.assert_array_equal(read(a).points, expected)
+    np.testing.assert_array_equal(read(b).points, expected)
+
+
+def test_colours_of_vertices_are_blended(tmp_path: Path) -> None:
+    columns = cube_columns()
+    for axis, name in enumerate(("red", "green", "blue")):
+        columns[name] = (CUBE[:, axis] * 255).astype("u1")
+    path = write_ply(tmp_path / "a.ply", columns, faces_header=QUAD_HEADER, faces=quads())
+    cloud = read(path)
+    assert cloud.colours is not None
+    assert np.abs(cloud.colours / 255.0 - cloud.points).max() <= 0.5 / 255 + 1e-9
+
+
+def test_obj(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(OBJ_CUBE)
+    source = opened(tmp_path / "a.obj")
+    assert "mtllib" in source.notes[0]
+    expected = sample_mesh(CUBE, CUBE_FACES, count=500, seed=7)
+    np.testing.assert_array_equal(read(tmp_path / "a.obj").points, expected)
+    relative = OBJ_CUBE.replace("f 1/1/1 2//1 4 3", "f -8 -7/2 -5//3 -6")
+    assert relative != OBJ_CUBE
+    (tmp_path / "b.obj").write_text(relative)
+    np.testing.assert_array_equal(read(tmp_path / "b.obj").points, expected)
+
+
+def test_obj_of_points_with_colours(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("# made\nv 1 2 3 1 0.5 0\nv 4 5 6 0 0 1\n")
+    cloud = read(tmp_path / "a.obj")
+    assert cloud.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert cloud.colours is not None
+    assert cloud.colours.tolist() == [[255, 128, 0], [0, 0, 255]]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("v 1 2", "line 3 is 'v 1 2'"),
+        ("v 1 2 x", "line 3"),
+        ("f 1 2 x", "line 3"),
+        ("f 0 1 2", "line 3"),
+        ("f -3 1 2", "line 3"),
+        ("f 1 2 99", "not there"),
+        ("f 1 2 99999999999999999999", "line 3"),
+        ("f 1 1 1", "area of 0"),
+    ],
+)
+def test_wrong_obj(line: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(f"v 0 0 0\nv 1 0 0\n{line}\n")
+    with refused(message):
+        read(tmp_path / "a.obj")
+
+
+def test_glb_with_the_transforms_of_its_nodes(tmp_path: Path) -> None:
+    document, body = cube_document()
+    cloud = read(write_glb(tmp_path / "a.glb", document, body))
+    assert len(cloud) == 500
+    assert on_cube(cloud.points, low=(10.0, 0.0, 0.0), side=2.0)
+    half = np.sqrt(0.5)
+    document["nodes"][0]["rotation"] = [0, 0, half, half]
+    turned = read(write_glb(tmp_path / "a.glb", document, body))
+    assert on_cube(turned.points, low=(8.0, 0.0, 0.0), side=2.0)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
+def test_what_trimesh_writes(suffix: str, tmp_path: Path) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    mesh.apply_translation([5, 6, 7])
+    mesh.export(tmp_path / f"a.{suffix}")
+    source = opened(tmp_path / f"a.{suffix}")
+    assert f"{mesh.area:.6g}" in source.notes[-1] or suffix == "obj"
+    points = joined(list(source.pieces(99))).points
+    _, distance, _ = trimesh.proximity.closest_point_naive(mesh, points)
+    assert distance.max() < 1e-4
+
+
+def test_glb_of_points(tmp_path: Path) -> None:
+    document, body = cube_document()
+    document["meshes"][0]["primitives"] = [{"mode": 0, "attributes": {"POSITION": 0}}]
+    document["nodes"] = [{"mesh": 0}]
+    cloud = read(write_glb(tmp_path / "a.glb", document, body))
+    np.testing.assert_array_equal(cloud.points, CUBE)
+
+
+def wrong_documents() -> list[tuple[str, Any]]:
+    def edit(*path: Any, value: Any) -> Any:
+        document = copy.deepcopy(cube_document()[0])
+        place = document
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = value
+        return document
+
+    return [
+        ("uri", edit("buffers", 0, "uri", value="http://example.org/x.bin")),
+        ("uri", edit("buffers", 0, "uri", value="/etc/passwd")),
+        (
+            "reaches beyond",
+            edit("buffers", 0, "uri", value="data:application/octet-stream;base64,AAAA"),
+        ),
+        ("KHR_draco", edit("extensionsRequired", value=["KHR_draco_mesh_compression"])),
+        ("contain themselves", edit("nodes", 1, "children", value=[0])),
+        ("damaged", edit("nodes", 0, "children", value=[7])),
+        ("damaged", edit("nodes", 0, "scale", value=[1, 2])),
+        ("damaged", edit("nodes", 0, "translation", value=[1, 2, float("nan")])),
+        ("damaged", edit("nodes", 0, "matrix", value="x")),
+        ("beyond the file", edit("accessors", 0, "count", value=10**15)),
+        ("damaged", edit("accessors", 0, "count", value=-1)),
+        ("damaged", edit("accessors", 0, "count", value=1.5)),
+        ("beyond the file", edit("accessors", 0, "byteOffset", value=90)),
+        ("beyond the file", edit("bufferViews", 0, "byteLength", value=10**9)),
+        ("beyond the file", edit("bufferViews", 0, "byteStride", value=10**9)),
+        ("beyond the file", edit("bufferViews", 0, "buffer", value=1)),
+        ("three a triangle", edit("accessors", 1, "count", value=35)),
+        ("not there", edit("accessors", 0, "count", value=3)),
+        ("neither", edit("nodes", value=[{}])),
+        ("damaged", edit("meshes", value=5)),
+        ("damaged", edit("scenes", value=[[1]])),
+    ]
+
+
+@pytest.mark.parametrize(("message", "document"), wrong_documents())
+def test_wrong_glb(message: str, document: Any, tmp_path: Path) -> None:
+    path = write_glb(tmp_path / "a.glb", document, cube_document()[1])
+    with refused(message):
+        read(path)
+
+
+def test_a_tree_of_nodes_that_doubles_at_every_level(tmp_path: Path) -> None:
+    document, body = cube_document()
+    document["nodes"] = [{"children": [n + 1, n + 1]} for n in range(40)] + [{"mesh": 0}]
+    with refused("too many"):
+        read(write_glb(tmp_path / "a.glb", document, body))
+
+
+def test_meshes_that_cannot_be_sampled(tmp_path: Path) -> None:
+    columns = cube_columns()
+    columns["x"] = columns["x"].copy()
+    path = tmp_path / "a.ply"
+    for value, message in (
+        (np.nan, "NaN, infinite"),
+        (np.inf, "NaN, inf"),
+        (1e200, "absurdly far"),
+    ):
+        columns["x"][0] = value
+        write_ply(path, columns, faces_header=QUAD_HEADER, faces=quads())
+        with refused(message):
+            opened(path)
+    for wrong in (99, -1):
+        faces = quads().replace(np.array([5], "<i4").tobytes(), np.array([wrong], "<i4").tobytes())
+        write_ply(path, cube_columns(), faces_header=QUAD_HEADER, faces=faces)
+        with refused("not there"):
+            opened(path)
+
+
+def test_how_many_points_a_mesh_gets(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    write_ply(path, cube_columns(), faces_header=QUAD_HEADER, faces=quads())
+    density = MeshSampling(seed=0, count=None, per_square_unit=100.0, max_points=1000)
+    assert opened(path, sampling=density).count == 600
+    denser = MeshSampling(seed=0, count=None, per_square_unit=1e4, max_points=1000)
+    with refused("6e\\+04 points"):
+        opened(path, sampling=denser)
+    with refused("does not say how meshes are sampled"):
+        opened(path, sampling=None)
+    with refused("bytes of memory"):
+        opened(path, limit_bytes=600)
+
+
+def test_a_buffer_written_out_in_the_file_is_read(tmp_path: Path) -> None:
+    o3d = load_open3d()
+    box = o3d.geometry.TriangleMesh.create_box(2.0, 3.0, 4.0)
+    path = tmp_path / "box.glb"
+    assert o3d.io.write_triangle_mesh(str(path), box)
+    assert b"data:application/octet-stream;base64," in path.read_bytes()
+    cloud = open_cloud(path, limit_bytes=1 << 24, sampling=MeshSampling(0, 1000, None, 1000))
+    (piece,) = cloud.pieces(2000)
+    np.testing.assert_allclose(np.sort(np.ptp(piece.points, axis=0)), (2, 3, 4), atol=0.05)
+
+
+def test_a_buffer_that_is_no_base64_is_damaged(tmp_path: Path) -> None:
+    o3d = load_open3d()
+    path = tmp_path / "box.glb"
+    o3d.io.write_triangle_mesh(str(path), o3d.geometry.TriangleMesh.create_box())
+    head, body = path.read_bytes().split(b";base64,")
+    path.write_bytes(head + b";base64,*" + body[1:])
+    with pytest.raises(PredictionError, match="is damaged"):
+        open_cloud(path, limit_bytes=1 << 24, sampling=MeshSampling(0, 10, None, 10))

@@ -1,0 +1,327 @@
+"""What a prediction file of the matching track may hold, and what a bad one gets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.precision import was_rounded_to
+from airzoo_bench.matching.predictions import Correspondences, PoseClaim, faults
+from airzoo_bench.matching.reading import read_matching
+from tests.geometry.support import looking_down
+from tests.matching.world import without
+from tests.support import run_main
+
+LIMIT = 1 << 20
+IDS = ["hills/a", "hills/b"]
+MATCHES: dict[str, Any] = {
+    "protocol": "photos-matching",
+    "query_ids": IDS,
+    "offsets": np.array([0, 2, 5]),
+    "query_xy": np.arange(10.0).reshape(5, 2),
+    "map_xy": np.arange(10.0, 20.0).reshape(5, 2),
+}
+POINTS = np.arange(15.0).reshape(5, 3) + np.array((500_000, 5_200_000, 100))
+PAIRS = without(MATCHES, "map_xy") | {"points3d": POINTS}
+CENTRES = np.array([[500_000.0, 5_200_000.0, 200.0], [500_010.0, 5_200_020.0, 210.0]])
+TRUE = Poses.from_centres(np.concatenate([looking_down(10, 30), looking_down(20, 80)]), CENTRES)
+RT = np.concatenate([TRUE.rotation, TRUE.translation[:, :, None]], axis=2)
+POSES = {"protocol": "photos-matching", "query_ids": IDS, "poses": RT}
+CENTRED = without(POSES, "poses") | {"rotations": TRUE.rotation, "centres": CENTRES}
+NAN_ROW = np.where(np.arange(5)[:, None] == 3, np.nan, MATCHES["query_xy"])
+
+
+def written(path: Path, fields: dict[str, Any]) -> Path:
+    np.savez(path, **{key: np.asarray(value) for key, value in fields.items()})
+    return path
+
+
+def test_matches_are_read_as_they_are(tmp_path: Path) -> None:
+    size = np.array([[64, 48], [32, 24]])
+    read = read_matching(written(tmp_path / "m.npz", MATCHES | {"image_size": size}), LIMIT)
+    claim = read.claim
+    assert isinstance(claim, Correspondences)
+    assert (read.kind, read.protocol, read.query_ids.tolist()) == (
+        "matches",
+        "photos-matching",
+        IDS,
+    )
+    assert claim.map_frame is None
+    assert claim.points3d is None
+    np.testing.assert_array_equal(claim.query_xy[claim.of(1)], MATCHES["query_xy"][2:])
+    np.testing.assert_array_equal(claim.map_xy, MATCHES["map_xy"])
+    np.testing.assert_array_equal(claim.image_size, size)
+    assert list(faults(read)) == []
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
+def test_pixels_of_any_precision_become_float64(tmp_path: Path, kind: Any) -> None:
+    fields = MATCHES | {"query_xy": MATCHES["query_xy"].astype(kind), "map_frame": "crop"}
+    claim = read_matching(written(tmp_path / "m.npz", fields), LIMIT).claim
+    assert isinstance(claim, Correspondences)
+    assert claim.query_xy.dtype == np.float64
+    assert claim.map_frame == "crop"
+
+
+def test_pairs_are_read_to_the_last_bit(tmp_path: Path) -> None:
+    read = read_matching(written(tmp_path / "p.npz", PAIRS), LIMIT)
+    assert isinstance(read.claim, Correspondences)
+    assert read.kind == "pairs"
+    assert read.claim.map_xy is None
+    np.testing.assert_array_equal(read.claim.points3d, POINTS)
+
+
+def test_poses_are_world_to_camera_and_nan_is_none(tmp_path: Path) -> None:
+    values = RT.copy()
+    values[1] = np.nan
+    read = read_matching(written(tmp_path / "o.npz", POSES | {"poses": values}), LIMIT)
+    assert isinstance(read.claim, PoseClaim)
+    assert read.kind == "poses"
+    assert read.claim.found.tolist() == [True, False]
+    np.testing.assert_allclose(read.claim.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
+
+
+def test_queries_without_any_match_are_a_claim_too(tmp_path: Path) -> None:
+    fields = MATCHES | {
+        "offsets": np.zeros(3, np.int64),
+        "query_xy": np.zeros((0, 2)),
+        "map_xy": np.zeros((0, 2)),
+    }
+    assert list(faults(read_matching(written(tmp_path / "m.npz", fields), LIMIT))) == []
+
+
+SCALED = RT * np.array([2.0, 2.0, 2.0, 1.0])
+MIRRORED = RT * np.array([-1.0, 1.0, 1.0, 1.0])
+PARTLY = np.where(np.arange(12).reshape(3, 4) == 11, np.nan, RT)
+
+# What is refused when the file is read: fields, and what the message holds.
+UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "no matches": (
+        without(MATCHES, "map_xy"),
+        ["lacks the field map_xy", "or poses", "template"],
+    ),
+    "no ids": (without(MATCHES, "query_ids"), ["lacks the field query_ids"]),
+    "no offsets": (without(MATCHES, "offsets"), ["lacks the field offsets"]),
+    "no pixels, pairs": (without(PAIRS, "query_xy"), ["lacks the field query_xy"]),
+    "no ids, poses": (without(POSES, "query_ids"), ["lacks the field query_ids"]),
+    "nothing": ({}, ["lacks the fields", "it has: none"]),
+    "two kinds": (
+        MATCHES | {"points3d": POINTS},
+        ["holds map_xy and points3d", "disagree", "keep one"],
+    ),
+    "all kinds": (MATCHES | POSES | {"points3d": POINTS}, ["map_xy and points3d and poses"]),
+    "misspelt": (MATCHES | {"image_sizes": [[1, 1]] * 2}, ["'image_sizes'", "not read here"]),
+    "frame of pairs": (PAIRS | {"map_frame": "crop"}, ["not read here", "map_frame"]),
+    "other frame": (MATCHES | {"map_frame": "dom"}, ["'map_frame' is 'dom'", "'crop'"]),
+    "frame a number": (MATCHES | {"map_frame": 1}, ["'map_frame' is not one text"]),
+    "frames": (MATCHES | {"map_frame": ["crop", "map"]}, ["not one text"]),
+    "x y 1": (
+        MATCHES | {"query_xy": np.ones((5, 3))},
+        ["'query_xy' is float64 of shape (5, 3)", "(any, 2)"],
+    ),
+    "flat": (MATCHES | {"map_xy": np.ones(10)}, ["'map_xy' is float64 of shape (10,)"]),
+    "whole pixels": (
+        MATCHES | {"map_xy": np.ones((5, 2), np.int64)},
+        ["'map_xy' is int64", "floating point"],
+    ),
+    "flat points": (PAIRS | {"points3d": np.ones((5, 2))}, ["'points3d' is", "(any, 3)"]),
+    "coarse points": (
+        PAIRS | {"points3d": POINTS.astype(np.float32)},
+        ["'points3d' is float32", "0.5 m only", "expected: float64"],
+    ),
+    "points through float32": (
+        PAIRS | {"points3d": (POINTS + np.pi * np.arange(5)[:, None]).astype("f4").astype("f8")},
+        ["'points3d' went through float32", "0.5 m only", "expected: float64"],
+    ),
+    "coarse centres": (
+        CENTRED | {"centres": CENTRES.astype(np.float32)},
+        ["'centres' is float32", "0.5 m only"],
+    ),
+    "rows differ": (
+        MATCHES | {"map_xy": np.ones((4, 2))},
+        ["'map_xy' has 4 rows, 'query_xy' has 5"],
+    ),
+    "counts": (
+        MATCHES | {"offsets": [2, 3]},
+        ["'offsets' has 2 entries for 2 queries", "expected: 3", "np.cumsum"],
+    ),
+    "float offsets": (MATCHES | {"offsets": [0.0, 2.0, 5.0]}, ["'offsets' is float64", "integers"]),
+    "square offsets": (MATCHES | {"offsets": [[0, 2, 5]]}, ["of shape (1, 3)"]),
+    "one size": (MATCHES | {"image_size": [64, 48]}, ["'image_size' is", "(any, 2)"]),
+    "few sizes": (MATCHES | {"image_size": [[64, 48]]}, ["'image_size' has 1 row"]),
+    "float sizes": (MATCHES | {"image_size": [[64.0, 48.0]] * 2}, ["integers"]),
+    "ids are numbers": (MATCHES | {"query_ids": [1, 2]}, ["'query_ids' is int64"]),
+    "4x4": (
+        POSES | {"poses": np.tile(np.eye(4), (2, 1, 1))},
+        ["'poses' is float64 of shape (2, 4, 4)", "(any, 3, 4)"],
+    ),
+    "few poses": (POSES | {"poses": RT[:1]}, ["'poses' has 1 row, 'query_ids' has 2"]),
+    "nan in part": (
+        POSES | {"poses": PARTLY},
+        ["2 poses are NaN or infinite in part", "NaN in all of it"],
+    ),
+    "infinite": (POSES | {"poses": np.full((2, 3, 4), np.inf)}, []),
+    "scaled": (POSES | {"poses": SCALED}, ["not orthonormal", "hills/a", "field 'poses'", "mend"]),
+    "no rotations": (without(CENTRED, "rotations"), ["lacks the field rotations"]),
+    "poses twice": (CENTRED | {"poses": RT}, ["holds poses and centres", "disagree"]),
+    "few centres": (CENTRED | {"centres": CENTRES[:1]}, ["'centres' has 1 row"]),
+    "centre without rotation": (
+        CENTRED | {"rotations": np.full((2, 3, 3), np.nan)},
+        ["2 poses are NaN or infinite in part", "'rotations' and 'centres'"],
+    ),
+    "scaled rotations": (CENTRED | {"rotations": 2 * TRUE.rotation}, ["not orthonormal"]),
+    "mirrored": (POSES | {"poses": MIRRORED}, ["reflection", "hills/a", "axes"]),
+}
+
+
+@pytest.mark.parametrize("case", [name for name in UNREADABLE if name != "infinite"])
+def test_unreadable(tmp_path: Path, case: str) -> None:
+    fields, fragments = UNREADABLE[case]
+    path = written(tmp_path / "bad.npz", fields)
+    with pytest.raises(PredictionError) as caught:
+        read_matching(path, LIMIT)
+    assert str(path) in str(caught.value)
+    assert caught.value.expected
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+def test_a_pose_all_infinite_is_none(tmp_path: Path) -> None:
+    claim = read_matching(written(tmp_path / "o.npz", UNREADABLE["infinite"][0]), LIMIT).claim
+    assert isinstance(claim, PoseClaim)
+    assert not claim.found.any()
+
+
+# What `check` lists and `eval` stops at.
+FAULTY: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "offsets short": (
+        MATCHES | {"offsets": [0, 2, 4]},
+        ["do not add up: from 0 to 4", "rising from 0 to 5", "np.cumsum"],
+    ),
+    "offsets from 1": (MATCHES | {"offsets": [1, 2, 5]}, ["from 1 to 5"]),
+    "offsets fall": (MATCHES | {"offsets": [0, 7, 5]}, ["falling first at query hills/b"]),
+    "offsets wrap": (
+        {
+            **MATCHES,
+            "query_ids": ["hills/a", "hills/b", "hills/c", "hills/d"],
+            "offsets": [0, 2**63 - 1, -(2**63), -1, 5],
+        },
+        ["do not add up", "falling first at query hills/b"],
+    ),
+    "nan": (
+        MATCHES | {"query_xy": NAN_ROW},
+        ["1 row is NaN", "hills/b", "field 'query_xy'", "leave out"],
+    ),
+    "nan on map": (MATCHES | {"map_xy": NAN_ROW}, ["hills/b", "field 'map_xy'"]),
+    "infinite points": (
+        PAIRS | {"points3d": np.where(POINTS[0, 0] == POINTS, np.inf, POINTS)},
+        ["hills/a", "field 'points3d'"],
+    ),
+    "twice": (MATCHES | {"query_ids": ["hills/a"] * 2}, ["more than once", "hills/a"]),
+    "no scene": (MATCHES | {"query_ids": ["a", "b"]}, ["without a scene"]),
+}
+
+
+@pytest.mark.parametrize("case", FAULTY)
+def test_faulty(tmp_path: Path, case: str) -> None:
+    fields, fragments = FAULTY[case]
+    found = list(faults(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
+    assert len(found) == 1
+    assert found[0].where is not None
+    assert "bad.npz, field" in found[0].where
+    assert found[0].expected
+    for fragment in fragments:
+        assert fragment in str(found[0])
+
+
+def test_all_faults_are_found_at_once(tmp_path: Path) -> None:
+    fields = MATCHES | {
+        "query_ids": np.zeros(0, "U8"),
+        "offsets": np.zeros(1, np.int64),
+        "query_xy": np.full((5, 2), np.nan),
+    }
+    found = list(faults(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
+    assert ["holds no id" in f.what for f in found] == [True, False, False]
+    assert "do not add up" in found[1].what
+    assert "5 rows are NaN" in found[2].what
+
+
+@pytest.mark.parametrize("field", ["points3d", "centres"])
+def test_heights_of_a_float32_model_over_pixels_of_a_map_have_lost_nothing(
+    tmp_path: Path, field: str
+) -> None:
+    count = 200
+    row, column = np.divmod(np.arange(count), 20)
+    heights = np.random.default_rng(0).uniform(20, 300, count).astype(np.float32)
+    # The centres of a map's pixels of half a metre: float32 holds them.
+    places = np.column_stack([500_000.25 + column / 2, 1_200_000 - 0.25 - row / 2, heights])
+    assert was_rounded_to(places, np.float32)
+    ids = np.array([f"hills/q{n}" for n in range(count)])
+    fields: dict[str, Any] = {"query_ids": ids, field: places}
+    if field == "points3d":
+        fields |= {"offsets": np.arange(count + 1), "query_xy": np.ones((count, 2))}
+    else:
+        fields["rotations"] = np.tile(TRUE.rotation[:1], (count, 1, 1))
+    read = read_matching(written(tmp_path / "m.npz", fields), LIMIT)
+    assert len(read.query_ids) == count
+
+
+def test_objects_are_never_unpickled(tmp_path: Path) -> None:
+    class Bomb:
+        def __reduce__(self) -> Any:
+            return (tmp_path.joinpath("exploded").mkdir, ())
+
+    path = tmp_path / "bad.npz"
+    np.savez(path, allow_pickle=True, **MATCHES | {"map_xy": np.array([Bomb()], object)})
+    with pytest.raises(PredictionError):
+        read_matching(path, LIMIT)
+    assert not (tmp_path / "exploded").exists()
+
+
+@pytest.mark.parametrize("name", ["empty.npz", "empty.txt", "folder.npz", "m.mat", "absent.npz"])
+def test_no_prediction_file(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name.startswith("folder"):
+        path.mkdir()
+    elif not name.startswith("absent"):
+        path.touch()
+    with pytest.raises(PredictionError, match=name):
+        read_matching(path, LIMIT)
+
+
+def test_too_large_for_the_memory(tmp_path: Path) -> None:
+    with pytest.raises(PredictionError, match="query_xy"):
+        read_matching(written(tmp_path / "m.npz", MATCHES), 350)
+
+
+@pytest.mark.parametrize(
+    ("fields", "code", "message"),
+    [
+        (UNREADABLE["two kinds"][0], 1, "holds map_xy and points3d"),
+        (UNREADABLE["nan in part"][0], 1, "NaN or infinite in part"),
+        (UNREADABLE["scaled"][0], 1, "not orthonormal"),
+        (UNREADABLE["coarse points"][0], 1, "float32"),
+        (without(MATCHES, "protocol"), 2, "--protocol"),
+        (FAULTY["nan"][0], 1, "1 row is NaN or infinite, in 1 of 2 queries (hills/b)"),
+        (FAULTY["offsets short"][0], 1, "do not add up"),
+    ],
+)
+def test_the_command_says_so(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    fields: dict[str, Any],
+    code: int,
+    message: str,
+) -> None:
+    path = written(tmp_path / "bad.npz", fields)
+    ask = ("--data", tmp_path)
+    assert run_main("eval", "matching", path, *ask) == 2
+    assert message in capsys.readouterr().err
+    if "protocol" in fields:  # without it the track is not known
+        assert run_main("check", path, *ask) == code
+        assert message in capsys.readouterr().err

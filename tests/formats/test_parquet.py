@@ -1,0 +1,172 @@
+"""Hostile ``.parquet`` files: refused with one message, or read as what they are."""
+
+from __future__ import annotations
+
+import io
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.parquet import read_columns
+
+LIMIT = 1 << 26
+COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")
+IDS, RANKED = ["e/a", "e/ü"], [["e/t1", "e/t2"], ["e/t2", ""]]
+
+
+def written(path: Path, limit: int = LIMIT, **columns: Any) -> dict[str, Any]:
+    pq.write_table(pa.table(columns), path)
+    return read_columns(path, COLUMNS, Budget(limit))
+
+
+@pytest.mark.parametrize(
+    ("ids", "ranked"),
+    [
+        (pa.array(IDS), pa.array(RANKED)),
+        (pa.array(IDS, pa.large_string()), pa.array(RANKED, pa.large_list(pa.large_string()))),
+        (pa.array(IDS).dictionary_encode(), pa.array(RANKED, pa.list_(pa.string(), 2))),
+        (pa.array(IDS), pa.array(RANKED, pa.list_(pa.dictionary(pa.int8(), pa.string())))),
+    ],
+    ids=["plain", "large", "coded ids", "coded ranks"],
+)
+def test_reads_every_kind_of_text(ids: Any, ranked: Any, tmp_path: Path) -> None:
+    read = written(tmp_path / "x.parquet", query_ids=ids, ranked_ids=ranked)
+    assert read["query_ids"].dtype.kind == "U"
+    assert read["query_ids"].tolist() == IDS
+    assert read["ranked_ids"].tolist() == RANKED
+
+
+@pytest.mark.parametrize("kind", [pa.float16(), pa.float32(), pa.float64()])
+def test_reads_numbers(kind: Any, tmp_path: Path) -> None:
+    scores = pa.array([[0.5, 0.25], [1.0, float("nan")]], pa.list_(kind))
+    read = written(tmp_path / "x.parquet", query_ids=IDS, scores=scores)
+    np.testing.assert_array_equal(read["scores"], [[0.5, 0.25], [1.0, np.nan]])
+
+
+def test_reads_many_batches_and_row_groups_in_order(tmp_path: Path) -> None:
+    ids = [f"e/{i}" for i in range(150_000)]
+    table = pa.table({"query_ids": ids, "ranked_ids": [[i] for i in ids]})
+    pq.write_table(table, tmp_path / "x.parquet", row_group_size=40_000)
+    read = read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+    assert read["query_ids"].tolist() == ids
+    assert read["ranked_ids"][:, 0].tolist() == ids
+
+
+def test_no_rows(tmp_path: Path) -> None:
+    empty = pa.array([], pa.list_(pa.string()))
+    read = written(tmp_path / "x.parquet", query_ids=pa.array([], pa.string()), ranked_ids=empty)
+    assert read["query_ids"].shape == (0,)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "unknown column": ({"query_id": IDS}, r"unknown columns: 1 \('query_id'\)"),
+    "pandas index": (
+        {"query_ids": IDS, "__index_level_0__": [3, 4]},
+        r"'__index_level_0__'[\s\S]*index=False",
+    ),
+    "null": (
+        {"query_ids": ["e/a", None]},
+        r"'query_ids' has nulls in rows, counted from 0: 1 \(1\)",
+    ),
+    "null list": (
+        {"ranked_ids": [["a"], None]},
+        r"'ranked_ids' has nulls in rows, counted from 0: 1 \(1\)",
+    ),
+    "null in a list": (
+        {"ranked_ids": [["a", "b"], ["c", None]]},
+        r"'ranked_ids' has nulls in rows, counted from 0: 1 \(1\)",
+    ),
+    "all null": ({"query_ids": [None, None]}, r"nulls in rows, counted from 0: 2 \(0, 1\)"),
+    "ragged": ({"ranked_ids": [["a"], ["b", "c"]]}, "lists of 1 to 2 entries"),
+    "nested": ({"ranked_ids": [[["a"]], [["b"]]]}, "'ranked_ids' has values of type list<"),
+    "struct": ({"query_ids": [{"a": 1}, {"a": 2}]}, "'query_ids' has values of type struct"),
+    "truth values": ({"query_ids": [True, False]}, "'query_ids' has values of type bool"),
+    "bytes": ({"query_ids": [b"a", b"b"]}, "'query_ids' has values of type binary"),
+    "huge text": ({"query_ids": ["x" * 100_000, "y"]}, "has a text of 100,000 characters"),
+}
+
+
+@pytest.mark.parametrize("case", list(REFUSED))
+def test_refused(case: str, tmp_path: Path) -> None:
+    columns, message = REFUSED[case]
+    with pytest.raises(PredictionError, match=message) as caught:
+        written(tmp_path / "x.parquet", **columns)
+    assert str(caught.value).startswith(str(tmp_path / "x.parquet"))
+    assert caught.value.expected
+
+
+def test_a_column_twice(tmp_path: Path) -> None:
+    table = pa.Table.from_arrays([pa.array(IDS), pa.array(IDS)], names=["query_ids"] * 2)
+    pq.write_table(table, tmp_path / "x.parquet")
+    with pytest.raises(PredictionError, match=r"more than once: 1 \(query_ids\)"):
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+
+
+def test_text_that_is_not_utf8(tmp_path: Path) -> None:
+    # As a writer that does not look at its text would have it.
+    bad = pa.StringArray.from_buffers(
+        2, pa.py_buffer(bytes([0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0])), pa.py_buffer(b"\xff\xfe")
+    )
+    pq.write_table(pa.table({"query_ids": bad}), tmp_path / "x.parquet")
+    with pytest.raises(PredictionError, match=r"not a readable parquet file: .*UTF8"):
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+
+
+def test_larger_than_the_limit(tmp_path: Path) -> None:
+    scores = pa.FixedSizeListArray.from_arrays(pa.array(np.random.default_rng(0).random(4000)), 2)
+    with pytest.raises(PredictionError, match=r"its pages: 1\d\d,\d+ bytes"):
+        written(tmp_path / "x.parquet", limit=31_000, scores=scores)
+    assert written(tmp_path / "x.parquet", limit=220_000, scores=scores)["scores"].shape == (
+        2000,
+        2,
+    )
+
+
+def test_a_text_a_million_times_is_counted_before_it_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spread(*arguments: object) -> None:
+        raise AssertionError("the matrix was made")
+
+    monkeypatch.setattr("airzoo_bench.formats.parquet.np.take", spread)
+    # Coded by run length it takes a kilobyte on disk, and 2 GB as a matrix of text.
+    coded = pa.DictionaryArray.from_arrays(
+        pa.array(np.zeros(1_000_000, np.int8)), pa.array(["x" * 500])
+    )
+    ranked = pa.FixedSizeListArray.from_arrays(coded, 1000)
+    pq.write_table(pa.table({"ranked_ids": ranked}), tmp_path / "x.parquet")
+    assert (tmp_path / "x.parquet").stat().st_size < 5000
+    with pytest.raises(PredictionError, match="more than the limit"):
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+    with pytest.raises(PredictionError, match=r"its pages: 12,0\d\d,"):
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(1 << 20))
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" * 4, b"hello, I am a csv", bytes(99)])
+def test_not_parquet(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "x.parquet").write_bytes(content)
+    with pytest.raises(PredictionError, match=r"not a readable parquet file: ."):
+        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+
+
+def test_damaged_bytes_are_read_or_refused(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    pq.write_table(pa.table({"query_ids": IDS, "ranked_ids": RANKED}), stream)
+    good, dice, path = stream.getvalue(), random.Random(3), tmp_path / "x.parquet"
+    refused = 0
+    for _ in range(400):
+        content = bytearray(good)
+        content[dice.randrange(len(good))] = dice.randrange(256)
+        path.write_bytes(content[: dice.choice([len(good), len(good), dice.randrange(len(good))])])
+        try:
+            read_columns(path, COLUMNS, Budget(LIMIT))
+        except PredictionError:
+            refused += 1
+    assert 100 < refused < 400

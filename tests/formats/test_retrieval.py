@@ -1,0 +1,173 @@
+"""From a file to the retrieval track's prediction type."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, faults
+from airzoo_bench.retrieval.reading import read_retrieval
+
+LIMIT = 1 << 24
+IDS = np.array(["e/a", "e/b"])
+RANKED = np.array([["e/t1", "e/t2"], ["e/t2", ""]])
+
+
+def saved(folder: Path, **arrays: Any) -> Path:
+    np.savez(folder / "p.npz", **arrays)
+    return folder / "p.npz"
+
+
+def test_ranked_ids(tmp_path: Path) -> None:
+    scores = np.array([[2, 1], [3, np.nan]], np.float16)
+    path = saved(tmp_path, protocol="p", query_ids=IDS, ranked_ids=RANKED, scores=scores)
+    read = read_retrieval(path, LIMIT)
+    assert (read.protocol, read.kind, read.path) == ("p", "ranked_ids", path)
+    assert isinstance(read.claim, RankedIds)
+    assert read.claim.ids.tolist() == RANKED.tolist()
+    assert read.claim.scores is not None
+    assert read.claim.scores.dtype == np.float64
+    # NaN beside an empty id is nobody's score.
+    assert list(faults(read, 2)) == []
+
+
+def test_descriptors(tmp_path: Path) -> None:
+    gallery = np.asfortranarray(np.arange(6, dtype=">f4").reshape(3, 2))
+    path = saved(
+        tmp_path,
+        query_ids=np.char.encode(IDS, "utf-8"),
+        query_descriptors=np.eye(2),
+        gallery_ids=["e/1", "e/2", "e/3"],
+        gallery_descriptors=gallery,
+    )
+    read = read_retrieval(path, LIMIT)
+    assert (read.protocol, read.kind) == (None, "descriptors")
+    assert isinstance(read.claim, Descriptors)
+    assert read.query_ids.tolist() == IDS.tolist()
+    np.testing.assert_array_equal(read.claim.gallery, gallery)
+
+
+def test_npz_and_parquet_say_the_same(tmp_path: Path) -> None:
+    scores = np.array([[2.0, 1.0], [3.0, 0.0]])
+    columns = {
+        "query_ids": IDS.tolist(),
+        "ranked_ids": RANKED.tolist(),
+        "scores": scores.tolist(),
+        "protocol": ["p", "p"],
+    }
+    pd.DataFrame(columns).to_parquet(tmp_path / "p.parquet")
+    one = read_retrieval(tmp_path / "p.parquet", LIMIT)
+    other = read_retrieval(
+        saved(tmp_path, protocol="p", query_ids=IDS, ranked_ids=RANKED, scores=scores), LIMIT
+    )
+    assert one.protocol == other.protocol == "p"
+    assert one.query_ids.tolist() == other.query_ids.tolist()
+    assert isinstance(one.claim, RankedIds)
+    assert isinstance(other.claim, RankedIds)
+    assert one.claim.ids.tolist() == other.claim.ids.tolist()
+    assert one.claim.scores is not None
+    assert one.claim.scores.tolist() == scores.tolist()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "e/ünïcode",
+        "e/名前",
+        "e/\U0001f6a9",
+        "e/a b",
+        "e/<b>",
+        "e/{[$&%]}",
+        "e/=1+1",
+        "e/" + "x" * 254,
+    ],
+)
+def test_printable_ids_are_taken(name: str, tmp_path: Path) -> None:
+    path = saved(tmp_path, query_ids=[name, "e/b"], ranked_ids=[[name], ["e/t"]])
+    read = read_retrieval(path, LIMIT)
+    assert read.query_ids[0] == name
+    assert isinstance(read.claim, RankedIds)
+    assert read.claim.ids[0, 0] == name
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "e/\n",
+        "e/\x1b[0m",
+        "e/a\x00b",
+        "e/\x7f",
+        "e/\x9b",
+        "e/\u202e",
+        "e/\u200b",
+        "e/\ufeff",
+        "e/\xa0",
+    ],
+)
+@pytest.mark.parametrize("field", ["query_ids", "ranked_ids"])
+def test_other_ids_are_refused(name: str, field: str, tmp_path: Path) -> None:
+    arrays = {"query_ids": ["e/a", "e/b", "e/c"], "ranked_ids": [["e/t"], ["e/t"], ["e/t"]]}
+    arrays[field] = ["e/a", name, name] if field == "query_ids" else [["e/t"], [name], [name]]
+    with pytest.raises(PredictionError, match=rf"'{field}'.* do not print in 2 of 3 rows \(1, 2\)"):
+        read_retrieval(saved(tmp_path, **arrays), LIMIT)
+
+
+def test_ids_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("airzoo_bench.formats.arrays._BLOCK_CODES", 20)
+    ids = [f"e/{i:03}" for i in range(100)]
+    ids[97] = "e/\t"
+    with pytest.raises(PredictionError, match=r"do not print in 1 of 100 rows \(97\)"):
+        read_retrieval(saved(tmp_path, query_ids=ids, ranked_ids=[["e/t"]] * 100), LIMIT)
+
+
+@pytest.mark.parametrize("protocol", ["a/b", "..\\b", "x.toml", "/etc/x.toml", "x" * 65])
+def test_a_file_cannot_choose_another_file(protocol: str, tmp_path: Path) -> None:
+    path = saved(tmp_path, protocol=protocol, query_ids=IDS, ranked_ids=RANKED)
+    with pytest.raises(PredictionError, match="which is no protocol's name"):
+        read_retrieval(path, LIMIT)
+
+
+@pytest.mark.parametrize(
+    "field", ["query_ids", "ranked_ids", "gallery_ids", "query_descriptors", "gallery_descriptors"]
+)
+@pytest.mark.parametrize("value", [np.array(1.5), np.zeros((2, 2, 2)), np.zeros(2, bool), b"x"])
+def test_every_field_of_a_wrong_type(field: str, value: Any, tmp_path: Path) -> None:
+    arrays: dict[str, Any] = {"query_ids": IDS, "ranked_ids": RANKED}
+    if field not in arrays:
+        arrays = {
+            "query_ids": IDS,
+            "query_descriptors": np.eye(2),
+            "gallery_ids": IDS,
+            "gallery_descriptors": np.eye(2),
+        }
+    with pytest.raises(PredictionError, match=f"field '{field}'") as caught:
+        read_retrieval(saved(tmp_path, **(arrays | {field: value})), LIMIT)
+    assert caught.value.expected
+    assert caught.value.mend
+
+
+def test_descriptors_of_128_bits_are_refused(tmp_path: Path) -> None:
+    path = saved(
+        tmp_path,
+        query_ids=IDS,
+        query_descriptors=np.eye(2, dtype=np.longdouble),
+        gallery_ids=IDS,
+        gallery_descriptors=np.eye(2),
+    )
+    if np.dtype(np.longdouble).itemsize == 8:
+        pytest.skip("no wider floating point here")
+    with pytest.raises(PredictionError, match="16, 32 or 64 bits"):
+        read_retrieval(path, LIMIT)
+
+
+def test_all_kinds_of_odd_ids_are_counted_together(tmp_path: Path) -> None:
+    ids = ["e/a\x00b", "e/ok", "e/\n", "e/\n\x00b"]
+    with pytest.raises(
+        PredictionError, match=r"do not print in 3 of 4 rows \(0, 2, 3\)|first 3: 0, 2, 3"
+    ):
+        read_retrieval(saved(tmp_path, query_ids=ids, ranked_ids=[["e/t"]] * 4), LIMIT)
