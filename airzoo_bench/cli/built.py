@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from inspect import Parameter, Signature
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from airzoo_bench.cli.common import examples
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import Registry
 
 __all__ = ["BuiltGroup", "bounded", "parameter", "with_parameters"]
@@ -34,7 +36,14 @@ class BuiltGroup(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the subcommand that is meant, or name what may be."""
-        self.commands = dict.fromkeys(self.list_commands(ctx))  # type: ignore[assignment]
+        names = self.list_commands(ctx)
+        if args and args[0] not in names and Path(args[0]).exists():
+            raise UsageError(
+                f"{args[0]} stands where the name of a command does",
+                expected=" or ".join(names),
+                mend=f"{ctx.command_path} {names[0]} {args[0]}",
+            )
+        self.commands = dict.fromkeys(names)  # type: ignore[assignment]
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:

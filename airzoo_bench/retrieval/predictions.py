@@ -238,13 +238,14 @@ def _check_order(predictions: RetrievalPredictions, claim: RankedIds) -> None:
         return
     scores = claim.scores
 
-    def turning(part: slice, way: float) -> Bools:
-        steps = scores[part, 1:] * way > scores[part, :-1] * way
+    def turning(part: slice, *, rising: bool) -> Bools:
+        before, after = scores[part, :-1], scores[part, 1:]
+        steps = after > before if rising else after < before
         found: Bools = (steps & (claim.ids[part, 1:] != "")).any(axis=1)
         return found
 
-    rises = _rows_where(claim, lambda part: turning(part, 1.0))
-    falls = _rows_where(claim, lambda part: turning(part, -1.0))
+    rises = _rows_where(claim, lambda part: turning(part, rising=True))
+    falls = _rows_where(claim, lambda part: turning(part, rising=False))
     if not (rises.size and falls.size):
         return
     raise PredictionError(

@@ -108,3 +108,10 @@ def test_the_command_line_has_it(
     assert "height" in capsys.readouterr().out
     assert run_main("eval", "--help") == 0
     assert "Score heights above ground." in capsys.readouterr().out
+
+
+def test_a_file_where_the_track_should_stand(
+    heights: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("eval", heights) == 2
+    assert f"eval retrieval {heights}" in capsys.readouterr().err

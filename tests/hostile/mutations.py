@@ -162,10 +162,17 @@ def packed(random: Random, fields: dict[str, Any], raw: dict[str, bytes]) -> byt
         for name, array in fields.items():
             stream = io.BytesIO()
             np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
-            archive.writestr(f"{name}.npy", stream.getvalue())
+            archive.writestr(_member(name, method), stream.getvalue())
         for name, body in raw.items():
-            archive.writestr(f"{name}.npy", body)
+            archive.writestr(_member(name, method), body)
     return out.getvalue()
+
+
+def _member(name: str, method: int) -> zipfile.ZipInfo:
+    """Name a member as it is asked for: zipfile would end the name at a NUL."""
+    member = zipfile.ZipInfo("x")
+    member.filename, member.compress_type = f"{name}.npy", method
+    return member
 
 
 def _spoil_field(random: Random, fields: dict[str, Any], raw: dict[str, bytes], name: str) -> None:
