@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from numbers import Integral, Real
@@ -29,6 +28,7 @@ __all__ = [
     "whole",
 ]
 
+MOST = 2**31 - 1
 _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 _ROW_TOLERANCE = 1e-6
 _DOUBLE = np.dtype(np.float64).itemsize
@@ -237,10 +237,11 @@ def listed(name: str, values: Any) -> list[Any]:
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
-    """Return a whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+    """Return a whole number from `least` to what 31 bits hold, as solvers take seeds."""
+    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not is_whole or not least <= int(value) <= MOST:
         raise ArgumentError(
-            f"is {value!r}", where=name, expected=f"a whole number of at least {least}"
+            f"is {value!r}", where=name, expected=f"a whole number from {least} to {MOST:,}"
         )
     return int(value)
 
@@ -248,8 +249,10 @@ def whole(name: str, value: Any, least: int = 1) -> int:
 def positive(name: str, value: Any) -> float:
     """Return a finite number above 0."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not 0.0 < float(value) < math.inf:
-        raise ArgumentError(f"is {value!r}", where=name, expected="a finite number above 0")
+    if not is_number or not 0.0 < float(value) <= FARTHEST:
+        raise ArgumentError(
+            f"is {value!r}", where=name, expected=f"a number above 0, at most {FARTHEST:g}"
+        )
     return float(value)
 
 

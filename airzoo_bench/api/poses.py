@@ -14,7 +14,7 @@ from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching import metrics
 from airzoo_bench.matching.metrics import PoseErrors
-from airzoo_bench.matching.scores import matching_scores, pose_columns
+from airzoo_bench.matching.scores import matching_scores, pose_columns, translation_column
 from airzoo_bench.matching.settings import MatchingScores
 from airzoo_bench.results.scores import summarise
 
@@ -133,6 +133,10 @@ def pose_scores(
     found = errors if isinstance(errors, PoseErrors) else _errors(errors)
     pairs = _thresholds(thresholds)
     metres = tuple(sorted({limit for limit, _ in pairs}))
+    if len({translation_column(limit) for limit in metres}) < len(metres):
+        raise ArgumentError(
+            "are so near that their names are the same", where="thresholds", expected="6 digits"
+        )
     settings = MatchingScores(
         orientation_is_trusted=found.rotation_deg is not None,
         failed_rotation_deg="infinite",

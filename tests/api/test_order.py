@@ -26,6 +26,9 @@ CALLS = {
     "masked values": lambda: ab.bootstrap_ci(MASKED[0], statistic="share"),
     "masked fields": lambda: ab.evaluate({"query_ids": MASKED}, protocol="x"),
     "ragged fields": lambda: ab.evaluate({"ranked_ids": [["a"], ["a", "b"]]}, protocol="x"),
+    "thresholds of one name": lambda: ab.pose_scores(([5.0], None), [(5, 1), (5.0000001, 1)]),
+    "a seed too large": lambda: ab.bootstrap_ci([1.0, 0], statistic="share", seed=2**70),
+    "a threshold too large": lambda: ab.cloud_scores(np.eye(3), np.eye(3), threshold=1e300),
     "no path": lambda: ab.evaluate(None, protocol="x"),  # type: ignore[arg-type]
 }
 

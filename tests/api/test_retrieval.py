@@ -188,7 +188,7 @@ def test_mistakes_in_hits_are_refused() -> None:
     for hits in ([[2, 0]], [[0.5]], [[np.nan]], [], np.zeros((0, 3)), [["a"]], np.zeros((1, 1, 1))):
         refused(recall, hits, 1, where="hits")
     for k in (0, -1, 1.5, True, None, "1"):
-        assert "at least 1" in refused(recall, [1, 0], k, where="k")
+        assert "from 1 to" in refused(recall, [1, 0], k, where="k")
     # Fewer positives than hits would lift AP above 1.
     for count in (1, 0, [2, 2], 1.0, [[2]]):
         refused(ap, [1, 1], count, where="n_positives")
