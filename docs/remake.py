@@ -43,6 +43,8 @@ TRANSCRIPT = re.compile(r"^```\n(\$ .*?)^```$", re.MULTILINE | re.DOTALL)
 PICTURE = re.compile(
     r"<!-- picture: (\w+) (.+?) -->\n!\[[^\]]*\]\((images/gallery-[\w-]+\.(?:png|jpg))\)"
 )
+# What a slow machine says besides.
+TIME_LEFT = re.compile(r", about \d+ \w+ left$")
 SCREEN_PX, BORDER_PX, MOST_BYTES = 1000, 12, 120_000
 
 
@@ -61,7 +63,8 @@ def run(command: str, home: Path, *, may_find: bool = False) -> str:
     )
     if done.returncode > may_find:
         sys.exit(f"$ {command}\n{done.stdout}exit code {done.returncode}")
-    return "".join(f"{line.rstrip()}\n" for line in done.stdout.splitlines())
+    lines = (line.rstrip() for line in done.stdout.splitlines() if not TIME_LEFT.search(line))
+    return "".join(f"{line}\n" for line in lines)
 
 
 def transcript(block: str, home: Path) -> str:

@@ -28,6 +28,7 @@ __all__ = [
 COARSEST_M = 0.01
 """What is written of an answer may move its camera by this much."""
 
+_MOST_POWER = 300.0  # of ten, which a double holds with room to spare
 _UNIFORM = 12.0**-0.5
 _OF_QUATERNION = 8.0**0.5
 # What is written with more decimals of its leading digit fixes any camera on Earth to 0.1 mm.
@@ -98,6 +99,7 @@ def rounding_errors(values: Floats) -> Floats:
     if kind is not None:
         return _steps(values, kind) * _UNIFORM
     leading = np.ceil(np.log10(np.where(values == 0, 1.0, np.abs(values)))) - 1.0
+    leading = np.clip(leading, -_MOST_POWER, _MOST_POWER)
     digits = _fewest(values, 10.0**-leading)
     if digits is None or not values.any():
         return np.zeros_like(values)

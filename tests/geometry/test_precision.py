@@ -182,3 +182,8 @@ def test_nothing_has_lost_nothing() -> None:
     empty = np.zeros((0, 3))
     assert len(pose_errors_m(np.zeros((0, 3, 3)), empty, None)) == 0
     assert not rounding_errors(np.zeros(4)).any()
+
+
+@pytest.mark.parametrize("tiny", [5e-324, 1e-310, 1e300])
+def test_numbers_at_the_ends_of_what_a_double_holds(tiny: float) -> None:
+    assert np.isfinite(rounding_errors(np.array([tiny, 500_000.125, 1.0 / 3.0]))).all()
