@@ -182,7 +182,7 @@ def _folder_members(path: Path) -> Iterator[Member]:
 def _zip_members(path: Path) -> list[Member]:
     try:
         with zipfile.ZipFile(path) as archive:
-            infos = [info for info in archive.infolist() if not info.is_dir()]
+            infos = [info for info in archive.infolist() if not info.filename.endswith("/")]
     except (*_DAMAGE, OSError) as error:
         raise _refused(path, f"is a damaged zip archive: {str(error)[:100]}") from error
     for info in infos:

@@ -186,8 +186,8 @@ def surface_depth(
     confidence_above : float or None
         See `DepthCloud`.
     """
-    depth = maps.depth[row].astype(np.float64) * scale
-    # NaN compares false.
+    with np.errstate(invalid="ignore"):  # of NaN, which compares false
+        depth = maps.depth[row].astype(np.float64) * scale
     surface = (depth > 0.0) & (depth <= max_depth)
     surface &= _trusted(maps.confidence, row, confidence_above)
     return np.where(surface, depth, 0.0)

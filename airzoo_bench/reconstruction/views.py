@@ -225,7 +225,8 @@ def _cameras(
     count, height, width = shape
     matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
     check_count(arrays, "intrinsics", len(matrices), count)
-    matrices[:, :2, 2] += shift
+    with np.errstate(invalid="ignore"):  # of NaN, which is refused below by its row
+        matrices[:, :2, 2] += shift
     names = _labels(arrays, count)
     try:
         cameras = Cameras.from_matrices(matrices, width, height, names=names)

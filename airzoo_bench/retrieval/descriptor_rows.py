@@ -99,5 +99,5 @@ class RowSource:
 
 def as_float32(rows: NDArray[Any]) -> NDArray[np.float32]:
     """Round rows to float32; too large a number becomes infinite."""
-    with np.errstate(over="ignore", under="ignore"):
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         return np.ascontiguousarray(rows, dtype=np.float32)

@@ -300,3 +300,12 @@ def test_views_with_cameras_twice(folder: Path) -> None:
 def test_cameras_of_no_scene_are_extra(folder: Path) -> None:
     (folder / "school.ply").unlink()
     assert listed(folder).extra == ("notes.md", "school.cameras.npz")
+
+
+def test_a_member_whose_name_ends_before_it_begins(tmp_path: Path) -> None:
+    member = zipfile.ZipInfo("x")
+    member.filename = "\0.ply"
+    with zipfile.ZipFile(tmp_path / "p.zip", "w") as archive:
+        archive.writestr(member, b"ply\n")
+    with pytest.raises(PredictionError):
+        open_reconstruction(tmp_path / "p.zip", unpacked_limit_bytes=1 << 20)
