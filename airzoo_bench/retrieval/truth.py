@@ -176,10 +176,18 @@ def read_tiles(home: Path) -> pd.DataFrame:
     Raises
     ------
     BenchmarkError
-        It is missing, lacks a column, or boxes are none.
+        It is missing, lacks a column, or boxes or sizes are none.
     """
     tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
     _check_boxes(boxes_of(tiles), home / "tiles.parquet")
+    small = np.flatnonzero(~(tiles["size_m"].to_numpy(np.float64) > 0.0))
+    if small.size:
+        raise BenchmarkError(
+            f"row {small[0] + 1}, column size_m: {tiles['size_m'].iloc[small[0]]}",
+            where=home / "tiles.parquet",
+            expected="sides of tiles above 0, in metres",
+            mend="prepare the benchmark again",
+        )
     return tiles
 
 

@@ -28,6 +28,8 @@ _EXTRA_BYTES_ITEM = 14
 _DRIP = 64
 _END_OF_CODE = 16  # bytes that an encoder may write behind the last point
 _BLOCK_POINTS = 50_000
+# What Rust raises of data that it did not foresee; no Exception, and lazrs exports no name of it.
+_PANIC = "pyo3_runtime"
 _DAMAGE = (lazrs.LazrsError, OSError, ValueError, OverflowError)
 
 
@@ -51,6 +53,10 @@ class LazBody:
         try:
             self.decompressor.decompress_many(block)
         except lazrs.LazrsError as error:
+            raise _damaged(self.path, str(error)) from error
+        except BaseException as error:
+            if type(error).__module__ != _PANIC:
+                raise
             raise _damaged(self.path, str(error)) from error
         return block
 
