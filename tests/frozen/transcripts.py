@@ -96,7 +96,9 @@ def _run(words: list[str]) -> tuple[str, str, int]:
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
     code: object = 0
     streams = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
-    with streams[0], streams[1], mock.patch.object(sys, "argv", words):
+    # Of a module that was run by `python -m`, the command line would call itself by its package.
+    name = mock.patch.object(sys.modules["__main__"], "__package__", None)
+    with streams[0], streams[1], name, mock.patch.object(sys, "argv", words):
         try:
             airzoo_bench()
         except SystemExit as done:
