@@ -13,11 +13,11 @@ import numpy as np
 
 from airzoo_bench.benchmark.folder import DATA_VARIABLE, Benchmark
 from airzoo_bench.cli.main import app
-from airzoo_bench.datasets import airzoo_mini
+from airzoo_bench.datasets.mini import prepare as airzoo_mini
+from airzoo_bench.datasets.mini.export.photos import depth_to_points, mini_photos
+from airzoo_bench.datasets.mini.world.model import REGIONS, Region
+from airzoo_bench.datasets.mini.world.store import write_raster
 from airzoo_bench.matching.truth import read_truth as read_matching
-from airzoo_bench.mini.export.photos import depth_to_points, mini_photos
-from airzoo_bench.mini.world.model import REGIONS, Region
-from airzoo_bench.mini.world.store import write_raster
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 

@@ -11,10 +11,10 @@ import typer
 from airzoo_bench.cli.common import Format, FormatOption, examples, progress, put, say, show
 
 if TYPE_CHECKING:
-    from airzoo_bench.geometry_checks.dataset import PosedScene
-    from airzoo_bench.geometry_checks.depth_frames import Sampling
-    from airzoo_bench.geometry_checks.frame_pairs import PairRule
-    from airzoo_bench.geometry_checks.report import SceneGeometry
+    from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
+    from airzoo_bench.datasets.geometry_checks.depth_frames import Sampling
+    from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
+    from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 
 __all__ = ["GEOMETRY_EXAMPLES", "SPLIT_EXAMPLES", "check_geometry", "check_split"]
 
@@ -72,10 +72,10 @@ def check_geometry(
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
     from airzoo_bench.core.files import check_output_folder
-    from airzoo_bench.geometry_checks.depth_frames import Sampling
-    from airzoo_bench.geometry_checks.depth_maps import DepthKind
-    from airzoo_bench.geometry_checks.frame_pairs import PairRule
-    from airzoo_bench.geometry_checks.report import (
+    from airzoo_bench.datasets.geometry_checks.depth_frames import Sampling
+    from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
+    from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
+    from airzoo_bench.datasets.geometry_checks.report import (
         OUTPUT_NAMES,
         geometry_table,
         report_values,
@@ -114,9 +114,9 @@ def check_split(
 
     Exit code 1 where one does, with the pairs named.
     """
-    from airzoo_bench.geometry_checks.footprint_sets import read_footprints
-    from airzoo_bench.geometry_checks.split_overlap import compare_splits
-    from airzoo_bench.geometry_checks.split_report import split_table, split_values
+    from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
+    from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits
+    from airzoo_bench.datasets.geometry_checks.split_report import split_table, split_values
 
     sets = [read_footprints(place, max_range) for place in (train, test)]
     found = compare_splits(*sets, csv=out, progress=progress)
@@ -134,7 +134,7 @@ def _scenes(
     data: Path | None, scene: str | None, poses: Path | None, images: Path | None, crs: str | None
 ) -> list[PosedScene]:
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.geometry_checks.dataset import (
+    from airzoo_bench.datasets.geometry_checks.dataset import (
         open_benchmark,
         scene_from_poses,
         scenes_of_benchmark,
@@ -162,9 +162,9 @@ def _checked(
     scene: PosedScene, depth: Path | None, sampling: Sampling, rule: PairRule, median_below: float
 ) -> SceneGeometry:
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.geometry_checks.depth_report import check_depth_consistency
-    from airzoo_bench.geometry_checks.frame_chain import check_frame_chain
-    from airzoo_bench.geometry_checks.report import SceneGeometry
+    from airzoo_bench.datasets.geometry_checks.depth_report import check_depth_consistency
+    from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
+    from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 
     folder = scene.folder.resolve().parent / DEPTH_FOLDER if depth is None else depth
     if depth is not None and (depth / scene.name).is_dir():

@@ -12,7 +12,7 @@ from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
 from airzoo_bench.core.plurals import agreeing, counted
 
 if TYPE_CHECKING:
-    from airzoo_bench.mini.world.model import World
+    from airzoo_bench.datasets.mini.world.model import World
 
 __all__ = ["app"]
 
@@ -50,9 +50,9 @@ def _group() -> None:
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
     from airzoo_bench.benchmark.folder import data_root
-    from airzoo_bench.datasets.airzoo_mini import make_worlds
-    from airzoo_bench.mini.flights.placement import allowed_box
-    from airzoo_bench.mini.world.model import REGIONS
+    from airzoo_bench.datasets.mini.flights.placement import allowed_box
+    from airzoo_bench.datasets.mini.prepare import make_worlds
+    from airzoo_bench.datasets.mini.world.model import REGIONS
 
     regions = list(REGIONS.values())
     folders = make_worlds(regions, data_root(), seed, jobs=jobs, progress=progress, note=say)
@@ -78,12 +78,12 @@ def trajectory(
     seed: SeedOption = 0,
 ) -> None:
     """Plan a flight and write it as a file, to be changed at will and rendered."""
-    from airzoo_bench.mini.export.pictures import draw_flight
-    from airzoo_bench.mini.flights.keyframes import key_frames
-    from airzoo_bench.mini.flights.patterns import barrel_roll, survey
-    from airzoo_bench.mini.flights.placement import Airspace
-    from airzoo_bench.mini.flights.trajectory_files import write_trajectory
-    from airzoo_bench.mini.rendering.renderer import default_camera
+    from airzoo_bench.datasets.mini.export.pictures import draw_flight
+    from airzoo_bench.datasets.mini.flights.keyframes import key_frames
+    from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
+    from airzoo_bench.datasets.mini.flights.placement import Airspace
+    from airzoo_bench.datasets.mini.flights.trajectory_files import write_trajectory
+    from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 
     made = _world(_folder(region, seed))
     airspace = Airspace.over(made.region, made.dsm)
@@ -123,13 +123,13 @@ def render(
     """
     from functools import partial
 
-    from airzoo_bench.mini.export.frame_list import FrameList
-    from airzoo_bench.mini.export.frames import render_frames
-    from airzoo_bench.mini.flights.placement import check_inside
-    from airzoo_bench.mini.flights.trajectory import trajectory_poses
-    from airzoo_bench.mini.flights.trajectory_files import read_trajectory
-    from airzoo_bench.mini.rendering.renderer import default_camera
-    from airzoo_bench.mini.world.store import load_world
+    from airzoo_bench.datasets.mini.export.frame_list import FrameList
+    from airzoo_bench.datasets.mini.export.frames import render_frames
+    from airzoo_bench.datasets.mini.flights.placement import check_inside
+    from airzoo_bench.datasets.mini.flights.trajectory import trajectory_poses
+    from airzoo_bench.datasets.mini.flights.trajectory_files import read_trajectory
+    from airzoo_bench.datasets.mini.rendering.renderer import default_camera
+    from airzoo_bench.datasets.mini.world.store import load_world
 
     flown = read_trajectory(trajectory)
     frames = FrameList(
@@ -158,7 +158,7 @@ def pictures(
     seed: SeedOption = 0,
 ) -> None:
     """Draw the maps of both regions, a place in every weather and light, and the flights."""
-    from airzoo_bench.mini.export.pictures import draw_world
+    from airzoo_bench.datasets.mini.export.pictures import draw_world
 
     for region in RegionName:
         for path in draw_world(_world(_folder(region, seed)), out, progress):
@@ -167,14 +167,14 @@ def pictures(
 
 def _folder(region: RegionName, seed: int) -> Path:
     from airzoo_bench.benchmark.folder import data_root
-    from airzoo_bench.datasets.airzoo_mini import make_worlds
-    from airzoo_bench.mini.world.model import REGIONS
+    from airzoo_bench.datasets.mini.prepare import make_worlds
+    from airzoo_bench.datasets.mini.world.model import REGIONS
 
     regions = [REGIONS[region]]
     return make_worlds(regions, data_root(), seed, jobs=1, progress=progress, note=say)[0]
 
 
 def _world(folder: Path) -> World:
-    from airzoo_bench.mini.world.store import load_world
+    from airzoo_bench.datasets.mini.world.store import load_world
 
     return load_world(folder)

@@ -184,7 +184,7 @@ def airzoo_mini(
     Needs no data. Worlds and photos are kept in the data root: a run that was stopped goes on.
     """
     from airzoo_bench.benchmark.folder import data_root
-    from airzoo_bench.datasets.airzoo_mini import mini_protocols, prepare_airzoo_mini
+    from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
 
     protocols = mini_protocols(seed)
     root = data_root()

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from airzoo_bench.results.result import write_result
+from tests.results.test_result import result
 from tests.support import files_below, make_place, run_main, write_predictions
-from tests.test_result import result
 
 
 def environment(**more: str) -> dict[str, str]:

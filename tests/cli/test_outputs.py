@@ -12,9 +12,9 @@ import pytest
 
 from airzoo_bench.results.result import write_result
 from tests.cli.test_main import environment
+from tests.results.test_result import result
 from tests.statistics.support import made_method, write_method
 from tests.support import files_below, run_main
-from tests.test_result import result
 
 SCENES = {"east": {"recall@1": [1.0, 0.0, 1.0]}, "west": {"recall@1": [0.0, 1.0]}}
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="shells and signals of POSIX")

@@ -17,13 +17,13 @@ from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.datasets.folder_facts import folder_facts
+from airzoo_bench.datasets.geometry_checks.dataset import open_benchmark
 from airzoo_bench.datasets.prior_errors import prior_errors, turned_priors
 from airzoo_bench.datasets.suspicion_kinds import Kind
 from airzoo_bench.datasets.suspicions import kinds_and_sentences
 from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry_checks.dataset import open_benchmark
 from tests.datasets import documented
 from tests.datasets.test_dji import packet
 from tests.geometry.support import quick, seeds

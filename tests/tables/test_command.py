@@ -15,9 +15,9 @@ from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, write_result
 from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.published import published_tables
+from tests.results.test_result import result
 from tests.support import run_main, write_predictions
 from tests.tables.typeset import typeset
-from tests.test_result import result
 
 Show = Callable[..., list[dict[str, str]]]
 LATEX = ("--format", "latex")

@@ -17,9 +17,9 @@ from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import benchmarks_layout
 from airzoo_bench.tables.marks import add_gains
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
+from tests.results.test_result import result
 from tests.tables.test_extras import grouped
 from tests.tables.typeset import typeset, words
-from tests.test_result import result
 
 SPAN = Between(12.34, 56.78)
 

@@ -15,7 +15,7 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.tables.build import methods_table, scenes_table
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table, mark_best
 from airzoo_bench.tables.render import FORMATS, render
-from tests.test_result import result
+from tests.results.test_result import result
 
 UP, DOWN = Column("R@1", "%", True), Column("Error", "m", False)
 

@@ -14,8 +14,8 @@ from airzoo_bench.results.result import Result, ScoreColumn, write_result
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.render import render
+from tests.results.test_result import result
 from tests.support import run_main
-from tests.test_result import result
 
 ERROR = ScoreColumn(
     key="error", title="Error", unit="m", higher_is_better=False, average="mean", headline=True

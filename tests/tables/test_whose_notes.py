@@ -12,8 +12,8 @@ from airzoo_bench.results.result import write_result
 from airzoo_bench.tables.build import methods_table, scenes_table
 from airzoo_bench.tables.entries import board_of
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout
+from tests.results.test_result import result
 from tests.support import run_main
-from tests.test_result import result
 
 
 def test_equal_notes_of_methods_are_one() -> None:

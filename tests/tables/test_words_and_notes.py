@@ -22,10 +22,10 @@ from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.marks import add_gains
 from airzoo_bench.tables.model import Cell, Column, Row, Table, show_number
 from airzoo_bench.tables.render import FORMATS, render
+from tests.results.test_result import result
 from tests.support import run_main
 from tests.tables.test_command import files, show
 from tests.tables.typeset import typeset, words
-from tests.test_result import result
 
 __all__ = ["files", "show"]  # fixtures
 

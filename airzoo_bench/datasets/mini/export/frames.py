@@ -1,0 +1,210 @@
+"""Rendering a list of frames into a folder, over processes, going on where an earlier run ended.
+
+The folder holds ``images/``, ``depth/``, ``frames.csv`` and a COLMAP model in ``colmap/``.
+
+Photos are JPEG of quality 92 without chroma subsampling: what drones store, a fifth of the bytes
+of PNG, which could not compress the sensor's noise, and some 20 times as fast to write. Depth is
+TIFF of 32-bit floats, compressed without loss. Both carry what they were made from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.workers import spread
+from airzoo_bench.datasets.mini.export.frame_list import (
+    IMAGE_SUFFIX,
+    FrameList,
+    colmap_texts,
+    frames_csv,
+)
+from airzoo_bench.datasets.mini.rendering.noise import seed_of
+from airzoo_bench.datasets.mini.rendering.renderer import RENDERER_VERSION, Frame, Renderer
+from airzoo_bench.datasets.mini.world.model import World
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+
+__all__ = ["RenderCounts", "frame_paths", "read_depth", "render_frames", "world_key"]
+
+_END_OF_JPEG = b"\xff\xd9"
+_DESCRIPTION_TAG = 270
+_PREDICTOR_TAG = 317
+_FLOATING_POINT = 3
+
+
+@dataclass(frozen=True)
+class RenderCounts:
+    """How many frames were rendered, and how many were there already."""
+
+    rendered: int
+    kept: int
+
+
+def render_frames(
+    frames: FrameList,
+    load: Callable[[], World],
+    folder: Path,
+    *,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> RenderCounts:
+    """Render frames into a folder; those that are there and made from the same are kept.
+
+    Files of other frames in the folder are left alone; its tables appear when all frames are there.
+    `load` returns the world. With several workers each process calls its own: it must be picklable
+    then and should be quick, such as ``partial(load_world, folder)``.
+
+    Raises
+    ------
+    UserError
+        A file cannot be written, or the disk is full.
+    """
+    check_output_folder(folder, ("frames.csv",))
+    world = load()
+    source = _Source(world_key(world), load if workers > 1 else lambda: world)
+    model = colmap_texts(frames, np.array([world.region.west, world.region.south, 0.0]))
+    tables = {f"colmap/{name}": text for name, text in model.items()}
+    tables["frames.csv"] = frames_csv(frames)
+    _remove_stale(folder, tables)
+    todo = [job for job in _jobs(frames, source.key) if not job.is_done(folder)]
+    if workers > 1:
+        del world  # each worker has its own
+    try:
+        work = partial(_render_job, source, folder)
+        done = spread(work, todo, min(workers, len(todo))) if todo else iter(())
+        for _ in progress(done, "rendering", len(todo)):
+            pass
+    finally:
+        _renderer.cache_clear()
+    for name, text in tables.items():
+        with atomic_write(folder / name, "w") as stream:
+            stream.write(text)
+    return RenderCounts(rendered=len(todo), kept=len(frames) - len(todo))
+
+
+def world_key(world: World) -> str:
+    """Return the SHA-256 of all that a world's photos depend on."""
+    digest = hashlib.sha256(repr((world.region, world.seed)).encode())
+    arrays = [*vars(world.mesh).values(), *vars(world.buildings).values(), world.tree_colours]
+    arrays += [world.ground_albedo, world.top_albedo, world.water, world.dsm]
+    for array in arrays:
+        digest.update(repr((array.dtype.str, array.shape)).encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class _Source:
+    """How a process comes by a world; equal where the world is."""
+
+    key: str
+    load: Callable[[], World] = field(compare=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A frame to be rendered, with the fingerprint of what it is made from."""
+
+    name: str
+    camera: Cameras
+    pose: Poses
+    weather: str
+    time_of_day: str
+    seed: int
+    made_from: str
+
+    def is_done(self, folder: Path) -> bool:
+        """Say whether both files are there, whole, and made from the same as now."""
+        return all(_mark(path) == self.made_from for path in frame_paths(folder, self.name))
+
+
+def _jobs(frames: FrameList, world: str) -> list[_Job]:
+    camera, poses = frames.camera, frames.poses
+    lens = (camera.width, camera.height, camera.focal, camera.principal_point, camera.distortion)
+    jobs = []
+    for number, name in enumerate(frames.names):
+        seed = seed_of(frames.seed, name)
+        given = frames.weather[number], frames.time_of_day[number]
+        made_from = {
+            "renderer": RENDERER_VERSION,
+            "world": world,
+            "camera": [part.tolist() for part in lens],
+            "pose": [poses.rotation[[number]].tolist(), poses.centres[[number]].tolist()],
+            "conditions": list(given),
+            "seed": seed,
+        }
+        pose = poses.take(number)
+        jobs.append(_Job(name, camera, pose, *given, seed, fingerprint(made_from)))
+    return jobs
+
+
+def _render_job(source: _Source, folder: Path, job: _Job) -> None:
+    frame = _renderer(source).render(job.camera, job.pose, job.weather, job.time_of_day, job.seed)
+    _write_frame(folder, job.name, frame, job.made_from)
+
+
+@lru_cache(maxsize=1)
+def _renderer(source: _Source) -> Renderer:
+    return Renderer(source.load())
+
+
+def _remove_stale(folder: Path, tables: dict[str, str]) -> None:
+    """Take away tables of other frames, which would describe photos about to be replaced."""
+    for name, text in tables.items():
+        path = folder / name
+        if path.is_file() and path.read_bytes() != text.encode():
+            path.unlink()
+
+
+def frame_paths(folder: Path, name: str) -> tuple[Path, Path]:
+    """Return where a frame's photo and depth stand."""
+    return folder / "images" / f"{name}{IMAGE_SUFFIX}", folder / "depth" / f"{name}.tif"
+
+
+def _write_frame(folder: Path, name: str, frame: Frame, mark: str) -> None:
+    """Write a frame's files, each whole or not at all, with a mark of what it was made from."""
+    from PIL import Image
+
+    image, depth = frame_paths(folder, name)
+    with atomic_write(depth) as stream:
+        tags = {_PREDICTOR_TAG: _FLOATING_POINT, _DESCRIPTION_TAG: mark}
+        picture = Image.fromarray(frame.depth)
+        picture.save(stream, format="TIFF", compression="tiff_adobe_deflate", tiffinfo=tags)
+    with atomic_write(image) as stream:
+        picture = Image.fromarray(frame.rgb)
+        picture.save(stream, format="JPEG", quality=92, subsampling=0, comment=mark)
+
+
+def _mark(path: Path) -> str | None:
+    """Return what a photo or depth was made from; None where it is missing or damaged."""
+    from PIL import Image
+
+    try:
+        content = path.read_bytes()
+        with Image.open(io.BytesIO(content), formats=["JPEG", "TIFF"]) as picture:
+            opened: Any = picture
+            if picture.format == "TIFF":
+                return str(opened.tag_v2.get(_DESCRIPTION_TAG))
+            mark: bytes = picture.info.get("comment", b"")
+    except (OSError, SyntaxError):
+        return None
+    return mark.decode("ascii", "replace") if content.endswith(_END_OF_JPEG) else None
+
+
+def read_depth(path: Path) -> NDArray[np.float32]:
+    """Read a frame's depth, (H, W) metres along the optical axis, 0 where there is no surface."""
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image, np.float32)

@@ -1,0 +1,152 @@
+"""What the camera itself does to a photo: optics, highlights, drops on the way, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.datasets.mini.rendering.noise import Singles, gaussians, hash64, seed_of, uniforms
+from airzoo_bench.datasets.mini.rendering.weather import Conditions
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = ["BLOCK_PIXELS", "from_stored", "row_blocks", "take_photo", "to_stored"]
+
+# Light is kept as 16-bit integers, so that a photo of 48 megapixels stays small.
+_STORED_ONE = np.float32(16384.0)
+_STORED_MOST = np.float32(3.99)
+
+_BLUR = np.float32(0.09)
+# How much darker corners are than the middle.
+_VIGNETTE = np.float32(0.12)
+_SHOULDER = np.float32(0.88)
+
+BLOCK_PIXELS = 1 << 16
+"""How many pixels are worked on at once: as many as a processor's cache holds."""
+
+
+def row_blocks(width: int, height: int) -> Iterator[slice]:
+    """Yield slices of rows of an image, of `BLOCK_PIXELS` or a little less, at least one row."""
+    rows = max(BLOCK_PIXELS // width, 1)
+    for start in range(0, height, rows):
+        yield slice(start, min(start + rows, height))
+
+
+def to_stored(light: Singles) -> NDArray[np.uint16]:
+    """Turn light (1.0 being white) into 16-bit integers."""
+    return (np.clip(light, 0.0, _STORED_MOST) * _STORED_ONE).astype(np.uint16)
+
+
+def from_stored(stored: NDArray[np.uint16]) -> Singles:
+    """Turn 16-bit integers into light again."""
+    return stored.astype(np.float32) * (np.float32(1.0) / _STORED_ONE)
+
+
+def take_photo(
+    light: NDArray[np.uint16], rotation: Floats, given: Conditions, seed: int
+) -> NDArray[np.uint8]:
+    """Turn the light (3, H, W) that reaches the lens, see `to_stored`, into an image (H, W, 3).
+
+    The world-to-camera rotation says where rain falls to, the seed is that of the noise.
+    """
+    _, height, width = light.shape
+    drops = _drops(width, height, rotation, given, seed)
+    photo = np.empty((height, width, 3), np.uint8)
+    for rows in row_blocks(width, height):
+        sharp = _blurred(light, rows)
+        if drops is not None:
+            share = drops[rows].astype(np.float32) * np.float32(1.0 / 255.0)
+            white = np.array(given.horizon, np.float32)[:, None, None] * np.float32(1.05)
+            sharp += (white - sharp) * share
+        sharp *= _vignette(rows, width, height)
+        sharp = _shouldered(sharp)
+        _add_noise(sharp, rows, width, given.noise, seed)
+        np.clip(sharp, 0.0, 255.0, out=sharp)
+        photo[rows] = np.rint(sharp, out=sharp).transpose(1, 2, 0)
+    return photo
+
+
+def _blurred(light: NDArray[np.uint16], rows: slice) -> Singles:
+    """Spread each pixel a little over its neighbours, as a lens does."""
+    height = light.shape[1]
+    above, below = max(rows.start - 1, 0), min(rows.stop + 1, height)
+    part = from_stored(light[:, above:below])
+    if above == rows.start:
+        part = np.concatenate([part[:, :1], part], axis=1)
+    if below == rows.stop:
+        part = np.concatenate([part, part[:, -1:]], axis=1)
+    centre = 1 - 2 * _BLUR
+    down = part[:, 1:-1] * centre + (part[:, :-2] + part[:, 2:]) * _BLUR
+    across = down * centre
+    across[..., 1:] += down[..., :-1] * _BLUR
+    across[..., :-1] += down[..., 1:] * _BLUR
+    across[..., 0] += down[..., 0] * _BLUR
+    across[..., -1] += down[..., -1] * _BLUR
+    return across
+
+
+def _vignette(rows: slice, width: int, height: int) -> Singles:
+    half = np.float32(np.hypot(width, height) / 2)
+    x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / half
+    y = (np.arange(rows.start, rows.stop, dtype=np.float32) + 0.5 - height / 2) / half
+    square = (y * y)[:, None] + (x * x)[None]
+    return (1 - _VIGNETTE * square * square).astype(np.float32)
+
+
+def _shouldered(light: Singles) -> Singles:
+    """Bend highlights to white softly; to levels of 255."""
+    over = np.maximum(light - _SHOULDER, 0.0)
+    bent = np.minimum(light, _SHOULDER) + over / (1 + over / (1 - _SHOULDER))
+    levels: Singles = bent * np.float32(255.0)
+    return levels
+
+
+def _add_noise(levels: Singles, rows: slice, width: int, deviation: float, seed: int) -> None:
+    pixels = np.arange(rows.start * width, rows.stop * width, dtype=np.uint64)
+    normal = gaussians(hash64(pixels, seed)).reshape(4, -1, width)
+    # Shot noise grows with the root of the light; read noise is always there.
+    strength = np.sqrt(np.maximum(levels, 4.0) / np.float32(128.0)) * np.float32(deviation)
+    levels += strength * (np.float32(0.8) * normal[:3] + np.float32(0.6) * normal[3])
+
+
+def _drops(
+    width: int, height: int, rotation: Floats, given: Conditions, seed: int
+) -> NDArray[np.uint8] | None:
+    """How much of each pixel (H, W) rain or snow in the air covers, in 255ths."""
+    if given.falling == "nothing":
+        return None
+    from PIL import Image, ImageDraw, ImageFilter
+
+    image = Image.new("L", (width, height))
+    draw = ImageDraw.Draw(image)
+    rain = given.falling == "rain"
+    count = 420 if rain else 520
+    hashes = hash64(np.arange(2 * count, dtype=np.uint64), seed_of(seed, given.falling))
+    chance = np.stack([uniforms(hashes, lane) for lane in range(4)]).reshape(8, count)
+    start = np.stack([chance[0] * 1.2 - 0.1, chance[1] * 1.2 - 0.1]) * [[width], [height]]
+    near = chance[2] ** 3
+    if rain:
+        ends = _streaks(start, near, chance[3], rotation, height)
+        thick = max(round(height / 500), 1)
+        for line, strength in zip(ends.tolist(), (26 + 60 * chance[4]).tolist(), strict=True):
+            draw.line(line, fill=int(strength), width=thick)
+    else:
+        size = (0.0012 + 0.0055 * near) * height
+        boxes = np.concatenate([start - size, start + size]).T
+        for box, strength in zip(boxes.tolist(), (210 - 120 * near).tolist(), strict=True):
+            draw.ellipse(box, fill=int(strength))
+    blur_px = (0.4 if rain else 0.7) * height / 480
+    return np.asarray(image.filter(ImageFilter.BoxBlur(blur_px)))
+
+
+def _streaks(
+    start: Floats, near: Singles, chance: Singles, rotation: Floats, height: int
+) -> Floats:
+    """Draw streaks (N, 4), x0 y0 x1 y1, along the way that drops fall as the camera sees it."""
+    wind = np.array([0.16, 0.05, -1.0])
+    fall = (rotation @ wind)[:2]
+    length = (0.02 + 0.09 * near) * height
+    jitter = np.stack([chance - 0.5, 0.5 - chance]) * 0.12
+    end = start + (fall[:, None] + jitter) * length
+    return np.concatenate([start, end]).T

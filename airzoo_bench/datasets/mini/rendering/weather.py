@@ -1,0 +1,260 @@
+"""Weather and time of day: what the light, the sky and the air are like. Never geometry.
+
+All colours are display values, 1.0 being the white of the image, as the survey's light is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, radians, sin
+from typing import Literal, get_args
+
+import numpy as np
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.datasets.mini.rendering.noise import Singles, volume_noise
+from airzoo_bench.datasets.mini.world.model import SURVEY_SUN, Light
+
+__all__ = [
+    "TIMES",
+    "WEATHERS",
+    "Conditions",
+    "column",
+    "conditions",
+    "haze",
+    "sky_colour",
+    "sky_with_clouds",
+]
+
+Weather = Literal["sunny", "cloudy", "rainy", "foggy", "snowy"]
+Time = Literal["day", "sunset", "night"]
+Falling = Literal["nothing", "rain", "snow"]
+WEATHERS: tuple[Weather, ...] = get_args(Weather)
+TIMES: tuple[Time, ...] = get_args(Time)
+
+Colour = tuple[float, float, float]
+_BLACK: Colour = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What a photo is taken in."""
+
+    light: Light  # sun (or moon) and sky
+    zenith: Colour  # the sky straight up
+    horizon: Colour  # the sky at the horizon, which haze takes on
+    glow: Colour  # added to the sky around the sun
+    clouds: float  # how much of the sky has visible clouds, 0 to 1
+    # extinction: after d metres exp(-d * haze_per_m) of a surface's light is left
+    haze_per_m: float
+    # how much less skylight narrow places get, 0 to 1: all of it under a grey sky, little
+    # in the sun, whose orthophoto knows nothing of it
+    shade: float
+    noise: float  # standard deviation of the sensor's noise at mid-grey, in levels of 255
+    lamps: float = 0.0  # strength of street lamps and lit windows
+    wet: float = 0.0  # how wet surfaces are, 0 to 1
+    snow: float = 0.0  # how much snow lies, 0 to 1
+    falling: Falling = "nothing"
+
+    @property
+    def direct(self) -> bool:
+        """Whether anything casts a shadow."""
+        return max(self.light.sun) > 0.0
+
+
+def conditions(weather: str, time: str) -> Conditions:
+    """Return what weather, one of `WEATHERS`, and time of day, of `TIMES`, mean for a photo.
+
+    Raises
+    ------
+    UsageError
+        Another weather or time.
+    """
+    _require("weather", weather, WEATHERS)
+    _require("time of day", time, TIMES)
+    clear = _CLEAR[time]
+    return clear if weather == "sunny" else _OVERCAST[weather].over(clear)
+
+
+@dataclass(frozen=True)
+class _Overcast:
+    """How weather changes what a clear sky of the same time of day is like."""
+
+    brightness: float
+    grey: Colour
+    haze_per_m: float
+    wet: float = 0.0
+    snow: float = 0.0
+    noise: float = 1.0
+    falling: Falling = "nothing"
+
+    def over(self, clear: Conditions) -> Conditions:
+        """Return the clear conditions under this sky."""
+        height = max(clear.light.direction[2], 0.3)
+        red, green, blue = (
+            self.brightness * (sky + 0.8 * sun * height)
+            for sky, sun in zip(clear.light.sky, clear.light.sun, strict=True)
+        )
+        sky = _greyed((red, green, blue), 0.35)
+        brightness = min(self.brightness, 1.0)
+        tint = _times(self.grey, (brightness, brightness, brightness))
+        horizon = _times(_greyed(clear.horizon, 0.5), tint)
+        return replace(
+            clear,
+            light=Light(clear.light.direction, _BLACK, _times(sky, self.grey)),
+            zenith=_times(horizon, (0.86, 0.88, 0.92)),
+            horizon=horizon,
+            glow=_BLACK,
+            clouds=0.4,
+            haze_per_m=self.haze_per_m,
+            shade=0.85,
+            noise=clear.noise * self.noise,
+            lamps=max(clear.lamps, 0.3) if clear.lamps > 0.0 else 0.0,
+            wet=self.wet,
+            snow=self.snow,
+            falling=self.falling,
+        )
+
+
+def _direction(azimuth_deg: float, elevation_deg: float) -> Colour:
+    azimuth, elevation = radians(azimuth_deg), radians(elevation_deg)
+    level = cos(elevation)
+    return level * sin(azimuth), level * cos(azimuth), sin(elevation)
+
+
+_CLEAR: dict[str, Conditions] = {
+    "day": Conditions(
+        light=SURVEY_SUN,
+        zenith=(0.33, 0.52, 0.82),
+        horizon=(0.78, 0.85, 0.92),
+        glow=(0.25, 0.22, 0.16),
+        clouds=0.5,
+        haze_per_m=1 / 7000,
+        shade=0.15,
+        noise=1.6,
+    ),
+    "sunset": Conditions(
+        light=Light(_direction(278.0, 11.0), (1.15, 0.62, 0.30), (0.43, 0.41, 0.50)),
+        zenith=(0.34, 0.40, 0.60),
+        horizon=(0.93, 0.68, 0.50),
+        glow=(0.55, 0.30, 0.10),
+        clouds=0.7,
+        haze_per_m=1 / 4500,
+        shade=0.4,
+        noise=2.4,
+        lamps=0.12,
+    ),
+    "night": Conditions(
+        light=Light(_direction(140.0, 45.0), _BLACK, (0.21, 0.235, 0.32)),
+        zenith=(0.04, 0.05, 0.11),
+        horizon=(0.13, 0.12, 0.15),
+        glow=_BLACK,
+        clouds=0.3,
+        haze_per_m=1 / 6000,
+        shade=0.6,
+        noise=4.5,
+        lamps=1.0,
+    ),
+}
+
+_OVERCAST: dict[str, _Overcast] = {
+    "cloudy": _Overcast(1.0, (0.98, 1.0, 1.03), 1 / 4500),
+    "rainy": _Overcast(0.88, (0.96, 1.0, 1.05), 1 / 1100, wet=1.0, noise=1.3, falling="rain"),
+    "foggy": _Overcast(0.95, (1.0, 1.0, 1.0), 1 / 230, wet=0.35),
+    "snowy": _Overcast(1.08, (0.98, 1.0, 1.03), 1 / 900, snow=1.0, noise=1.1, falling="snow"),
+}
+
+
+def _require(what: str, given: str, known: tuple[str, ...]) -> None:
+    if given not in known:
+        raise UsageError(
+            f"unknown {what} {given!r}", expected=", ".join(known), mend="take one of these"
+        )
+
+
+def _greyed(colour: Colour, share: float) -> Colour:
+    """Return a colour of which only a share is left, the rest grey."""
+    red, green, blue = colour
+    grey = 0.299 * red + 0.587 * green + 0.114 * blue
+    return grey + share * (red - grey), grey + share * (green - grey), grey + share * (blue - grey)
+
+
+def _times(a: Colour, b: Colour) -> Colour:
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+# Height of the clouds over the camera, in units of the clouds' grain.
+_CLOUD_GRAINS = np.float32(2.2)
+_DISC_COSINE = np.float32(0.99985)
+
+
+def column(colour: tuple[float, float, float]) -> Singles:
+    """Return a colour as (3, 1) float32, to go with planes of (3, N)."""
+    return np.array(colour, np.float32)[:, None]
+
+
+def _towards_sun(directions: Singles, given: Conditions) -> Singles:
+    """Return the cosine of the angle between unit directions (3, N) and the sun."""
+    x, y, z = (np.float32(component) for component in given.light.direction)
+    cosine: Singles = directions[0] * x + directions[1] * y + directions[2] * z
+    return cosine
+
+
+def sky_colour(directions: Singles, given: Conditions) -> Singles:
+    """Return the clear sky in unit directions (3, N); below the horizon as at the horizon."""
+    share = np.sqrt(np.clip(directions[2], 0.0, 1.0))
+    horizon = column(given.horizon)
+    colour: Singles = horizon + (column(given.zenith) - horizon) * share
+    if max(given.glow) > 0.0:
+        near = np.clip(_towards_sun(directions, given), 0.0, 1.0)
+        near = near * near
+        near = near * near
+        colour += column(given.glow) * (near * near)
+    return colour
+
+
+def sky_with_clouds(directions: Singles, given: Conditions) -> Singles:
+    """Return the sky as the camera sees it in unit directions (3, N), clouds and sun included."""
+    colour = sky_colour(directions, given)
+    clouds = _clouds(directions) * np.float32(given.clouds)
+    lit = column(given.horizon) * np.float32(1.04) + column(given.light.sun) * np.float32(0.05)
+    colour += (lit - colour) * clouds
+    if given.direct:
+        colour += (_towards_sun(directions, given) > _DISC_COSINE) * np.float32(1.0)
+    return colour
+
+
+def haze(colour: Singles, distance: Singles, view: Singles, given: Conditions) -> Singles:
+    """Return what is seen of colours (3, N) so many metres (N,) off in unit directions (3, N)."""
+    left = np.exp(distance * np.float32(-given.haze_per_m))
+    air = np.repeat(column(given.horizon), len(distance), axis=1)
+    if max(given.glow) > 0.0:
+        near = np.clip(_towards_sun(view, given), 0.0, 1.0)
+        air += column(given.glow) * (np.float32(0.5) * near * near)
+    seen: Singles = air + (colour - air) * left
+    return seen
+
+
+def _clouds(directions: Singles) -> Singles:
+    up = np.maximum(directions[2], np.float32(0.02))
+    scale = _CLOUD_GRAINS / (up + np.float32(0.12))
+    x, y = directions[0] * scale, directions[1] * scale
+    billow = np.zeros(len(up), np.float32)
+    for grain, weight in ((0.9, 0.5), (0.31, 0.3), (0.12, 0.2)):
+        billow += np.float32(weight) * _smooth(x, y, grain)
+    thick = np.clip(billow * np.float32(0.9) + np.float32(0.2), 0.0, 1.0)
+    share: Singles = thick * np.clip(directions[2] * 30.0, 0.0, 1.0)
+    return share
+
+
+def _smooth(x: Singles, y: Singles, grain: float) -> Singles:
+    """Mean of the four voxels around a point, weighted by nearness."""
+    level, fine = np.zeros_like(x), np.full(len(x), 0.01, np.float32)
+    x0, y0 = np.floor(x / np.float32(grain)), np.floor(y / np.float32(grain))
+    fx, fy = x / np.float32(grain) - x0, y / np.float32(grain) - y0
+    total = np.zeros_like(x)
+    for dx, wx in ((0, 1 - fx), (1, fx)):
+        for dy, wy in ((0, 1 - fy), (1, fy)):
+            places = ((x0 + dx + 0.5) * grain, (y0 + dy + 0.5) * grain, level)
+            total += wx * wy * volume_noise(places, grain, fine)
+    return total

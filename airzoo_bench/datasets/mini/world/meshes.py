@@ -1,0 +1,164 @@
+"""Triangles of buildings and of trees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from airzoo_bench.datasets.mini.world.model import Material, Mesh
+from airzoo_bench.datasets.mini.world.noise import hash_of
+from airzoo_bench.datasets.mini.world.plan import Building, Plan
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = ["building_mesh", "tree_mesh"]
+
+_STREAM = 31
+_Indices = NDArray[np.int64]
+
+# How far walls go below the floor, so that uneven land leaves no gap.
+_FOUNDATION_M = 0.8
+
+# Corners 0-3 are at the floor, 4-7 at the walls' top, counter-clockwise from (-u, -v); 8 and 9 are
+# the ridge's ends at -u and +u.
+_WALLS = (
+    (0, 1, 5), (0, 5, 4), (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7),
+)  # fmt: skip
+_FLAT = ((4, 5, 6), (4, 6, 7))
+_SLOPES = ((4, 5, 9), (4, 9, 8), (6, 7, 8), (6, 8, 9))
+_ENDS = ((5, 6, 9), (7, 4, 8))
+_FORMS = {
+    "flat": (_WALLS, _FLAT),
+    "gabled": (_WALLS + _ENDS, _SLOPES),
+    "hipped": (_WALLS, _SLOPES + _ENDS),
+    "shed": (_WALLS, _FLAT),
+}
+
+# Half the height of canopies, as a share of the tree's.
+_HALF_HEIGHTS = {"broad": 0.42, "cone": 0.46, "bush": 0.6, "bale": 0.9}
+
+
+def _copies(vertices: Floats, table: _Indices, materials: ArrayLike, owners: _Indices) -> Mesh:
+    """Put copies of a form (T triangles of C corners), with vertices (N, C, 3), into one mesh."""
+    count, corners = vertices.shape[:2]
+    triangles = table[None] + (np.arange(count) * corners)[:, None, None]
+    return Mesh(
+        vertices.reshape(-1, 3),
+        triangles.reshape(-1, 3).astype(np.int32),
+        np.tile(np.broadcast_to(materials, len(table)), count).astype(np.uint8),
+        np.repeat(owners, len(table)).astype(np.int32),
+    )
+
+
+def building_mesh(buildings: Sequence[Building]) -> Mesh:
+    """Mesh buildings; the owner of a triangle is the building's place in the list."""
+    parts = []
+    for roof, (walls, tops) in _FORMS.items():
+        owners = np.array([i for i, b in enumerate(buildings) if b.roof == roof], np.int64)
+        if not owners.size:
+            continue
+        used = 8 if tops is _FLAT else 10
+        vertices = np.array([_corners(buildings[i])[:used] for i in owners])
+        materials = [Material.WALL] * len(walls) + [Material.ROOF] * len(tops)
+        parts.append(_copies(vertices, np.array(walls + tops), materials, owners))
+    return Mesh.joined(parts)
+
+
+def _corners(building: Building) -> Floats:
+    rect, eaves = building.rect, building.eaves_m
+    low = building.base_m - (_FOUNDATION_M if building.parent < 0 else 0.0)
+    far = building.ridge_m if building.roof == "shed" else eaves
+    outline = rect.corners()
+    points = [(*corner, low) for corner in outline]
+    points += [(*corner, z) for corner, z in zip(outline, (eaves, eaves, far, far), strict=True)]
+    middle, half_v = (rect.v0 + rect.v1) / 2, rect.deep / 2
+    # The slope of hips is that of the sides; a square plan keeps half a metre of ridge.
+    inset = min(half_v, rect.long / 2 - 0.25) if building.roof == "hipped" else 0.0
+    for u in (rect.u0 + inset, rect.u1 - inset):
+        points.append((*rect.frame.to_world(u, middle), building.ridge_m))
+    return np.array(points)
+
+
+def tree_mesh(plan: Plan) -> Mesh:
+    """Mesh the trees; the owner of a triangle is the tree's place in the list."""
+    kinds = np.array([tree.kind for tree in plan.trees])
+    sizes = np.array([(tree.radius_m, tree.height_m) for tree in plan.trees])
+    ground = [plan.height(tree.x, tree.y) for tree in plan.trees]
+    feet = np.column_stack([*plan.tree_places(), ground])
+    parts = []
+    for kind in ("broad", "cone", "bush", "bale"):
+        chosen = np.flatnonzero(kinds == kind)
+        if chosen.size:
+            parts.append(_canopies(feet[chosen], sizes[chosen], chosen, kind, plan.seed))
+    tall = np.flatnonzero((kinds == "broad") | (kinds == "cone"))
+    parts.append(_trunks(feet[tall], sizes[tall], tall))
+    return Mesh.joined(parts)
+
+
+def _canopies(feet: Floats, sizes: Floats, owners: _Indices, kind: str, seed: int) -> Mesh:
+    """Irregular canopies."""
+    sphere, table = _refined(*(_icosahedron() if kind == "broad" else _octahedron()))
+    radius, height = sizes.T
+    half = height * _HALF_HEIGHTS[kind]
+    if kind == "broad":
+        half = np.minimum(half, 1.1 * radius)
+    shape = np.broadcast_to(sphere, (len(owners), *sphere.shape))
+    if kind == "bale":
+        shape = np.clip(shape, [-1, -1, -0.55], [1, 1, 0.55])
+    else:
+        bits = hash_of(seed, _STREAM, owners[:, None], np.arange(len(sphere))) >> np.uint64(44)
+        shape = shape * (0.72 + 0.5 * (bits.astype(np.float64) / (1 << 20)))[..., None]
+    if kind == "cone":
+        shape[..., :2] *= 1.0 - 0.6 * shape[..., 2:]
+    scale = np.stack([radius, radius, half], -1)[:, None, :]
+    centre = np.column_stack([feet[:, :2], feet[:, 2] + height - half])
+    return _copies(centre[:, None, :] + shape * scale, table, Material.CANOPY, owners)
+
+
+def _trunks(feet: Floats, sizes: Floats, owners: _Indices) -> Mesh:
+    half, top = 0.1 + 0.05 * sizes[:, 0], feet[:, 2] + 0.62 * sizes[:, 1]
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    corners = [
+        np.stack([feet[:, 0] + a * half, feet[:, 1] + b * half, z], -1)
+        for z in (feet[:, 2] - 0.4, top)
+        for a, b in signs
+    ]
+    return _copies(np.stack(corners, 1), np.array(_WALLS), Material.TRUNK, owners)
+
+
+def _octahedron() -> tuple[Floats, _Indices]:
+    points = np.array(
+        [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], np.float64
+    )
+    table = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)]
+    return points, np.array(table)
+
+
+def _icosahedron() -> tuple[Floats, _Indices]:
+    golden = (1.0 + float(np.sqrt(5.0))) / 2.0
+    flat = [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)]
+    points = [(a, b, 0.0) for a, b in flat]
+    points += [(0.0, a, b) for a, b in flat] + [(b, 0.0, a) for a, b in flat]
+    table = [
+        (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4),
+        (11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8),
+        (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1),
+    ]  # fmt: skip
+    return _unit(np.array(points)), np.array(table)
+
+
+def _unit(points: Floats) -> Floats:
+    x, y, z = points.T
+    return np.asarray(points / np.sqrt(x * x + y * y + z * z)[:, None])
+
+
+def _refined(points: Floats, table: _Indices) -> tuple[Floats, _Indices]:
+    """Cut each triangle of a sphere into four."""
+    edges = np.sort(np.concatenate([table[:, [0, 1]], table[:, [1, 2]], table[:, [2, 0]]]), axis=1)
+    unique, place = np.unique(edges, axis=0, return_inverse=True)
+    middles = _unit(points[unique[:, 0]] + points[unique[:, 1]])
+    ab, bc, ca = place.reshape(3, -1) + len(points)
+    a, b, c = table.T
+    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    return np.concatenate([points, middles]), np.concatenate([np.stack(t, 1) for t in corners])

@@ -1,0 +1,222 @@
+"""What a layout consists of, before anything is painted or meshed; buildings of a few kinds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.datasets.mini.world.model import SIDE_M
+from airzoo_bench.datasets.mini.world.noise import Dice
+from airzoo_bench.datasets.mini.world.shapes import Frame, Line, Point, Rect, Shape, square
+from airzoo_bench.datasets.mini.world.terrain import GRID_M
+from airzoo_bench.geometry.arrays import Bools, Floats
+
+__all__ = [
+    "METAL",
+    "TILES",
+    "Building",
+    "Colour",
+    "Plan",
+    "add_barn",
+    "add_block",
+    "add_house",
+    "colours",
+    "overlaps_border",
+]
+
+Colour = tuple[int, int, int]
+_BORDER_M = 4.0
+
+
+def colours(text: str) -> tuple[Colour, ...]:
+    """Return the colours that hexadecimal triples stand for."""
+    triples = (bytes.fromhex(word) for word in text.split())
+    return tuple((red, green, blue) for red, green, blue in triples)
+
+
+TILES = colours("ac6048 9c5240 886456 68686e ba7654 80463a 5c585c")
+METAL = colours("4e76a6 a6aaae 7c9482 b45446 c8c6be 606874")
+_FLAT = colours("ccccc8 b2aea8 969290 787678 c0b09a a09688 626268 946858")
+_WALLS = colours("cec6b8 bca084 d8d4cc aa745c b8baba d6be92 96928e c4ac9e")
+_GLASS = colours("3a4858 4a5a68 2e363c 58686e")
+
+
+@dataclass(frozen=True)
+class Building:
+    """A box with a roof."""
+
+    rect: Rect  # its plan, centred on the frame's origin; a ridge runs along u
+    base_m: float  # height of the floor
+    eaves_m: float  # height of the walls' top
+    ridge_m: float  # height of the roof's highest line
+    roof: str  # "flat", "gabled", "hipped" or "shed"
+    cover: str  # how the roof is painted: a name of `roofs._COVERS`
+    roof_colour: Colour
+    wall_colour: Colour
+    window_colour: Colour = (70, 84, 98)
+    storey_m: float = 3.0
+    bay_m: float = 3.2
+    style: int = 0  # see `model.Buildings`
+    parent: int = -1  # the building on whose roof it stands, or -1
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A canopy of a radius on a trunk, its top so high above the ground.
+
+    The kind is ``"broad"``, ``"cone"``, ``"bush"`` or ``"bale"``.
+    """
+
+    x: float
+    y: float
+    radius_m: float
+    height_m: float
+    kind: str = "broad"
+
+
+@dataclass(frozen=True)
+class Decal:
+    """Something painted on the ground."""
+
+    kind: str  # a name of `painters._PAINTERS` or of a material
+    shape: Shape
+    key: int = 0  # tells it from others of its kind: colours, phases and patterns come from it
+    side: int = 0  # 0: painted everywhere; 1 and 2: only on one side of `Plan.divide`
+    season: int = 0  # 0: always; 1: in the survey only; 2: in the older mosaic only
+
+
+@dataclass
+class Plan:
+    """The layout of a region."""
+
+    seed: int
+    # (n + 1, n + 1): of the land at the corners of its grid, first row in the south
+    heights: Floats
+    decals: list[Decal] = field(default_factory=list)  # in the order of painting
+    buildings: list[Building] = field(default_factory=list)
+    trees: list[Tree] = field(default_factory=list)
+    divide: Line = ()  # a line from west to east that parts side 1 (north) from side 2
+
+    def paint(
+        self, kind: str, shape: Shape, key: int = 0, *, side: int = 0, season: int = 0
+    ) -> None:
+        """Add a decal on top of those that are there."""
+        self.decals.append(Decal(kind, shape, key, side, season))
+
+    def plant(self, place: Point, radius_m: float, height_m: float, kind: str = "broad") -> None:
+        """Add a tree."""
+        self.trees.append(Tree(*place, radius_m, height_m, kind))
+
+    def tree_places(self) -> tuple[Floats, Floats]:
+        """Return x and y of the trees."""
+        x, y = np.array([(tree.x, tree.y) for tree in self.trees]).T
+        return x, y
+
+    def keep_trees(self, kept: Bools) -> None:
+        """Fell the other trees."""
+        self.trees = [tree for tree, stays in zip(self.trees, kept, strict=True) if stays]
+
+    def height(self, x: float, y: float) -> float:
+        """Return the land's height at the nearest corner of the grid."""
+        last = self.heights.shape[0] - 1
+        row, column = (min(max(round(at / GRID_M), 0), last) for at in (y, x))
+        return float(self.heights[row, column])
+
+    def floor(self, rect: Rect) -> float:
+        """Return the lowest height of the land around a rectangle."""
+        shares = (0, 0.25, 0.5, 0.75, 1)
+        points = [
+            rect.frame.to_world(rect.u0 + a * rect.long, rect.v0 + b * rect.deep)
+            for a in shares
+            for b in shares
+        ]
+        return min(self.height(*point) for point in points)
+
+
+def overlaps_border(points: list[Point]) -> bool:
+    """Return whether a point is outside the region, or nearly."""
+    low, high = _BORDER_M, SIDE_M - _BORDER_M
+    return any(not (low < x < high and low < y < high) for x, y in points)
+
+
+def add_house(
+    plan: Plan, dice: Dice, frame: Frame, half_u: float, half_v: float, storeys: int
+) -> None:
+    """Add a house with a pitched roof, its ridge along u where that is longer."""
+    rect = _lengthwise(frame, half_u, half_v)
+    roof = dice.pick(("gabled", "gabled", "hipped"))
+    rise = rect.v1 * dice.pick((0.5, 0.6, 0.75, 0.85))
+    cover = dice.pick(("tiles", "tiles", "tiles", "metal"))
+    colour = dice.pick(TILES if cover == "tiles" else METAL)
+    _add(plan, dice, rect, (3.0 * storeys, 0.6), rise, (roof, cover, colour))
+
+
+def add_block(
+    plan: Plan, dice: Dice, frame: Frame, half_u: float, half_v: float, storeys: int
+) -> None:
+    """Add a building with a flat roof and what stands on it."""
+    cover = dice.pick(("membrane", "membrane", "gravel", "slabs"))
+    top = "flat", cover, dice.pick(_FLAT)
+    style = dice.integer(0, 2)
+    _add(plan, dice, square(frame, half_u, half_v), (3.0 * storeys, 1.2), 0.0, top, style)
+    _add_roof_boxes(plan, dice, len(plan.buildings) - 1)
+
+
+def add_barn(
+    plan: Plan, dice: Dice, frame: Frame, half_u: float, half_v: float, wall_m: float
+) -> None:
+    """Add a barn, hall or shed without windows."""
+    rect = _lengthwise(frame, half_u, half_v)
+    roof = dice.pick(("gabled", "gabled", "shed"))
+    rise = rect.v1 * (0.35 if roof == "gabled" else 0.3)
+    _add(plan, dice, rect, (wall_m, 0.0), rise, (roof, "metal", dice.pick(METAL)), style=3)
+
+
+def _lengthwise(frame: Frame, half_u: float, half_v: float) -> Rect:
+    """Return a rectangle about a frame's origin that is at least as long as deep."""
+    if half_v > half_u:
+        return square(frame.at(0, 0, turned=True), half_v, half_u)
+    return square(frame, half_u, half_v)
+
+
+def _add(
+    plan: Plan,
+    dice: Dice,
+    rect: Rect,
+    wall_m: tuple[float, float],
+    rise: float,
+    top: tuple[str, str, Colour],
+    style: int = 0,
+) -> None:
+    base = plan.floor(rect)
+    eaves = base + wall_m[0] + wall_m[1]
+    look: dict[str, Any] = {"wall_colour": dice.pick(_WALLS), "window_colour": dice.pick(_GLASS)}
+    look["storey_m"] = dice.pick((3.0, 3.0, 3.2, 3.5))
+    look["bay_m"] = dice.pick((2.6, 3.0, 3.4, 4.0))
+    plan.buildings.append(Building(rect, base, eaves, eaves + rise, *top, **look, style=style))
+
+
+def _add_roof_boxes(plan: Plan, dice: Dice, parent: int) -> None:
+    """Stair heads, tanks and machines, each in its own stretch of the roof."""
+    rect, low = plan.buildings[parent].rect, plan.buildings[parent].eaves_m
+    count = min(max(int(rect.long / 9), 1), 7)
+    stretch = rect.long / count
+    for place in range(count):
+        if dice.chance(25):
+            continue
+        half_u, half_v, tall = dice.pick(
+            ((2.4, 1.6, 2.7), (1.0, 1.0, 1.8), (1.8, 0.9, 1.4), (1.2, 0.8, 1.2), (3.0, 2.0, 2.8))
+        )
+        room_u, room_v = stretch / 2 - half_u - 0.6, rect.v1 - half_v - 1.0
+        if room_u < 0 or room_v < 0:
+            continue
+        u = rect.u0 + stretch * (place + 0.5) + dice.real(-room_u, room_u)
+        box = square(rect.frame.at(u, dice.real(-room_v, room_v)), half_u, half_v)
+        top = low + tall
+        cover = "machine" if tall < 2 else "membrane"
+        tones = dice.pick(_FLAT), dice.pick(_WALLS)
+        plan.buildings.append(
+            Building(box, low, top, top, "flat", cover, *tones, style=3, parent=parent)
+        )

@@ -1,0 +1,265 @@
+"""Three methods a track, made of the truth and noise, and what their commands print, read back."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NoReturn
+from unittest import mock
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.datasets.mini import prepare as airzoo_mini
+from airzoo_bench.datasets.mini.export.frame_list import FrameList
+from airzoo_bench.datasets.mini.export.photos import ROLL, Photos, mini_photos
+from airzoo_bench.datasets.photos import prepare_photos
+from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.matching.truth import read_truth as read_matching
+from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.retrieval.truth import read_truth as read_retrieval
+from tests.support import photo_protocols, run_main
+
+TRACKS = ("retrieval", "matching", "reconstruction")
+# From bad to good, with what formats must escape.
+NAMES = ("weak_1 & co", "fair #2", "good 90 %")
+FORMATS = ("terminal", "latex", "csv", "markdown", "html", "json")
+
+_MEMORY = 1 << 30
+
+
+# --- benchmarks ------------------------------------------------------------------------------
+
+
+def sparse_mini(root: Path) -> Path:
+    """Prepare AirZoo-Mini with every sixth photo of the surveys, every second of the rolls.
+
+    Each weather and time of day is there once, as in the whole one twice.
+    """
+    with mock.patch.object(airzoo_mini, "mini_photos", _every_few):
+        protocols = airzoo_mini.mini_protocols(0)
+        return airzoo_mini.prepare_airzoo_mini(root, root / "airzoo-mini", protocols, jobs=2).folder
+
+
+def _every_few(*given: Any) -> Photos:
+    photos = mini_photos(*given)
+    every = [2 if sequence == ROLL else 6 for sequence in photos.sequence]
+    numbers = [int(name[-4:]) for name in photos.frames.names]
+    rows = [row for row, number in enumerate(numbers) if number % every[row] == 0]
+    taken = _taken(photos.frames, rows)
+    return Photos(taken, tuple(photos.sequence[row] for row in rows))
+
+
+def _taken(frames: FrameList, rows: list[int]) -> FrameList:
+    return replace(
+        frames,
+        names=tuple(frames.names[row] for row in rows),
+        poses=frames.poses.take(np.array(rows)),
+        weather=tuple(frames.weather[row] for row in rows),
+        time_of_day=tuple(frames.time_of_day[row] for row in rows),
+    )
+
+
+def real_scene(root: Path, home: Path) -> Path:
+    """Prepare Brighton Beach."""
+    rasters = (home / "dom_10cm.tif", home / "dsm_10cm.tif")
+    sources = PhotoSources(home / "images", home / "poses.json", *rasters, cloud=home / "model.laz")
+    prepare_photos(sources, photo_protocols("brighton", (256, 128)), root / "brighton")
+    return root / "brighton"
+
+
+# --- results ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Three methods on a track of a benchmark; `paths` are in the order of `NAMES`."""
+
+    benchmark: Path
+    track: str
+    paths: tuple[Path, ...]
+
+    @property
+    def results(self) -> dict[str, Result]:
+        return {name: read_result(path) for name, path in zip(NAMES, self.paths, strict=True)}
+
+    @property
+    def records(self) -> dict[str, pd.DataFrame]:
+        pairs = zip(NAMES, self.paths, strict=True)
+        return {name: pd.read_csv(path.parent / "records.csv") for name, path in pairs}
+
+    @property
+    def headline(self) -> list[ScoreColumn]:
+        return [column for column in read_result(self.paths[0]).columns if column.headline]
+
+    @property
+    def scene(self) -> str:
+        """The last scene's id."""
+        return list(read_result(self.paths[0]).scenes)[-1]
+
+
+def score_methods(benchmark: Path, track: str, out: Path) -> Scored:
+    """Write predictions of growing quality and score them as a user does."""
+    write = {"retrieval": _rank, "matching": _pose, "reconstruction": _cloud}[track]
+    paths = []
+    for quality, name in enumerate(NAMES):
+        home = out / str(quality)
+        home.mkdir(parents=True)
+        predictions = write(Benchmark.open(benchmark), quality, home)
+        ask = ("eval", track, predictions, "--data", benchmark, "--method", name, "--out", home)
+        assert run_main(*ask) == 0
+        paths.append(home / "result.json")
+    return Scored(benchmark, track, tuple(paths))
+
+
+def _scenes(benchmark: Benchmark) -> list[str]:
+    return [scene.id for scene in benchmark.file.scenes]
+
+
+def _rank(benchmark: Benchmark, quality: int, home: Path) -> Path:
+    """Order tiles by noise, and positive ones by something more."""
+    random = np.random.default_rng(quality)
+    ids: list[str] = []
+    ranked = []
+    for scene in _scenes(benchmark):
+        truth = read_retrieval(benchmark.scene_folder(scene), scene)
+        tiles = truth.tiles["id"].to_numpy(str)
+        for row, query in enumerate(truth.queries["id"]):
+            score = random.normal(size=len(tiles))
+            score[truth.positives.of(row)] += (0.0, 0.8, 1.6)[quality]
+            ids.append(query)
+            ranked.append(tiles[np.argsort(-score)[:20]])
+    protocol = f"{benchmark.file.name}-retrieval"
+    np.savez(home / "p.npz", protocol=protocol, query_ids=ids, ranked_ids=np.array(ranked))
+    return home / "p.npz"
+
+
+def _pose(benchmark: Benchmark, quality: int, home: Path) -> Path:
+    """Move the true poses by metres, and give some queries none."""
+    random = np.random.default_rng(quality)
+    ids: list[str] = []
+    poses = []
+    for scene in _scenes(benchmark):
+        truth = read_matching(benchmark, scene)
+        noise = random.normal(0, (6.0, 2.0, 0.6)[quality], (len(truth.queries), 3))
+        moved = truth.poses.translation + noise
+        found = np.concatenate([truth.poses.rotation, moved[..., None]], axis=2)
+        found[random.random(len(found)) < (0.6, 0.2, 0.0)[quality]] = np.nan
+        ids += truth.queries["id"].tolist()
+        poses.append(found)
+    protocol = f"{benchmark.file.name}-matching"
+    np.savez(home / "p.npz", protocol=protocol, query_ids=ids, poses=np.concatenate(poses))
+    return home / "p.npz"
+
+
+def _cloud(benchmark: Benchmark, quality: int, home: Path) -> Path:
+    """Take a share of the true points and move them; the weak method leaves out a scene."""
+    random = np.random.default_rng(quality)
+    folder = home / "clouds"
+    folder.mkdir()
+    (folder / "protocol.txt").write_text(f"{benchmark.file.name}-reconstruction")
+    left_out = _scenes(benchmark)[1:] if quality == 0 else []
+    for scene in _scenes(benchmark):
+        if scene not in left_out:
+            truth = read_reconstruction(benchmark, scene)
+            poses, points = truth.poses, _true_points(truth.cloud)
+            points = points[:: (500, 50, 10)[quality]]
+            noise = random.normal(0, (2.0, 0.5, 0.1)[quality], points.shape)
+            np.save(folder / f"{scene}.npy", points + noise)
+            np.savez(
+                folder / f"{scene}.cameras.npz",
+                image_names=truth.photos["image"].to_numpy(str),
+                extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
+            )
+    return folder
+
+
+def _true_points(path: Path) -> NDArray[np.float64]:
+    cloud = open_cloud(path, limit_bytes=_MEMORY, sampling=None)
+    return np.concatenate([piece.points for piece in cloud.pieces(1 << 20)])
+
+
+# --- what was printed ------------------------------------------------------------------------
+
+
+def strict_json(text: str) -> Any:
+    """Read JSON as the standard has it: without NaN and Infinity."""
+
+    def refuse(constant: str) -> NoReturn:
+        raise AssertionError(f"{constant} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A printed table: cells by the column's name, group before title."""
+
+    columns: tuple[str, ...]
+    rows: tuple[Mapping[str, Any], ...]
+
+    def column(self, name: str) -> list[Any]:
+        return [row[name] for row in self.rows]
+
+    def where(self, **cells: Any) -> Grid:
+        """Return the rows that have these cells."""
+        kept = [row for row in self.rows if cells.items() <= row.items()]
+        return Grid(self.columns, tuple(kept))
+
+    def one(self, **cells: Any) -> Mapping[str, Any]:
+        (row,) = self.where(**cells).rows
+        return row
+
+
+def json_grid(text: str) -> Grid:
+    table = strict_json(text)
+    names = tuple(f"{c.get('group', '')} {c['title']}".strip() for c in table["columns"])
+    return Grid(names, tuple(dict(zip(names, row, strict=True)) for row in table["rows"]))
+
+
+def csv_grid(text: str) -> Grid:
+    names, *rows = csv.reader(io.StringIO(text))
+    return Grid(tuple(names), tuple(dict(zip(names, row, strict=True)) for row in rows))
+
+
+def number(cell: Any) -> float | None:
+    """Return a cell's number, infinite ones too, or None where it has none."""
+    try:
+        return None if isinstance(cell, bool) or cell is None else float(cell)
+    except ValueError:
+        return None
+
+
+def plain(text: str, form: str) -> str:
+    """Return a table's words without the marks and escapes of its format."""
+    if form == "latex":
+        text = text.replace(r"$-$", "-").replace(r"$^\circ$", "°").replace("{[}", "[")
+        text = re.sub(r"\\(?:textbf|underline|multicolumn\{\d+\}\{\w\})\{([^{}]*)\}", r"\1", text)
+    if form in ("latex", "markdown"):
+        text = re.sub(r"\\(\W|_)", r"\1", text).replace("**", "")
+    if form == "html":
+        text = re.sub(r"<[^>]*>", " ", text)
+    if form in ("html", "markdown"):
+        text = html.unescape(text)
+    if form == "json":
+        text = json.dumps(strict_json(text), ensure_ascii=False)
+    return " ".join(text.split())
+
+
+def shown_numbers(text: str) -> list[str]:
+    """Return numbers of two decimals, in order, as all formats print scores."""
+    return re.findall(r"(?<![\w.])-?\d+\.\d\d(?![\d%])", text)
+
+
+def says_not_a_number(text: str) -> bool:
+    return re.search(r"\bnan\b", text, re.IGNORECASE) is not None

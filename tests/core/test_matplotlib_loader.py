@@ -1,0 +1,98 @@
+"""Pictures look alike whatever Matplotlib's settings in folder, environment and program."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+from airzoo_bench.core.matplotlib_loader import default_style, load_matplotlib
+from airzoo_bench.report.figures import figure_bytes, new_figure
+
+ROOT = Path(__file__).resolve().parents[2]
+DRAW = (
+    "import sys\n"
+    "from airzoo_bench.core.matplotlib_loader import default_style\n"
+    "from airzoo_bench.report.figures import figure_bytes, new_figure\n"
+    "figure, axes = new_figure()\n"
+    "with default_style():\n"
+    "    axes.plot([0, 1], [1, 2], label='a')\n"
+    "    axes.set_title('of a thing')\n"
+    "    axes.legend()\n"
+    "sys.stdout.buffer.write(figure_bytes(figure, 'png'))\n"
+)
+USETEX = "text.usetex: True\nfont.size: 30\nfigure.facecolor: red\nsavefig.bbox: tight\n"
+
+
+def drawn_in(folder: Path, **environment: str) -> bytes:
+    done = subprocess.run(
+        [sys.executable, "-c", DRAW],
+        capture_output=True,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    assert not done.stderr
+    return done.stdout
+
+
+def test_neither_a_folder_nor_a_backend_rules_pictures(tmp_path: Path) -> None:
+    (tmp_path / "ruled").mkdir()
+    (tmp_path / "plain").mkdir()
+    (tmp_path / "ruled" / "matplotlibrc").write_text(USETEX)
+    plain = drawn_in(tmp_path / "plain")
+    assert plain.startswith(b"\x89PNG")
+    assert drawn_in(tmp_path / "ruled", MPLBACKEND="nonsense") == plain
+
+
+def test_settings_that_are_no_text_are_the_persons_fault(tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xfe nonsense")
+    done = subprocess.run(
+        [sys.executable, "-c", DRAW],
+        capture_output=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert b"UsageError: Matplotlib cannot start: its file of settings is no text" in done.stderr
+
+
+def test_settings_of_the_program_rule_no_picture_and_stay() -> None:
+    def draw() -> bytes:
+        figure, axes = new_figure()
+        with default_style():
+            axes.plot([0, 1], [1, 2])
+        return figure_bytes(figure, "png")
+
+    plain = draw()
+    with matplotlib.rc_context({"font.size": 30, "figure.facecolor": "red"}):
+        assert draw() == plain
+        assert matplotlib.rcParams["font.size"] == 30
+
+
+def test_the_environment_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+    load_matplotlib.cache_clear()
+    assert load_matplotlib() is matplotlib
+    assert os.environ["MPLBACKEND"] == "nonsense"
+
+
+def test_a_change_holds_within_the_style() -> None:
+    with default_style({"path.simplify": False}):
+        assert not matplotlib.rcParams["path.simplify"]
+    assert matplotlib.rcParams["path.simplify"]
+
+
+def test_nothing_else_imports_matplotlib_first() -> None:
+    """Every module that draws does so under the style of the loader."""
+    for path in (ROOT / "airzoo_bench").rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if path.name != "matplotlib_loader.py":
+            assert "import matplotlib\n" not in text, path
+            assert "import matplotlib as" not in text, path
+            assert "pyplot" not in text.replace("pyplot's", ""), path

@@ -1,0 +1,178 @@
+"""`check-geometry` and `check-split` as a person calls them: exit codes, files, messages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.scene_inputs import photo_table
+from airzoo_bench.datasets.geometry_checks.report import OUTPUT_NAMES
+from tests.support import BRIGHTON, run_main
+
+from .analytic import FOCAL, Flight, names, orbit, scene, write_depths, write_photos
+
+FLIGHT = orbit(10)
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> tuple[Path, Path]:
+    write_depths(tmp_path / "depth", FLIGHT.depths())
+    return write_photos(tmp_path, FLIGHT)
+
+
+def arguments(photos: tuple[Path, Path], *others: object) -> tuple[object, ...]:
+    images, poses = photos
+    return ("check-geometry", "--poses", poses, "--images", images, "--samples", 512, *others)
+
+
+def write_benchmark(folder: Path, flight: Flight) -> Path:
+    made = scene(flight)
+    table = photo_table("park", made.images, made.cameras, made.poses, None, 0.0)
+    write_queries(folder / "scenes" / "park", table)
+    entry = SceneFile(
+        id="park",
+        title="Park",
+        crs="EPSG:4547",
+        plane_height_m=0.0,
+        images="data/park/images",
+        dom="dom.tif",
+    )
+    file = BenchmarkFile(
+        schema=1, name="made", version=1, title="m", tracks={}, scenes=(entry,), checksums={}
+    )
+    write_benchmark_file(folder, file)
+    return folder
+
+
+def test_exact_photos_pass(photos: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    out = photos[1].parent / "out"
+    assert run_main(*arguments(photos, "--format", "json", "--out", out)) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values == json.loads((out / "geometry.json").read_text())
+    assert values["passes"]
+    made = values["scenes"][0]
+    assert made["frame_chain"]["closure_m"] < 1e-6
+    assert made["depth"]["median"] < 1e-6
+    assert {path.name for path in out.iterdir()} == set(OUTPUT_NAMES)
+    assert len(pd.read_csv(out / "photos.csv")) == len(FLIGHT.centres)
+    with Image.open(out / "depth_errors.png") as picture:
+        assert picture.size > (400, 300)
+
+
+def test_a_scaled_depth_fails_and_is_named(
+    photos: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = photos[1].parent / "depth" / "f004.npy"
+    np.save(path, np.load(path) * np.float32(0.998))
+    assert run_main(*arguments(photos)) == 1
+    text = capsys.readouterr().out
+    assert "f004.png" in text
+    assert "0.20 % too short in depth" in text
+    assert "fails" in text
+
+
+def test_a_stricter_limit_fails(photos: tuple[Path, Path]) -> None:
+    assert run_main(*arguments(photos, "--median-below", 1e-12)) == 1
+
+
+def test_without_depth_the_frame_chain_is_checked_and_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main(*arguments(write_photos(tmp_path, FLIGHT))) == 0
+    assert "depth not checked" in capsys.readouterr().out
+
+
+def test_a_bad_lens_fails(photos: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    content = json.loads(photos[1].read_text())
+    content["images"]["f003.png"] |= {"K": content["K"], "distortion": [-0.9, 0, 0, 0]}
+    photos[1].write_text(json.dumps(content))
+    assert run_main(*arguments(photos)) == 1
+    assert "range of the lens model" in capsys.readouterr().out
+
+
+def test_a_benchmark_folder_with_depth_beside_its_photos(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_benchmark(tmp_path / "made", FLIGHT)
+    depth = write_depths(folder / "data" / "park" / "depth", FLIGHT.depths())
+    assert run_main("check-geometry", folder, "--scene", "park", "--format", "csv") == 0
+    assert "passes" in capsys.readouterr().out
+    turned = FLIGHT.depths()[::-1]
+    write_depths(depth, turned)
+    assert run_main("check-geometry", folder) == 1
+
+
+def test_bad_input_gets_one_message(
+    photos: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, poses = photos
+    np.save(tmp_path / "depth" / "f002.npy", np.ones((7, 9), np.float32))
+    cases: list[tuple[tuple[object, ...], str]] = [
+        (arguments(photos), "9 x 7 px, the camera 160 x 120 px"),
+        (arguments(photos, "--depth", tmp_path / "none"), "no such folder of depth maps"),
+        (arguments(photos, "--depth-scale", 0), "not a scale"),
+        (arguments(photos, "--crs", "EPSG:4326"), "grid"),
+        (("check-geometry",), "what is to be checked"),
+        (("check-geometry", tmp_path, "--poses", poses), "what is to be checked"),
+        (("check-geometry", images), "no benchmark folder here"),
+        (("check-split", images, images), "no benchmark folder here"),
+        (("check-split", tmp_path / "no.csv", images), "no.csv"),
+    ]
+    for case, message in cases:
+        assert run_main(*case) == 2
+        heard = capsys.readouterr()
+        assert message in heard.err
+        assert "Traceback" not in heard.err
+
+
+def test_split_names_the_pairs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    here = write_benchmark(tmp_path / "here", FLIGHT)
+    away = Flight(FLIGHT.rotation, FLIGHT.centres + np.array((50_000, 0, 0)))
+    there = write_benchmark(tmp_path / "there", away)
+    assert run_main("check-split", here, there, "--max-range", 500) == 0
+    assert "no two see the same ground" in capsys.readouterr().out
+    pairs = tmp_path / "pairs.csv"
+    assert run_main("check-split", here, here, "--format", "json", "--out", pairs) == 1
+    values = json.loads(capsys.readouterr().out)
+    assert values["test_photos_that_overlap"] == len(FLIGHT.centres)
+    assert values["overlapping_pairs"] == len(pd.read_csv(pairs))
+    assert values["first_pairs"][0]["train"] == "park/f000"
+
+
+def test_the_real_scene(capsys: pytest.CaptureFixture[str]) -> None:
+    if not BRIGHTON.is_dir():
+        pytest.skip(f"no real scene at {BRIGHTON}")
+    poses, images = BRIGHTON / "poses.json", BRIGHTON / "images"
+    options = ("--poses", poses, "--images", images, "--format", "json")
+    assert run_main("check-geometry", *options) == 0
+    found = json.loads(capsys.readouterr().out)["scenes"][0]
+    assert found["photos"] == 18
+    assert found["frame_chain"]["closure_m"] < 1e-6
+    assert found["notes"] == ["depth not checked: there are no depth maps (--depth)"]
+
+
+def test_names_and_focal_length_are_as_the_tests_say() -> None:
+    assert names(2) == ("f000.png", "f001.png")
+    assert scene(FLIGHT).cameras.focal[0, 0] == FOCAL
+
+
+def test_web_mercator_is_no_metres(
+    photos: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, poses = photos
+    file = json.loads(poses.read_text())
+    for number, image in enumerate(file["images"].values()):
+        image["center"] = [1_800_000.0 + number, 6_070_000.0, 100.0]
+    poses.write_text(json.dumps(file | {"crs": "EPSG:3857"}))
+    options = ("--poses", poses, "--images", images, "--format", "json")
+    assert run_main("check-geometry", *options) == 1
+    fault = json.loads(capsys.readouterr().out)["scenes"][0]["faults"][0]
+    assert "EPSG:3857" in fault
+    assert "its scale is off by 48." in fault

@@ -1,0 +1,218 @@
+"""Flights that are made: smooth, safe, the same every time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.datasets.mini.export.pictures import draw_flight
+from airzoo_bench.datasets.mini.flights.patterns import FPS, barrel_roll, fly, smooth_line, survey
+from airzoo_bench.datasets.mini.flights.placement import MARGIN_M, Airspace, check_inside
+from airzoo_bench.datasets.mini.flights.trajectory import Trajectory, rounded, trajectory_poses
+from airzoo_bench.datasets.mini.flights.trajectory_files import read_trajectory, write_trajectory
+from airzoo_bench.datasets.mini.world.model import REGIONS
+
+CITY = REGIONS["city"]
+AIR = Airspace(CITY, ground_m=50.0, floor_m=130.0, ceiling_m=210.0)
+# What rounding to 0.1 mm may do to second differences at 30 frames a second.
+ROUNDING = 4e-4 * FPS**2
+# What a drone flies: metres a second, degrees a second and a second squared.
+SPEEDS, MAX_RATE, MAX_ACCELERATION = (5.0, 12.0), 30.0, 10.0
+
+FLIGHTS = {
+    "barrel 0": lambda: barrel_roll(AIR, 0),
+    "barrel 1": lambda: barrel_roll(AIR, 1, rounds=1),
+    "barrel 2": lambda: barrel_roll(AIR, 2, rounds=3),
+    "survey": lambda: survey(AIR),
+    "small survey": lambda: survey(AIR, side_m=100.0, spacing_m=50.0),
+    "survey of four lines": lambda: survey(AIR, side_m=180.0, spacing_m=60.0),
+    "high survey": lambda: survey(Airspace(CITY, 50.0, 330.0, 400.0)),
+}
+
+
+@pytest.fixture(scope="module", params=FLIGHTS)
+def flight(request: pytest.FixtureRequest) -> Trajectory:
+    return FLIGHTS[request.param]()
+
+
+def places(flight: Trajectory) -> np.ndarray:
+    return trajectory_poses(flight).centres - (CITY.west, CITY.south, 0.0)
+
+
+def rates(angle_deg: np.ndarray) -> tuple[float, float]:
+    """Fastest turn and its fastest change, in degrees a second (squared)."""
+    whole = np.unwrap(angle_deg, period=360.0)
+    return np.abs(np.diff(whole)).max() * FPS, np.abs(np.diff(whole, 2)).max() * FPS**2
+
+
+def test_frames_come_thirty_a_second(flight: Trajectory) -> None:
+    assert np.abs(flight.time_s - np.arange(len(flight)) / FPS).max() < 1e-6
+    assert len(flight) > 60 * FPS
+
+
+def test_speed_is_a_drones(flight: Trajectory) -> None:
+    speed = np.linalg.norm(np.diff(places(flight), axis=0), axis=1) * FPS
+    assert speed.min() >= SPEEDS[0]
+    assert speed.max() <= SPEEDS[1]
+
+
+def test_velocity_has_no_jumps(flight: Trajectory) -> None:
+    acceleration = np.linalg.norm(np.diff(places(flight), 2, axis=0), axis=1) * FPS**2
+    assert acceleration.max() < 8.0 + ROUNDING
+
+
+def test_the_gimbal_turns_smoothly(flight: Trajectory) -> None:
+    for angle in (flight.yaw_deg, flight.pitch_deg):
+        rate, change = rates(angle)
+        assert rate <= MAX_RATE
+        assert change <= MAX_ACCELERATION + ROUNDING
+    assert not flight.roll_deg.any()
+
+
+def test_it_stays_in_the_region_less_its_margin(flight: Trajectory) -> None:
+    xy = places(flight)[:, :2]
+    assert xy.min() >= MARGIN_M - 1e-3
+    assert xy.max() <= CITY.side_m - MARGIN_M + 1e-3
+
+
+def test_digits_are_those_of_the_file(flight: Trajectory, tmp_path: Path) -> None:
+    write_trajectory(tmp_path / "my.csv", flight)
+    read = read_trajectory(tmp_path / "my.csv")
+    assert read.lonlat.tobytes() == flight.lonlat.tobytes()
+    assert read.yaw_deg.tobytes() == rounded(flight).yaw_deg.tobytes() == flight.yaw_deg.tobytes()
+    assert read.time_s.tobytes() == flight.time_s.tobytes()
+
+
+def test_the_same_seed_is_the_same_flight_and_another_is_not() -> None:
+    first, again, other = barrel_roll(AIR, 5), barrel_roll(AIR, 5), barrel_roll(AIR, 6)
+    assert first.lonlat.tobytes() == again.lonlat.tobytes()
+    assert first.pitch_deg.tobytes() == again.pitch_deg.tobytes()
+    assert len(first) != len(other) or not np.allclose(first.lonlat, other.lonlat, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_every_seed_can_be_flown(seed: int) -> None:
+    flight = barrel_roll(AIR, seed, rounds=1)
+    place = places(flight)
+    assert place[:, :2].min() >= MARGIN_M
+    assert place[:, :2].max() <= CITY.side_m - MARGIN_M
+    velocity = np.diff(place, axis=0) * FPS
+    speed = np.linalg.norm(velocity, axis=1)
+    assert SPEEDS[0] <= speed.min()
+    assert speed.max() <= SPEEDS[1]
+    assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() * FPS < 8.0 + ROUNDING
+    assert max(rates(flight.yaw_deg)[0], rates(flight.pitch_deg)[0]) <= MAX_RATE
+
+
+def test_the_barrel_roll_sweeps_all_that_it_says() -> None:
+    flight = barrel_roll(AIR, 0)
+    assert flight.pitch_deg.min() == pytest.approx(-90.0, abs=0.01)
+    assert flight.pitch_deg.max() == pytest.approx(-10.0, abs=0.01)
+    assert flight.altitude_m.min() == pytest.approx(130.0, abs=0.01)
+    assert flight.altitude_m.max() == pytest.approx(210.0, abs=0.01)
+    # Up and down several times, and round in both senses.
+    turns = np.diff(np.sign(np.diff(flight.altitude_m[::30])))
+    assert np.count_nonzero(turns) >= 8
+    yaw = np.unwrap(flight.yaw_deg, period=360.0)
+    assert np.ptp(yaw) > 360.0
+    # It crosses the scene and goes round it.
+    place = places(flight)[:, :2] - CITY.side_m / 2
+    away = np.linalg.norm(place, axis=1)
+    assert away.min() < 40.0
+    assert away.max() > 160.0
+
+
+def test_orbits_look_inwards() -> None:
+    flight = barrel_roll(AIR, 4, rounds=1)
+    poses = trajectory_poses(flight.take(slice(10 * FPS, 30 * FPS)))
+    inwards = np.array((CITY.west, CITY.south)) + CITY.side_m / 2 - poses.centres[:, :2]
+    # Yaw is that of the image's top, which is level ahead whatever the pitch.
+    ahead = np.cross(poses.rotation[:, 0], (0.0, 0.0, -1.0))[:, :2]
+    cosine = (ahead * inwards).sum(axis=1) / np.linalg.norm(inwards, axis=1)
+    # The scene's centre is drawn to within 13 m of the region's.
+    assert cosine.min() > np.cos(np.radians(13.0))
+
+
+def test_the_survey_has_its_lines_and_its_orbit() -> None:
+    flight = survey(AIR, side_m=200.0, spacing_m=50.0)
+    assert set(np.unique(flight.altitude_m)) == {130.0}
+    place = places(flight)[:, :2] - CITY.side_m / 2
+    north = flight.pitch_deg < -84.9
+    # Five lines at -100, -50, 0, 50, 100 m are crossed where they pass the middle.
+    middle = north[1:] & (np.diff(np.sign(place[:, 1])) != 0)
+    assert np.round(place[1:][middle, 0], -1).tolist() == [-100.0, -50.0, 0.0, 50.0, 100.0]
+    orbit = flight.pitch_deg > -45.05
+    away = np.linalg.norm(place[orbit][5 * FPS :], axis=1)
+    # At 45 degrees the centre of the scene is seen from as far away as high: 130 - 50 m.
+    assert np.abs(away - 80.0).max() < 4.0
+    assert np.ptp(np.unwrap(flight.yaw_deg[orbit], period=360.0)) > 300.0
+
+
+def test_airspace_over_a_surface() -> None:
+    dsm = np.full((60, 60), 50.0, dtype=np.float32)
+    dsm[0, 0], dsm[1, 1] = 92.0, np.nan
+    air = Airspace.over(CITY, dsm)
+    assert (air.ground_m, air.floor_m, air.ceiling_m) == (50.0, 132.0, 212.0)
+    flight = barrel_roll(air, 0, rounds=1)
+    assert flight.altitude_m.min() >= 92.0 + 40.0
+    check_inside(flight, CITY, dsm)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: survey(AIR, side_m=521.0),
+        lambda: survey(AIR, spacing_m=0.0),
+        lambda: survey(AIR, spacing_m=250.0),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(made: object) -> None:
+    with pytest.raises(UsageError):
+        made()  # type: ignore[operator]
+
+
+def test_a_leg_that_leaves_the_region_is_refused() -> None:
+    line = np.column_stack((np.linspace(-1.0, 200.0, 202), np.full(202, 5.0), np.full(202, 90.0)))
+    still = np.zeros(202)
+    with pytest.raises(UsageError, match="leaves the region city"):
+        fly(CITY, line, still + 8.0, still, still)
+
+
+def test_a_straight_leg_is_flown_straight() -> None:
+    line = np.column_stack((np.full(161, 5.0), np.arange(161.0), np.full(161, 90.0)))
+    level = np.zeros(161)
+    flight = fly(CITY, line, level + 8.0, level, level - 30.0)
+    assert len(flight) == 20 * FPS + 1
+    place = places(flight)
+    assert np.abs(place - np.column_stack((level[0] + 5 + 0 * flight.time_s, 8 * flight.time_s,
+                                           90 + 0 * flight.time_s))).max() < 1e-3  # fmt: skip
+    # North of the grid is not true north: the camera follows the grid.
+    forward = trajectory_poses(flight).rotation[:, 2]
+    assert np.abs(forward - (0.0, np.cos(np.pi / 6), -0.5)).max() < 1e-5
+    assert np.abs(flight.yaw_deg).min() > 0.1
+
+
+def test_smooth_lines_keep_their_ends_and_do_not_bulge() -> None:
+    corners = np.array([(0.0, 0.0), (200.0, 0.0), (200.0, 200.0)])
+    line, wanted = smooth_line(corners, np.array([[0.0], [1.0], [2.0]]))
+    assert np.abs(line[[0, -1]] - corners[[0, -1]]).max() < 1e-6
+    assert line.min() >= -1e-9
+    assert line.max() <= 200.0 + 1e-9
+    assert wanted[[0, 200, 400], 0].tolist() == [0.0, 1.0, 2.0]
+    # The corner is cut: by the Gaussian's mean absolute value on either side.
+    assert np.linalg.norm(line - corners[1], axis=1).min() == pytest.approx(
+        np.sqrt(2) * 18.0 / np.sqrt(2 * np.pi), rel=0.01
+    )
+
+
+def test_a_flight_is_drawn_the_same_every_time(tmp_path: Path) -> None:
+    flight = barrel_roll(AIR, 0, rounds=1)
+    for name in ("a.png", "b.png"):
+        draw_flight(flight, CITY, tmp_path / name, "City")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"))
+    assert (pixels.min(axis=-1) < 200).mean() > 0.02

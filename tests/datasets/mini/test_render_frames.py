@@ -1,0 +1,273 @@
+"""Folders of frames: what is in them, and that rendering goes on where it ended."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from PIL import Image
+
+from airzoo_bench.core.errors import CameraError, UsageError
+from airzoo_bench.datasets.mini.export.frame_list import FrameList
+from airzoo_bench.datasets.mini.export.frames import (
+    RenderCounts,
+    frame_paths,
+    read_depth,
+    render_frames,
+    world_key,
+)
+from airzoo_bench.datasets.mini.rendering.noise import seed_of
+from airzoo_bench.datasets.mini.rendering.renderer import Renderer
+from airzoo_bench.datasets.mini.world.model import CRS, World
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.frames import from_lonlat, geodetic_to_ecef, to_lonlat
+from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.quaternions import quaternion_to_matrix
+from tests.datasets.mini.small_world import small_world
+from tests.datasets.mini.views import CORNER, LENS, camera
+
+WEATHER = ("sunny", "rainy", "snowy", "foggy", "cloudy", "sunny")
+TIME = ("day", "night", "day", "sunset", "day", "sunset")
+
+
+def frame_list(count: int = 4, lens: Cameras | None = None) -> FrameList:
+    turn = np.arange(count) * 37.0
+    rotation = angles_to_rotations(turn, -90.0 + 13.0 * np.arange(count), 2.0, convergence_deg=0.4)
+    centres = np.array([48.0, 48.0, 80.0]) + np.outer(np.arange(count), (3.0, -2.0, 1.5)) + CORNER
+    return FrameList(
+        names=tuple(f"f{number:03d}" for number in range(count)),
+        camera=camera(64, 48) if lens is None else lens,
+        poses=Poses.from_centres(rotation, centres),
+        weather=WEATHER[:count],
+        time_of_day=TIME[:count],
+        seed=3,
+    )
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_the_files_of_a_frame(tmp_path: Path) -> None:
+    frames = frame_list()
+    assert render_frames(frames, small_world, tmp_path) == RenderCounts(rendered=4, kept=0)
+    tables = ["colmap/cameras.txt", "colmap/images.txt", "colmap/offset.json"]
+    tables += ["colmap/points3D.txt", "depth/f000.tif", "frames.csv", "images/f000.jpg"]
+    assert set(tables) <= set(contents(tmp_path))
+    assert len(contents(tmp_path)) == 5 + 2 * 4
+    seed = seed_of(frames.seed, "f001")
+    true = Renderer(small_world()).render(
+        frames.camera, frames.poses.take(1), "rainy", "night", seed
+    )
+    image, depth = frame_paths(tmp_path, "f001")
+    np.testing.assert_array_equal(read_depth(depth), true.depth)
+    with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
+        raster = rasterio.open(depth)
+    with raster:
+        assert raster.dtypes == ("float32",)
+        assert raster.compression.name == "deflate"
+        np.testing.assert_array_equal(raster.read(1), true.depth)
+    with Image.open(image) as photo:
+        assert np.abs(np.asarray(photo, float) - true.rgb).mean() < 3.0
+
+
+def _rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "frames.csv").open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def _numbers(row: dict[str, str], *names: str) -> Floats:
+    return np.array([float(row[name]) for name in names])
+
+
+def test_places_and_angles_of_the_table(tmp_path: Path) -> None:
+    frames = frame_list()
+    render_frames(frames, small_world, tmp_path)
+    for number, row in enumerate(_rows(tmp_path)):
+        assert row["name"] == frames.names[number]
+        assert (row["weather"], row["time_of_day"]) == (WEATHER[number], TIME[number])
+        lonlat = _numbers(row, "longitude", "latitude")
+        centre = np.append(from_lonlat(CRS, lonlat), float(row["altitude"]))
+        np.testing.assert_allclose(centre, frames.poses.centres[number], atol=1e-6)
+        turn = grid_convergence_deg(CRS, lonlat)
+        angles = _numbers(row, "yaw", "pitch", "roll")
+        rotation = angles_to_rotations(*angles, convergence_deg=turn)
+        np.testing.assert_allclose(rotation, frames.poses.rotation[number], atol=1e-9)
+        place = np.append(lonlat, float(row["altitude"]))
+        ecef = _numbers(row, "ecef_x", "ecef_y", "ecef_z")
+        np.testing.assert_allclose(ecef, geodetic_to_ecef(place), atol=1e-6)
+        assert _numbers(row, "fx", "cx").tolist() == [frames.camera.focal[0, 0], 32.0]
+
+
+def test_ecef_poses_see_points_where_grid_poses_do(tmp_path: Path) -> None:
+    """By PROJ alone; the grid's scale, 1.0001 here, is all that may differ: 1 cm in 100 m."""
+    frames = frame_list()
+    render_frames(frames, small_world, tmp_path)
+    points = np.array([[10.0, 20.0, 20.0], [80.0, 70.0, 25.0], [48.0, 90.0, 40.0]]) + CORNER
+    ecef = geodetic_to_ecef(np.column_stack([to_lonlat(CRS, points[:, :2]), points[:, 2]]))
+    rows = _rows(tmp_path)
+    quaternions = np.array([_numbers(r, "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz") for r in rows])
+    centres = np.array([_numbers(row, "ecef_x", "ecef_y", "ecef_z") for row in rows])
+    poses = Poses.from_centres(quaternion_to_matrix(quaternions), centres)
+    by_ecef = world_to_camera(poses, np.repeat(ecef[None], 4, axis=0))
+    by_grid = world_to_camera(frames.poses, np.repeat(points[None], 4, axis=0))
+    np.testing.assert_allclose(by_ecef, by_grid, atol=0.02)
+
+
+@pytest.mark.parametrize("lens", ["pinhole", "opencv", "full"])
+def test_colmap_reads_the_model(tmp_path: Path, lens: str) -> None:
+    import pycolmap
+
+    straight = camera(64, 48)
+    bent = {"opencv": LENS, "full": ((*LENS[0][:4], 0.01),)}
+    cameras = straight
+    if lens in bent:
+        cameras = Cameras.from_matrices(straight.matrices, 64, 48, bent[lens])
+    frames = frame_list(lens=cameras)
+    render_frames(frames, small_world, tmp_path)
+    model = pycolmap.Reconstruction(tmp_path / "colmap")
+    offset = json.loads((tmp_path / "colmap" / "offset.json").read_text())
+    assert offset == {"crs": CRS, "offset": CORNER.tolist()}
+    assert len(model.cameras) == 1
+    assert len(model.images) == 4
+    for image in model.images.values():
+        number = frames.names.index(Path(image.name).stem)
+        centre = image.projection_center() + CORNER
+        np.testing.assert_allclose(centre, frames.poses.centres[number], atol=1e-8)
+        point = frames.poses.centres[number] + frames.poses.rotation[number].T @ (1.0, -2.0, 9.0)
+        local = world_to_camera(frames.poses.take(number), point[None, None])
+        ours = project(frames.camera, local)[0, 0]
+        np.testing.assert_allclose(image.project_point(point - CORNER), ours, atol=1e-6)
+
+
+def test_neither_workers_nor_order_change_a_byte(tmp_path: Path) -> None:
+    frames = frame_list()
+    render_frames(frames, small_world, tmp_path / "one")
+    render_frames(frames, small_world, tmp_path / "two", workers=2)
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+    turned = list(range(4))[::-1]
+    reverse = FrameList(
+        names=frames.names[::-1],
+        camera=frames.camera,
+        poses=frames.poses.take(turned),
+        weather=frames.weather[::-1],
+        time_of_day=frames.time_of_day[::-1],
+        seed=frames.seed,
+    )
+    render_frames(reverse, small_world, tmp_path / "back")
+    photos = [
+        {name: data for name, data in contents(tmp_path / run).items() if "f00" in name}
+        for run in ("one", "back")
+    ]
+    assert photos[0] == photos[1]
+
+
+def test_a_stopped_run_goes_on(tmp_path: Path) -> None:
+    def stop_after_two(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
+        assert (label, total) == ("rendering", 4)
+        for number, item in enumerate(items):
+            if number == 2:
+                raise KeyboardInterrupt
+            yield item
+
+    frames = frame_list()
+    with pytest.raises(KeyboardInterrupt):
+        render_frames(frames, small_world, tmp_path / "a", progress=stop_after_two)
+    left = contents(tmp_path / "a")
+    assert not any(name.endswith(".csv") or "colmap" in name or "/." in name for name in left)
+    before = len(left) // 2
+    assert 2 <= before <= 3
+    done = render_frames(frames, small_world, tmp_path / "a")
+    assert done == RenderCounts(rendered=4 - before, kept=before)
+    render_frames(frames, small_world, tmp_path / "b")
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+
+
+def test_only_what_is_missing_or_damaged_is_made_again(tmp_path: Path) -> None:
+    frames = frame_list()
+    render_frames(frames, small_world, tmp_path)
+    whole = contents(tmp_path)
+    assert render_frames(frames, small_world, tmp_path) == RenderCounts(rendered=0, kept=4)
+    (tmp_path / "depth" / "f000.tif").unlink()
+    photo = tmp_path / "images" / "f001.jpg"
+    photo.write_bytes(photo.read_bytes()[:-40])
+    (tmp_path / "images" / "f002.jpg").write_bytes(b"")
+    (tmp_path / "depth" / "f003.tif").write_bytes(b"not a TIFF")
+    assert render_frames(frames, small_world, tmp_path) == RenderCounts(rendered=4, kept=0)
+    assert contents(tmp_path) == whole
+
+
+def test_what_a_frame_is_made_from_decides_whether_it_is_kept(tmp_path: Path) -> None:
+    frames = frame_list()
+    render_frames(frames, small_world, tmp_path)
+
+    def again(changed: FrameList, world: World | None = None) -> int:
+        render_frames(frames, small_world, tmp_path)
+        return render_frames(changed, lambda: world or small_world(), tmp_path).rendered
+
+    centres = frames.poses.centres.copy()
+    centres[2, 0] += 1e-4
+    moved = Poses(rotation=frames.poses.rotation, centres=centres)
+    assert again(replace(frames, poses=moved)) == 1
+    assert again(replace(frames, weather=("sunny", "sunny", "snowy", "foggy"))) == 1
+    assert again(replace(frames, seed=4)) == 4
+    assert again(replace(frames, camera=camera(64, 48, bent=True))) == 4
+    albedo = small_world().ground_albedo.copy()
+    albedo[0, 0, 0] ^= 1
+    other = replace(small_world(), ground_albedo=albedo)
+    assert world_key(other) != world_key(small_world())
+    assert again(frames, other) == 4
+
+
+def test_tables_of_other_frames_do_not_outlive_them(tmp_path: Path) -> None:
+    def stop(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
+        raise KeyboardInterrupt
+        yield
+
+    frames = frame_list()
+    render_frames(frames, small_world, tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        render_frames(replace(frames, seed=9), small_world, tmp_path, progress=stop)
+    assert (tmp_path / "frames.csv").is_file()  # it says nothing of the seed
+    fewer = FrameList(
+        frames.names[:2], frames.camera, frames.poses.take([0, 1]), WEATHER[:2], TIME[:2], 9
+    )
+    with pytest.raises(KeyboardInterrupt):
+        render_frames(fewer, small_world, tmp_path, progress=stop)
+    assert not (tmp_path / "frames.csv").exists()
+    assert not (tmp_path / "colmap" / "images.txt").exists()
+
+
+def test_lists_that_cannot_be_rendered() -> None:
+    frames = frame_list()
+    with pytest.raises(UsageError, match="twice: 1 \\(f001\\)"):
+        replace(frames, names=("f000", "f001", "f001", "f003"))
+    with pytest.raises(UsageError, match=r"names of files: 1 of 4 \(\.\./f\)"):
+        replace(frames, names=("f000", "../f", "f002", "f003"))
+    with pytest.raises(UsageError, match="differ in length"):
+        replace(frames, names=frames.names[:3])
+    with pytest.raises(UsageError, match="unknown weather 'hail'"):
+        replace(frames, weather=("sunny", "hail", "sunny", "sunny"))
+    with pytest.raises(UsageError, match="would not fit memory"):
+        replace(frames, camera=camera(40_000, 30_000))
+    with pytest.raises(CameraError):
+        Poses.from_centres(np.eye(3)[None] * 2, np.zeros((1, 3)))
+
+
+def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("here first")
+    with pytest.raises(UsageError, match="a file, not a folder"):
+        render_frames(frame_list(), small_world, tmp_path / "out")

@@ -1,0 +1,77 @@
+"""Killed or failing at any step, a run leaves what stood there or what it made, never a mixture."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.hostile import crash_points
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks")
+
+
+def cases(tmp_path: Path, kind: str, fault: str, swap: bool) -> list[dict[str, Any]]:
+    command = [
+        sys.executable,
+        "-m",
+        "tests.hostile.crash_points",
+        str(tmp_path / "homes"),
+        kind,
+        fault,
+    ]
+    done = subprocess.run(
+        [*command, "swap" if swap else "two renames"],
+        cwd=Path(__file__).parents[2],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        check=True,
+        timeout=300,
+    )
+    found: list[dict[str, Any]] = json.loads(done.stdout)
+    return found
+
+
+def whole(letter: str, kind: str) -> dict[str, str]:
+    result, records, figure = "out/result", "out/records", f"out/figures/{letter}.png"
+    found = {result: letter, records: letter, figure: letter}
+    if kind == "file":
+        found = {result: letter, records: "a", "out/figures/a.png": "a"}
+    extra = {"folder": {"out/benchmark.toml": ""}, "shared": {"out/thesis": "mine"}}
+    return found | extra.get(kind, {})
+
+
+@pytest.mark.parametrize("swap", [True, False])
+@pytest.mark.parametrize("kind", list(crash_points.WRITERS))
+@pytest.mark.parametrize("fault", ["failed", "full"])
+def test_a_step_that_fails_leaves_what_stood_there(
+    kind: str, fault: str, swap: bool, tmp_path: Path
+) -> None:
+    found = cases(tmp_path, kind, fault, swap)
+    assert len(found) > 3
+    for case in found:
+        # A step may fail without harm: one that makes what is there, or takes the old away.
+        assert case["left"] in ([whole("a", kind)] if case["code"] == 1 else []) + [
+            whole("b", kind)
+        ]
+        assert case["end"] == whole("b", kind)
+    assert any(case["left"] == whole("a", kind) for case in found)
+
+
+@pytest.mark.parametrize("swap", [True, False])
+@pytest.mark.parametrize("kind", list(crash_points.WRITERS))
+def test_killed_at_any_step(kind: str, swap: bool, tmp_path: Path) -> None:
+    found = cases(tmp_path, kind, "killed", swap)
+    assert len(found) > (3 if kind == "file" else 10)
+    in_one_step = kind == "file" or (swap and kind != "shared")
+    for case in found:
+        if in_one_step:
+            assert case["left"] in (whole("a", kind), whole("b", kind))
+        assert case["again"] == 0
+        assert case["end"] == whole("b", kind)
+        assert case["hidden"] == []
