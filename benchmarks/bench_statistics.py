@@ -30,7 +30,7 @@ from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.intervals import bootstrap
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.statistics.support import random_methods, write_method
 
 
@@ -59,13 +59,17 @@ def timed(work: Callable[[], object]) -> Seconds:
     return time.perf_counter() - start, cpu_seconds() - used
 
 
-def ours(methods: list[Scored], columns: tuple[ScoreColumn, ...], plan: Plan) -> Seconds:
+def ours(
+    methods: list[Scored], columns: tuple[ScoreColumn, ...], plan: ResamplingConfig
+) -> Seconds:
     """Time intervals of all methods, scores and scenes."""
     sample = make_sample(methods, columns)
     return timed(lambda: bootstrap(sample, plan))
 
 
-def scipys(methods: list[Scored], columns: tuple[ScoreColumn, ...], plan: Plan) -> Seconds:
+def scipys(
+    methods: list[Scored], columns: tuple[ScoreColumn, ...], plan: ResamplingConfig
+) -> Seconds:
     """Time SciPy on one scene and mean, and count up to all."""
     from scipy.stats import bootstrap as peer
 
@@ -94,7 +98,7 @@ def main() -> None:
     parser.add_argument("--small", action="store_true")
     few = parser.parse_args().small
     sizes, columns = uav_visloc()
-    plan = Plan(resamples=1_000 if few else 10_000)
+    plan = ResamplingConfig(resamples=1_000 if few else 10_000)
     methods = random_methods(4 if few else 20, sizes, columns)
     ten = methods[:10]
     resamples = ["--resamples", str(plan.resamples)]

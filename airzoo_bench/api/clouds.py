@@ -16,7 +16,7 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.distances.both_ways import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
-from airzoo_bench.reconstruction.prepared import Held, box_of, cropped_region, prepared
+from airzoo_bench.reconstruction.prepared import InMemoryCloud, box_of, cropped_region, prepared
 from airzoo_bench.reconstruction.regions import finite_rows
 from airzoo_bench.reconstruction.settings import Preparation
 
@@ -149,7 +149,7 @@ def cloud_scores(
     clip = _length("max_distance", max_distance, limit * _CLIP)
     settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)
     claim, truth = (
-        Held(Cloud(floats(name, values, (None, 3))))
+        InMemoryCloud(Cloud(floats(name, values, (None, 3))))
         for name, values in (("predicted", predicted), ("true", true))
     )
     if claim.count and not finite_rows(claim.cloud.points).any():

@@ -18,7 +18,7 @@ from airzoo_bench.statistics import comparison
 from airzoo_bench.statistics.comparison import Pair, score_intervals
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Method, Plan
+from airzoo_bench.statistics.samples import Method, ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.model import Table
 from airzoo_bench.tables.statistics_layout import intervals_table
@@ -218,7 +218,7 @@ def _held(one: Scored) -> Scored:
     return replace(one, records=held_to_result(one.records, one.result, f"records of {one.name}"))
 
 
-def _intervals(asked: Request, plan: Plan) -> Comparison:
+def _intervals(asked: Request, plan: ResamplingConfig) -> Comparison:
     (method,), scores, scene = asked.methods, asked.scores, asked.scene
     found = score_intervals(method, scores, plan, scene)
     table = intervals_table(method, scores, found, plan, scene)

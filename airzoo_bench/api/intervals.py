@@ -15,7 +15,7 @@ from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import Method, Plan, Sample
+from airzoo_bench.statistics.samples import Method, ResamplingConfig, Sample
 
 __all__ = ["ConfidenceInterval", "Statistic", "bootstrap_ci", "checked_plan"]
 
@@ -139,7 +139,9 @@ def bootstrap_ci(
     return _made(float(np.mean(list(averages.values()))), found.overall[0], plan, parts)
 
 
-def checked_plan(interval: Method, resamples: int, seed: int, confidence: float = 0.95) -> Plan:
+def checked_plan(
+    interval: Method, resamples: int, seed: int, confidence: float = 0.95
+) -> ResamplingConfig:
     """Return how intervals and tests are made; settings out of range are refused."""
     choice("interval", interval, get_args(Method))
     if whole("resamples", resamples, _LEAST_RESAMPLES) > _MOST_RESAMPLES:
@@ -150,7 +152,7 @@ def checked_plan(interval: Method, resamples: int, seed: int, confidence: float 
         raise ArgumentError(
             f"is {confidence!r}", where="confidence", expected="a share, such as 0.95"
         )
-    return Plan(int(resamples), whole("seed", seed, 0), interval, float(confidence))
+    return ResamplingConfig(int(resamples), whole("seed", seed, 0), interval, float(confidence))
 
 
 def _values(values: ArrayLike, statistic: Statistic) -> Floats:
@@ -194,7 +196,7 @@ def _average(values: Floats, statistic: Statistic) -> float:
 
 
 def _made(
-    estimate: float, found: Interval, plan: Plan, parts: dict[str, ConfidenceInterval]
+    estimate: float, found: Interval, plan: ResamplingConfig, parts: dict[str, ConfidenceInterval]
 ) -> ConfidenceInterval:
     return ConfidenceInterval(
         estimate, found.low, found.high, plan.confidence, found.method, found.reason, parts

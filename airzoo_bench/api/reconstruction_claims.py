@@ -18,7 +18,7 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.view_suspicions import refuse_other_resolution
+from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
 
 __all__ = ["ReconstructionClaims", "entries_of"]
 

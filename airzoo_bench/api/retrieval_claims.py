@@ -13,7 +13,12 @@ from airzoo_bench.api.benchmark import BlindScene
 from airzoo_bench.api.claims import Fields, coordinates, index_of, kept_in_order
 from airzoo_bench.api.row_file import RowFile
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions, deep_faults, faults
+from airzoo_bench.retrieval.predictions import (
+    RankedIds,
+    RetrievalPredictions,
+    deep_validation_errors,
+    validation_errors,
+)
 from airzoo_bench.retrieval.similarity import Metric, check_norms
 
 __all__ = ["DescribedClaims", "RankedClaims"]
@@ -167,7 +172,10 @@ def _refuse_faults(name: str, ids: list[str], scores: NDArray[np.float64] | None
     """Hold one list to all that is asked of a file of lists."""
     claim = RankedIds(np.array([ids], dtype=str), None if scores is None else scores[None])
     one = RetrievalPredictions(Path(name), None, np.array([name]), claim)
-    for fault in (*faults(one, 0), *deep_faults(one, "l2", [name.partition("/")[0]])):
+    for fault in (
+        *validation_errors(one, 0),
+        *deep_validation_errors(one, "l2", [name.partition("/")[0]]),
+    ):
         raise PredictionError(fault.what, expected=fault.expected, mend=fault.mend)
 
 

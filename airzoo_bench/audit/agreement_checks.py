@@ -8,11 +8,11 @@ from fractions import Fraction
 from itertools import combinations, permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.tables.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.cells import PrintedValue, Published
 
 __all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 
-Row = list[Printed]
+Row = list[PrintedValue]
 RowKey = tuple[str, ...]
 
 _SUMMARY = "overall"
@@ -23,7 +23,7 @@ _MOST_PLACES = 8
 _LEFT = "nothing is printed in two tables"
 
 
-def _scene(cell: Printed) -> str:
+def _scene(cell: PrintedValue) -> str:
     return _SUMMARY if cell.is_summary and not cell.is_pooled else cell.scene
 
 
@@ -48,7 +48,7 @@ def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome
     return Outcome("agreement", len(pairs), what, left, findings, cells=cells, said=said)
 
 
-def _pairs(published: Published) -> list[tuple[Printed, Printed]]:
+def _pairs(published: Published) -> list[tuple[PrintedValue, PrintedValue]]:
     """Return one number in two tables each."""
     groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.measure))
     return [
@@ -59,7 +59,7 @@ def _pairs(published: Published) -> list[tuple[Printed, Printed]]:
     ]
 
 
-def _compared(cells: Sequence[Printed]) -> Iterable[tuple[Printed, Printed]]:
+def _compared(cells: Sequence[PrintedValue]) -> Iterable[tuple[PrintedValue, PrintedValue]]:
     """Pair all places of a number, or where these are many, the first with each other."""
     if len(cells) <= _MOST_PLACES:
         return combinations(cells, 2)
@@ -75,7 +75,7 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     findings : iterable of Finding
         Of all checks.
     """
-    tables: dict[tuple[str, str], list[tuple[Printed, Printed]]] = {}
+    tables: dict[tuple[str, str], list[tuple[PrintedValue, PrintedValue]]] = {}
     for pair in _pairs(published):
         tables.setdefault((pair[0].table, pair[1].table), []).append(pair)
     grave = [finding for finding in findings if finding.grade is Grade.INCONSISTENT]
@@ -99,13 +99,13 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     return said
 
 
-def _gap(first: Printed, second: Printed) -> Fraction:
+def _gap(first: PrintedValue, second: PrintedValue) -> Fraction:
     """How far two numbers are apart, in last digits of the coarser one."""
     step = 2 * max(first.number.half, second.number.half)
     return abs(first.number.value - second.number.value) / step
 
 
-def _agree(first: Printed, second: Printed) -> bool:
+def _agree(first: PrintedValue, second: PrintedValue) -> bool:
     """Whether they are the same digits, or the one with fewer rounds the other."""
     coarse, fine = sorted((first.number, second.number), key=lambda number: number.decimals)
     if coarse.decimals == fine.decimals:
@@ -113,7 +113,7 @@ def _agree(first: Printed, second: Printed) -> bool:
     return coarse.interval.meets(fine.interval)
 
 
-def _differ(first: Printed, second: Printed) -> Finding:
+def _differ(first: PrintedValue, second: PrintedValue) -> Finding:
     grade = Grade.ROUNDING if _gap(first, second) <= 1 else Grade.INCONSISTENT
     other = second.table or "another place"
     why = (
@@ -150,7 +150,7 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
     return Outcome("row", tested, what, left, tuple(findings), cells=cells)
 
 
-def _key(cell: Printed) -> RowKey:
+def _key(cell: PrintedValue) -> RowKey:
     return cell.table, *cell.group, cell.scene, cell.method
 
 
@@ -170,7 +170,7 @@ def _alike(rows: Iterable[Row]) -> Iterable[list[Row]]:
     return groups.values()
 
 
-def _is_another(row: Row, other: Printed, rows: dict[RowKey, Row]) -> bool:
+def _is_another(row: Row, other: PrintedValue, rows: dict[RowKey, Row]) -> bool:
     """Whether it is another's row: the other table prints other numbers under this name."""
     own = rows.get((other.table, *other.group, other.scene, row[0].method))
     if own is None or own[0].method == other.method:
@@ -179,7 +179,7 @@ def _is_another(row: Row, other: Printed, rows: dict[RowKey, Row]) -> bool:
     return any(printed.get(c.measure, c.number.value) != c.number.value for c in row)
 
 
-def _misplaced(row: Row, other: Printed) -> Finding:
+def _misplaced(row: Row, other: PrintedValue) -> Finding:
     values = ", ".join(f"{cell.score.name} {cell.number.text}" for cell in row)
     why = (
         f"all {len(row)} numbers of this row ({values}) are those of {other.method} in "

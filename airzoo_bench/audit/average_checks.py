@@ -9,7 +9,7 @@ from airzoo_bench.audit.averages import Averaged, example_text, has_common_weigh
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 from airzoo_bench.tables.printed.counts import counted_share
 from airzoo_bench.tables.printed.numbers import Interval, decimal_text, mean_interval
 from airzoo_bench.tables.printed.scores import Family
@@ -20,7 +20,7 @@ _CHECK = "average"
 # Averages of a paper's table, before it can be told that they are over other scenes.
 _FEWEST = 4
 _WHAT = "averages against the scenes they are of"
-Scenes = Mapping[tuple[str, ...], Mapping[str, Mapping[str, Printed]]]
+Scenes = Mapping[tuple[str, ...], Mapping[str, Mapping[str, PrintedValue]]]
 
 
 def check_averages(
@@ -38,14 +38,14 @@ def check_averages(
     """
     scenes = _scenes(published)
 
-    def exact(cell: Printed) -> Interval:
+    def exact(cell: PrintedValue) -> Interval:
         return _exact(cell, queries, variants)
 
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
     summaries = [cell for cell in published.cells if cell.is_summary]
     same = grouped(summaries, _identity)
-    compared: list[Printed] = []
+    compared: list[PrintedValue] = []
     tested = loose = 0
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
         made = [_averaged(cell, scenes, queries, exact) for cell in cells]
@@ -88,7 +88,7 @@ def _left(summaries: int, tested: int, loose: int) -> str:
 
 def _scenes(published: Published) -> Scenes:
     """Return the scenes' cells: by benchmark, track and score, then scene, then method."""
-    scenes: dict[tuple[str, ...], dict[str, dict[str, Printed]]] = {}
+    scenes: dict[tuple[str, ...], dict[str, dict[str, PrintedValue]]] = {}
     for cell in published.cells:
         if not cell.is_summary:
             by_scene = scenes.setdefault((*cell.group, cell.measure), {})
@@ -98,10 +98,10 @@ def _scenes(published: Published) -> Scenes:
 
 
 def _averaged(
-    cell: Printed,
+    cell: PrintedValue,
     scenes: Scenes,
     queries: Mapping[Key, Queries],
-    exact: Callable[[Printed], Interval],
+    exact: Callable[[PrintedValue], Interval],
 ) -> Averaged | None:
     by_scene = scenes.get((*cell.group, cell.measure), {})
     parts = [by_method[cell.method] for by_method in by_scene.values() if cell.method in by_method]
@@ -123,7 +123,9 @@ def _averaged(
     )
 
 
-def _exact(cell: Printed, queries: Mapping[Key, Queries], variants: Mapping[Key, str]) -> Interval:
+def _exact(
+    cell: PrintedValue, queries: Mapping[Key, Queries], variants: Mapping[Key, str]
+) -> Interval:
     """Return where the true value lies: at a count, where it is one and counts are known."""
     known = queries.get(key_of(cell))
     if known is not None and cell.score.family is Family.HITS:
@@ -184,7 +186,7 @@ def _conclusion(known: Sequence[Averaged]) -> str:
     return text + example_text(weighed)
 
 
-def _judge(average: Averaged, same: Sequence[Printed], *, pooled: bool) -> Finding | None:
+def _judge(average: Averaged, same: Sequence[PrintedValue], *, pooled: bool) -> Finding | None:
     cell, number = average.cell, average.cell.number
     mean = average.over_queries if pooled else average.over_scenes
     if number.interval.meets(mean):
@@ -207,11 +209,11 @@ def _judge(average: Averaged, same: Sequence[Printed], *, pooled: bool) -> Findi
     return Finding(Grade.INCONSISTENT, _CHECK, cell, why)
 
 
-def _identity(cell: Printed) -> tuple[object, ...]:
+def _identity(cell: PrintedValue) -> tuple[object, ...]:
     return cell.group, cell.method, cell.measure
 
 
-def _elsewhere(cell: Printed, same: Sequence[Printed]) -> list[Printed]:
+def _elsewhere(cell: PrintedValue, same: Sequence[PrintedValue]) -> list[PrintedValue]:
     """Return the same average where another table prints it differently."""
     value = cell.number.value
     return [other for other in same if other.table != cell.table and other.number.value != value]

@@ -11,7 +11,7 @@ import itertools
 from fractions import Fraction
 from functools import cache
 
-from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.numbers import Interval
 from airzoo_bench.tables.printed.scores import Family
 
@@ -55,7 +55,7 @@ def _values(variant: str, cutoff: int, ranks: list[int]) -> list[Fraction]:
     return [precisions / cutoff if variant == "min" else Fraction(0), most]
 
 
-def recalls_for(cell: Printed, row: list[Printed]) -> list[Printed] | None:
+def recalls_for(cell: PrintedValue, row: list[PrintedValue]) -> list[PrintedValue] | None:
     """Return the recalls of a row that say where first hits stand, by K; None without R@K."""
     found = {
         int(other.score.thresholds[0][0]): other
@@ -70,13 +70,13 @@ def recalls_for(cell: Printed, row: list[Printed]) -> list[Printed] | None:
     return known if cell.score.cutoff in found else None
 
 
-def brackets(recalls: list[Printed]) -> list[tuple[int, int]]:
+def brackets(recalls: list[PrintedValue]) -> list[tuple[int, int]]:
     """Return the ranks between which recalls count first hits, as (after, up to)."""
     cutoffs = [int(recall.score.thresholds[0][0]) for recall in recalls]
     return list(zip([0, *cutoffs], cutoffs, strict=False))
 
 
-def bounds_of(variant: str, cutoff: int, recalls: list[Printed]) -> Interval:
+def bounds_of(variant: str, cutoff: int, recalls: list[PrintedValue]) -> Interval:
     """Bound the mean average precision, as a share, by recalls at several K up to the cutoff.
 
     With b_i the bound of the i-th bracket of ranks, the sum of b_i (R_i - R_(i-1)) is the sum of

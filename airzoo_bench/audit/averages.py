@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.numbers import Interval, Rounded, decimal_text
 from airzoo_bench.tables.printed.scores import Family
 
@@ -32,8 +32,8 @@ class Averaged:
         Whether the mean over all queries was computed.
     """
 
-    cell: Printed
-    scenes: tuple[Printed, ...]
+    cell: PrintedValue
+    scenes: tuple[PrintedValue, ...]
     over_scenes: Interval
     over_queries: Interval
     of_rounded: Fraction

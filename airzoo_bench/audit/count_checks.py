@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 from airzoo_bench.tables.printed.counts import count_text, is_cut, is_near, possible_counts
 from airzoo_bench.tables.printed.numbers import decimal_text
 from airzoo_bench.tables.printed.scores import Family
@@ -35,7 +35,7 @@ class Share:
         Whether the number of queries, and what the share is of, were given.
     """
 
-    cell: Printed
+    cell: PrintedValue
     queries: Queries
     places: int
     is_sure: bool
@@ -80,7 +80,7 @@ def check_counts(published: Published, queries: Mapping[Key, Queries]) -> Outcom
     return Outcome(_CHECK, len(shares), what, left, tuple(findings), said, tuple(known))
 
 
-def _left(averages: int, unknown: Sequence[Printed]) -> str:
+def _left(averages: int, unknown: Sequence[PrintedValue]) -> str:
     parts = []
     if averages:
         are = agreeing(averages, "which is", "which are")

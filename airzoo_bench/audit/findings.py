@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table
-from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.cells import PrintedValue
 
 __all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table"]
 
@@ -36,14 +36,14 @@ class Finding:
     grade : Grade
     check : str
         Which check found it.
-    cell : Printed
+    cell : PrintedValue
     why : str
         The arithmetic, in words and numbers.
     """
 
     grade: Grade
     check: str
-    cell: Printed
+    cell: PrintedValue
     why: str
 
 
@@ -71,7 +71,7 @@ class Outcome:
         What could not be checked and why; empty where nothing was left.
     findings : tuple of Finding
     conclusions : tuple of Conclusion
-    cells : tuple of Printed
+    cells : tuple of PrintedValue
         The values that were held against others, or against what is known.
     said : str
         What is wrong but was found by another check, and so is no finding of this one.
@@ -83,7 +83,7 @@ class Outcome:
     left: str = ""
     findings: tuple[Finding, ...] = ()
     conclusions: tuple[Conclusion, ...] = ()
-    cells: tuple[Printed, ...] = ()
+    cells: tuple[PrintedValue, ...] = ()
     said: str = ""
 
     @property

@@ -12,7 +12,7 @@ from math import inf
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 from airzoo_bench.tables.printed.numbers import Rounded, decimal_text
 
 __all__ = ["check_bold", "check_gains"]
@@ -27,9 +27,9 @@ _MOST_NEAR = 50
 class _Gain:
     """A printed gain beside the number it is over, which is None where there is none."""
 
-    cell: Printed
+    cell: PrintedValue
     gain: Rounded
-    base: Printed | None
+    base: PrintedValue | None
 
     @property
     def is_relative(self) -> bool:
@@ -90,7 +90,7 @@ def check_gains(published: Published) -> Outcome:
     }
     printed = [_Gain(cell, cell.gain, None) for cell in published.cells if cell.gain]
     unexplained = 0
-    compared: list[Printed] = []
+    compared: list[PrintedValue] = []
     for (table, method), own in _by_method(printed).items():
         beside = [(gain, columns[table, *_column(gain.cell)]) for gain in own]
         base = _baseline(method, beside)
@@ -115,18 +115,18 @@ def _by_method(gains: Sequence[_Gain]) -> dict[tuple[str, str], list[_Gain]]:
     return groups
 
 
-def _value(cell: Printed) -> Fraction:
+def _value(cell: PrintedValue) -> Fraction:
     return cell.number.value
 
 
-def _column(cell: Printed) -> tuple[str, ...]:
+def _column(cell: PrintedValue) -> tuple[str, ...]:
     return *cell.group, cell.scene, cell.measure
 
 
 class _Rivals:
     """The cells of one column, sorted by value, and what of them is asked for each gain."""
 
-    def __init__(self, cells: Sequence[Printed]) -> None:
+    def __init__(self, cells: Sequence[PrintedValue]) -> None:
         self.cells = sorted(cells, key=_value)
         self.half = max(cell.number.half for cell in cells)
         self.by_method = {cell.method: cell for cell in reversed(self.cells)}
@@ -135,7 +135,7 @@ class _Rivals:
         pick = min if cells[0].score.higher_is_better is False else max
         self.best = pick(plain, key=_value, default=None)
 
-    def near(self, value: Fraction, room: Fraction) -> list[Printed]:
+    def near(self, value: Fraction, room: Fraction) -> list[PrintedValue]:
         """Return cells of about a value; of files made to take long not all."""
         first = bisect_left(self.cells, value - room, key=_value)
         last = bisect_right(self.cells, value + room, key=_value)
@@ -169,10 +169,10 @@ def _baseline(method: str, beside: Sequence[tuple[_Gain, _Rivals]]) -> str | Non
     return best if is_namesake or 2 * most > len(beside) else None
 
 
-def _about(gain: _Gain, column: _Rivals) -> list[Printed]:
+def _about(gain: _Gain, column: _Rivals) -> list[PrintedValue]:
     """Return what a gain may be over, within rounding."""
     slack = gain.slack + gain.gain.half + column.half
-    near: list[Printed] = []
+    near: list[PrintedValue] = []
     for difference in (gain.gain.value, -gain.gain.value):
         own = gain.cell.number.value
         near += column.near(own - difference, slack)
@@ -204,7 +204,7 @@ def _judge(gain: _Gain, base: str) -> Finding | None:
     return Finding(Grade.INCONSISTENT, _GAIN, gain.cell, why)
 
 
-def _difference_text(gain: _Gain, base: Printed) -> str:
+def _difference_text(gain: _Gain, base: PrintedValue) -> str:
     value, other = gain.cell.number, base.number
     digits = max(value.decimals, other.decimals, gain.gain.decimals)
     difference = value.value - other.value
@@ -244,7 +244,7 @@ def check_bold(published: Published) -> Outcome:
         )
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
-    tables: dict[str, list[list[Printed]]] = {}
+    tables: dict[str, list[list[PrintedValue]]] = {}
     for column in judged:
         tables.setdefault(column[0].table, []).append(column)
     for table, own in tables.items():
@@ -258,7 +258,7 @@ def check_bold(published: Published) -> Outcome:
     return Outcome("bold", len(judged), what, not_judged, tuple(findings), said, cells)
 
 
-def _judge_table(columns: Sequence[Sequence[Printed]]) -> tuple[list[Finding], bool]:
+def _judge_table(columns: Sequence[Sequence[PrintedValue]]) -> tuple[list[Finding], bool]:
     """Judge whole columns, or the parts of these, by what explains more of a table's bold."""
     whole = [finding for column in columns for finding in _judge_column(column)]
     parts = [
@@ -273,11 +273,11 @@ def _judge_table(columns: Sequence[Sequence[Printed]]) -> tuple[list[Finding], b
     return (apart, True) if by_section else (whole, False)
 
 
-def _is_race(column: Sequence[Printed]) -> bool:
+def _is_race(column: Sequence[PrintedValue]) -> bool:
     return bool(column) and column[0].score.higher_is_better is not None and len(column) > 1
 
 
-def _judge_column(column: Sequence[Printed]) -> list[Finding]:
+def _judge_column(column: Sequence[PrintedValue]) -> list[Finding]:
     pick = max if column[0].score.higher_is_better else min
     best = pick(cell.number.value for cell in column)
     leaders = [cell for cell in column if cell.number.value == best]
@@ -296,7 +296,9 @@ def _judge_column(column: Sequence[Printed]) -> list[Finding]:
     return findings
 
 
-def _not_bold(cell: Printed, leaders: Sequence[Printed], column: Sequence[Printed]) -> Finding:
+def _not_bold(
+    cell: PrintedValue, leaders: Sequence[PrintedValue], column: Sequence[PrintedValue]
+) -> Finding:
     marked = [leader for leader in leaders if leader.bold]
     if marked:
         names = " and ".join(leader.method for leader in marked)

@@ -8,7 +8,7 @@ from itertools import permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 from airzoo_bench.tables.printed.scores import Family, at_most
 
 __all__ = ["check_medians", "check_order", "check_ranges", "check_units"]
@@ -64,11 +64,11 @@ def check_units(published: Published) -> Outcome:
     return Outcome("units", len(rivals), what, left, tuple(findings))
 
 
-def _column(cell: Printed) -> tuple[str, ...]:
+def _column(cell: PrintedValue) -> tuple[str, ...]:
     return cell.table, *cell.group, cell.score.name
 
 
-def _percent_beside(cell: Printed, column: Iterable[Printed]) -> Printed | None:
+def _percent_beside(cell: PrintedValue, column: Iterable[PrintedValue]) -> PrintedValue | None:
     """Return a number of the column that is percent for sure, printed with two decimals less."""
     fitting = (
         other
@@ -78,7 +78,7 @@ def _percent_beside(cell: Printed, column: Iterable[Printed]) -> Printed | None:
     return next(fitting, None)
 
 
-def _share_among_percent(cell: Printed, other: Printed | None) -> Finding:
+def _share_among_percent(cell: PrintedValue, other: PrintedValue | None) -> Finding:
     beside = f" beside {other.number.text} of {other.method}" if other else ""
     why = (
         f"{cell.number.text}{beside} looks like a share from 0 to 1 among percent, and is read as "
@@ -102,7 +102,7 @@ def check_order(published: Published) -> Outcome:
     return Outcome("order", len(pairs), what, left, tuple(findings), cells=cells)
 
 
-def _disordered(first: Printed, second: Printed) -> Finding:
+def _disordered(first: PrintedValue, second: PrintedValue) -> Finding:
     small, large = first.score.name, second.score.name
     why = (
         f"{small} = {first.number.text} > {large} = {second.number.text}, but whatever counts for "
@@ -111,11 +111,11 @@ def _disordered(first: Printed, second: Printed) -> Finding:
     return Finding(Grade.IMPOSSIBLE, "order", first, why)
 
 
-def _row(cell: Printed) -> tuple[str, ...]:
+def _row(cell: PrintedValue) -> tuple[str, ...]:
     return cell.table, *cell.group, cell.scene, cell.method
 
 
-def _exceeds(first: Printed, second: Printed) -> bool:
+def _exceeds(first: PrintedValue, second: PrintedValue) -> bool:
     if first.number.decimals == second.number.decimals and first.full == second.full:
         # Rounding alike never turns an order round.
         return first.number.value > second.number.value
@@ -142,13 +142,13 @@ def check_medians(published: Published) -> Outcome:
     return Outcome("median", len(pairs), what, left, tuple(findings), cells=cells)
 
 
-def _is_within(recall: Printed, unit: str) -> bool:
+def _is_within(recall: PrintedValue, unit: str) -> bool:
     thresholds = recall.score.thresholds
     is_one = recall.score.family is Family.HITS and len(thresholds) == 1
     return is_one and bool(unit) and thresholds[0][1] == unit
 
 
-def _contradiction(median: Printed, recall: Printed) -> Finding | None:
+def _contradiction(median: PrintedValue, recall: PrintedValue) -> Finding | None:
     threshold, unit = recall.score.thresholds[0]
     # One half more than rounding allows: digits may have been cut off.
     errors = median.number.interval.widened(median.number.half)

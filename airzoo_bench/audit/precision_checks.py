@@ -22,7 +22,7 @@ from airzoo_bench.audit.precision_evidence import (
     has_known_queries,
 )
 from airzoo_bench.audit.queries import Key, Queries, RowKey, key_of
-from airzoo_bench.tables.printed.cells import Printed, Published, grouped
+from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 from airzoo_bench.tables.printed.numbers import decimal_text
 from airzoo_bench.tables.printed.scores import Family
 
@@ -124,7 +124,7 @@ def _not_whole_text(values: Sequence[Bounded], shares: Sequence[Share]) -> str:
     return f"{left} that are not mean precision, or of queries of unknown number" if left else ""
 
 
-def _share(cell: Printed, queries: Mapping[Key, Queries], definition: Definition) -> Share:
+def _share(cell: PrintedValue, queries: Mapping[Key, Queries], definition: Definition) -> Share:
     known = queries[key_of(cell)]
     return Share(cell, known, cell.score.cutoff, known.is_given and definition.is_given)
 
@@ -139,7 +139,7 @@ def _groups(published: Published) -> dict[Key, list[Bounded]]:
     }
 
 
-def _bounded(cell: Printed, row: list[Printed]) -> Bounded:
+def _bounded(cell: PrintedValue, row: list[PrintedValue]) -> Bounded:
     recalls = recalls_for(cell, row)
     if recalls is None or cell.score.cutoff > LARGEST_CUTOFF:
         return Bounded(cell, {})

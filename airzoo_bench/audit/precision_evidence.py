@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from airzoo_bench.audit.average_precision import VARIANTS
 from airzoo_bench.audit.queries import Key, Queries, RowKey, key_of, row_of
-from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.counts import chance_of_fit, possible_counts
 from airzoo_bench.tables.printed.numbers import Interval
 
@@ -32,9 +32,9 @@ _FEWEST = 3
 class Bounded:
     """A value with the bounds of each definition, as shares; none where there are no recalls."""
 
-    cell: Printed
+    cell: PrintedValue
     bounds: dict[str, Interval]
-    recalls: tuple[Printed, ...] = ()
+    recalls: tuple[PrintedValue, ...] = ()
 
     @property
     def row(self) -> RowKey:
@@ -72,7 +72,7 @@ def has_known_queries(value: Bounded, queries: Mapping[Key, Queries]) -> bool:
     return not value.cell.is_summary and key_of(value.cell) in queries
 
 
-def _is_whole(cell: Printed, queries: Mapping[Key, Queries]) -> bool:
+def _is_whole(cell: PrintedValue, queries: Mapping[Key, Queries]) -> bool:
     total = queries[key_of(cell)].number * cell.score.cutoff
     return bool(possible_counts(cell.number, total, cell.full))
 
@@ -91,7 +91,7 @@ class Evidence:
     bounded: int
     inside: dict[str, int]
     wholeness: _Wholeness
-    misfits: tuple[Printed, ...]
+    misfits: tuple[PrintedValue, ...]
 
     @property
     def concluded(self) -> str | None:
@@ -163,7 +163,7 @@ class _Wholeness:
         )
 
 
-def _wholeness(cells: Sequence[Printed], queries: Mapping[Key, Queries]) -> _Wholeness:
+def _wholeness(cells: Sequence[PrintedValue], queries: Mapping[Key, Queries]) -> _Wholeness:
     from scipy.special import bdtrc
 
     fits = sum(_is_whole(cell, queries) for cell in cells)

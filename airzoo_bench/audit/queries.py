@@ -12,7 +12,7 @@ from airzoo_bench.audit.implied import Implied, implied_total
 from airzoo_bench.core.errors import ResultError, UsageError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.tables.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.cells import PrintedValue, Published
 from airzoo_bench.tables.printed.counts import possible_counts
 from airzoo_bench.tables.printed.scores import Family
 
@@ -51,12 +51,12 @@ class Queries:
     is_given: bool
 
 
-def key_of(cell: Printed) -> Key:
+def key_of(cell: PrintedValue) -> Key:
     """Return what has one number of queries: benchmark, track and scene."""
     return *cell.group, cell.scene
 
 
-def row_of(cell: Printed) -> RowKey:
+def row_of(cell: PrintedValue) -> RowKey:
     """Return what tells a row: table, benchmark, track, scene and method."""
     return cell.table, *key_of(cell), cell.method
 
@@ -130,7 +130,7 @@ def resolve_queries(
     return queries, conclusions
 
 
-def _implied(cells: list[Printed], variants: Mapping[Key, str]) -> Implied | None:
+def _implied(cells: list[PrintedValue], variants: Mapping[Key, str]) -> Implied | None:
     hits = [(c.number, c.full, 1) for c in cells if c.score.family is Family.HITS]
     precisions = [
         (c.number, c.full, c.score.cutoff)
@@ -141,7 +141,9 @@ def _implied(cells: list[Printed], variants: Mapping[Key, str]) -> Implied | Non
     return implied_total([*hits, *precisions]) if hits else None
 
 
-def _fits(cells: list[Printed], averaged: Callable[[Printed], bool], given: int | None) -> int:
+def _fits(
+    cells: list[PrintedValue], averaged: Callable[[PrintedValue], bool], given: int | None
+) -> int:
     """Count the different shares of queries that are counts out of the number given."""
     hits = {
         (cell.number.value, cell.number.decimals): cell
@@ -152,7 +154,7 @@ def _fits(cells: list[Printed], averaged: Callable[[Printed], bool], given: int 
     return sum(bool(given and possible_counts(c.number, given, c.full)) for c in telling)
 
 
-def is_average(published: Published) -> Callable[[Printed], bool]:
+def is_average(published: Published) -> Callable[[PrintedValue], bool]:
     """Return what tells averages over scenes from the only set there is.
 
     The former are no shares of queries.
@@ -177,7 +179,7 @@ def _check_names(groups: Iterable[Key], counts: Mapping[str, int]) -> None:
             )
 
 
-def _given(cells: list[Printed], counts: Mapping[str, int]) -> int | None:
+def _given(cells: list[PrintedValue], counts: Mapping[str, int]) -> int | None:
     first = cells[0]
     stated = {cell.queries: cell.line for cell in cells if cell.queries is not None}
     for name in (f"{first.group[0]}/{first.scene}", first.scene):

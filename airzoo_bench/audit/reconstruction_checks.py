@@ -7,13 +7,13 @@ from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.tables.printed.cells import Printed, Published
+from airzoo_bench.tables.printed.cells import PrintedValue, Published
 from airzoo_bench.tables.printed.numbers import Interval, decimal_text
 from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["check_chamfer", "check_f1", "f1_of"]
 
-Row = dict[Family, Printed]
+Row = dict[Family, PrintedValue]
 _ZERO = Fraction(0)
 
 
@@ -29,7 +29,7 @@ def _rows(published: Published, *needed: Family) -> list[Row]:
     return [row for row in by_family if set(needed) <= row.keys()]
 
 
-def _cells(rows: Iterable[Row], *families: Family) -> tuple[Printed, ...]:
+def _cells(rows: Iterable[Row], *families: Family) -> tuple[PrintedValue, ...]:
     return tuple(row[family] for row in rows for family in families)
 
 
@@ -61,14 +61,16 @@ def _judge_f1(row: Row) -> Finding | None:
     return Finding(Grade.IMPOSSIBLE, "F1", cell, why)
 
 
-def _possible_f1(precision: Printed, recall: Printed, *, averaged: bool) -> Interval:
+def _possible_f1(precision: PrintedValue, recall: PrintedValue, *, averaged: bool) -> Interval:
     low_p, high_p = (max(_ZERO, end) for end in (precision.share.low, precision.share.high))
     low_r, high_r = (max(_ZERO, end) for end in (recall.share.low, recall.share.high))
     low = max(_ZERO, low_p + low_r - 1) if averaged else f1_of(low_p, low_r)
     return Interval(low, f1_of(high_p, high_r))
 
 
-def _f1_text(cell: Printed, precision: Printed, recall: Printed, possible: Interval) -> str:
+def _f1_text(
+    cell: PrintedValue, precision: PrintedValue, recall: PrintedValue, possible: Interval
+) -> str:
     digits = cell.number.decimals
     p, r = precision.number.text, recall.number.text
     if not cell.is_of_one_set:

@@ -58,7 +58,7 @@ def breakdown(
     from airzoo_bench.results.records import read_records, read_scored
     from airzoo_bench.results.result import read_result
     from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
-    from airzoo_bench.statistics.samples import Plan
+    from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.breakdown import check_column
     from airzoo_bench.tables.breakdown_layout import breakdown_table
 
@@ -74,7 +74,7 @@ def breakdown(
     if len(methods) > 1 and not wanted:
         scores = scores[:1]
     with_intervals = intervals or len(methods) == len(scores) == 1
-    plan = Plan(resamples, seed) if with_intervals else None
+    plan = ResamplingConfig(resamples, seed) if with_intervals else None
     show(breakdown_table(methods, scores, by, bins=edges, plan=plan), form)
 
 

@@ -13,7 +13,7 @@ from airzoo_bench.cli.common import Format, FormatOption, examples, show
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from airzoo_bench.statistics.samples import Plan
+    from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.model import Table
 
 __all__ = ["EXAMPLES", "compare"]
@@ -43,7 +43,7 @@ class _Request:
     method: str | None
     scene: str | None
     most_different: int | None
-    plan: Plan
+    plan: ResamplingConfig
 
 
 def compare(
@@ -101,12 +101,12 @@ def compare(
     ] = None,
 ) -> None:
     """Compare methods query by query: differences, intervals, tests, a verdict in words."""
-    from airzoo_bench.statistics.samples import Plan
+    from airzoo_bench.statistics.samples import ResamplingConfig
 
     if printed is not None or queries is not None:
         show(_printed(results, printed, queries), form)
         return
-    plan = Plan(resamples, seed, interval.value)
+    plan = ResamplingConfig(resamples, seed, interval.value)
     request = _Request(
         results or [], score or [], every, reference, method, scene, most_different, plan
     )

@@ -217,13 +217,13 @@ def _threshold(base: float | None, rule: Rule | None, given: float | None) -> fl
 def _report(prepared: Prepared, out: Path | None) -> None:
     from airzoo_bench.core.errors import first_of
     from airzoo_bench.datasets.facts_lines import fact_lines
-    from airzoo_bench.datasets.suspicions import suspicions
+    from airzoo_bench.datasets.plausibility import plausibility_warnings
 
     put(f"{prepared.folder}\n")
     for line in fact_lines(prepared.facts):
         put(f"  {line}\n")
     _report_tracks(prepared.truths)
-    for sentence in suspicions(prepared.facts):
+    for sentence in plausibility_warnings(prepared.facts):
         say(f"warning: {sentence}")
     if prepared.without_pose:
         listed = first_of(map(repr, prepared.without_pose))

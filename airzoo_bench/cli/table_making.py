@@ -12,10 +12,10 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
-from airzoo_bench.tables.entries import OVERALL, Board, board_of, with_published
+from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.layouts import AVERAGE
-from airzoo_bench.tables.marks import BY_NAME, sort_rows, with_decimals
+from airzoo_bench.tables.method_table import OVERALL, MethodTable, method_table, with_published
 from airzoo_bench.tables.rename import rename
 
 if TYPE_CHECKING:
@@ -105,14 +105,14 @@ class _TableMaker:
             boards[0], average=asked.average, queries=asked.queries, per_block=asked.per_block
         )
 
-    def _boards(self) -> list[Board]:
+    def _boards(self) -> list[MethodTable]:
         """Return a board a protocol, with the scores to show, which one of several may lack."""
         wanted = self.request.scores
         if self.request.protocol is not None:
             return [self._published_alone(self.request.protocol)]
         parts = _by_protocol(self.results)
         boards = [
-            board_of(
+            method_table(
                 [self.results[place] for place in places],
                 paths=[self.paths[place] for place in places],
                 every_score=self.request.every_score or bool(wanted),
@@ -127,12 +127,12 @@ class _TableMaker:
             for board, places in zip(chosen, parts, strict=True)
         ]
 
-    def _left_out(self, boards: Sequence[Board]) -> list[str]:
+    def _left_out(self, boards: Sequence[MethodTable]) -> list[str]:
         titles = [board.title for board in boards if not board.scores]
         wanted = " or ".join(self.request.scores)
         return [f"left out, having no {wanted}: {', '.join(titles)}"] if titles else []
 
-    def _filled(self, board: Board, places: Sequence[int]) -> Board:
+    def _filled(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
         if self.request.intervals:
             board = self._with_intervals(board, places)
         if self.request.published:
@@ -144,27 +144,27 @@ class _TableMaker:
                 board = board.noted(*_of_floors(floors), legend=True)
         return board
 
-    def _with_intervals(self, board: Board, places: Sequence[int]) -> Board:
+    def _with_intervals(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
         from airzoo_bench.results.records import Scored, read_records
-        from airzoo_bench.statistics.samples import Plan
-        from airzoo_bench.tables.board_intervals import with_intervals
+        from airzoo_bench.statistics.samples import ResamplingConfig
+        from airzoo_bench.tables.method_intervals import with_intervals
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
             for entry, place in zip(board.entries, places, strict=True)
         ]
-        made = with_intervals(board, methods, Plan(), self._shown(board))
+        made = with_intervals(board, methods, ResamplingConfig(), self._shown(board))
         return replace(made, about_intervals=made.notes[len(board.notes) :])
 
-    def _shown(self, board: Board) -> list[str]:
+    def _shown(self, board: MethodTable) -> list[str]:
         """Return the scenes whose numbers stand in the table, and what stands for the average."""
         if self.layout in (Layout.RESULT, Layout.SCENES):
             return [*board.scenes, *[OVERALL] * self.request.average]
         scene = self.request.scene
         return [OVERALL if scene is None else find_scene(board.scenes, scene)]
 
-    def _published_alone(self, protocol: str) -> Board:
-        from airzoo_bench.cli.published_board import empty_board, published_benchmarks
+    def _published_alone(self, protocol: str) -> MethodTable:
+        from airzoo_bench.cli.published_table import empty_board, published_benchmarks
         from airzoo_bench.core.data_root import data_root
 
         wanted = self.request.scores
@@ -186,7 +186,7 @@ class _TableMaker:
             return board
         return replace(board, scores=tuple(s for s in board.scores if s.key in printed))
 
-    def _with_published(self, board: Board, result: Result) -> Board:
+    def _with_published(self, board: MethodTable, result: Result) -> MethodTable:
         from airzoo_bench.tables.published import published_tables, shipped_fingerprints
 
         tables = published_tables(board.benchmark, board.track)
@@ -199,8 +199,8 @@ class _TableMaker:
             board = board.noted(note, legend=True)
         return self._beside_published(board)
 
-    def _beside_published(self, board: Board) -> Board:
-        from airzoo_bench.cli.published_board import published_benchmarks
+    def _beside_published(self, board: MethodTable) -> MethodTable:
+        from airzoo_bench.cli.published_table import published_benchmarks
         from airzoo_bench.tables.published import published_tables
 
         asked = self.request
@@ -213,7 +213,7 @@ class _TableMaker:
         )
 
     def _marked(self, made: Table) -> Table:
-        from airzoo_bench.tables.marks import add_gains, highlight, parse_baselines
+        from airzoo_bench.tables.annotations import add_gains, highlight, parse_baselines
         from airzoo_bench.tables.model import mark_best
 
         asked = self.request

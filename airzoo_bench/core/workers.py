@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import active_children, get_context
 from typing import TypeVar, cast
 
-__all__ = ["spread"]
+__all__ = ["parallel_map"]
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -19,7 +19,7 @@ _working = False
 _ending = False
 
 
-def spread(work: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
+def parallel_map(work: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
     """Yield the work done on each item, in order.
 
     Processes are spawned, since a fork would copy the thread pools of faiss and BLAS in whatever

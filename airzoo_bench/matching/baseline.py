@@ -19,7 +19,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.evaluation.baseline import DOUBLED, Option
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
@@ -178,7 +178,7 @@ def match_photos(
         The map is not readable, or a window is not inside it.
     """
     # Processes, since pycolmap keeps the interpreter's lock while it extracts.
-    matched = spread(partial(_match_task, settings), tasks, workers)
+    matched = parallel_map(partial(_match_task, settings), tasks, workers)
     yield from progress(matched, "photos", len(tasks))
 
 

@@ -27,7 +27,7 @@ __all__ = [
     "MatchingPredictions",
     "PoseClaim",
     "check_digits",
-    "faults",
+    "validation_errors",
 ]
 
 FIELDS = (
@@ -126,7 +126,7 @@ class MatchingPredictions:
         return "matches" if self.claim.points3d is None else "pairs"
 
 
-def faults(predictions: MatchingPredictions) -> Iterator[PredictionError]:
+def validation_errors(predictions: MatchingPredictions) -> Iterator[PredictionError]:
     """Yield everything that is wrong with predictions and can be seen without truth."""
     claim = predictions.claim
     checks = [partial(check_ids, predictions.query_ids, f"{predictions.path}, field 'query_ids'")]

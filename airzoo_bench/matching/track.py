@@ -24,7 +24,7 @@ from airzoo_bench.matching.predictions import (
     MatchingPredictions,
     PoseClaim,
     check_digits,
-    faults,
+    validation_errors,
 )
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scores import matching_scores
@@ -92,8 +92,8 @@ class MatchingTrack(
     def validation_errors(
         self, predictions: MatchingPredictions, protocol: MatchingProtocol, *, thorough: bool
     ) -> Iterator[PredictionError]:
-        """See `predictions.faults`."""
-        yield from faults(predictions)
+        """See `predictions.validation_errors`."""
+        yield from validation_errors(predictions)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> MatchingTruth:
         """See `truth.read_truth`."""

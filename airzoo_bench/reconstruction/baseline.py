@@ -17,7 +17,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import UsageError, first_of
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
@@ -139,13 +139,13 @@ def sparse_reconstruction(
         list_photo(path, size, settings, folder) for path, size in zip(photos, sizes, strict=True)
     ]
     missing = [photo for photo in listed if not photo.features.is_file()]
-    extracted = spread(partial(extract_features, settings, read), missing, workers)
+    extracted = parallel_map(partial(extract_features, settings, read), missing, workers)
     for _ in progress(extracted, "features", len(missing)):
         pass
     pairs = photo_pairs(len(photos), _positions(names, priors), settings.neighbours)
     batches = plan_batches(listed, lenses, pairs, settings, folder)
     unmatched = [batch for batch in batches if not batch.matches.is_file()]
-    matched = spread(partial(match_batch, settings, listed, lenses), unmatched, workers)
+    matched = parallel_map(partial(match_batch, settings, listed, lenses), unmatched, workers)
     for _ in progress(matched, "matches", len(unmatched)):
         pass
     (model,) = progress(build_models(listed, lenses, batches, settings, folder), "model", 1)

@@ -17,14 +17,14 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import ImagePoses
-from airzoo_bench.reconstruction.placing import Claim
+from airzoo_bench.reconstruction.placing import MatchedPrediction
 from airzoo_bench.reconstruction.pose_metrics import pair_errors
 from airzoo_bench.reconstruction.reading import ScenePrediction
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
-from airzoo_bench.reconstruction.view_suspicions import suspect_camera_to_world
+from airzoo_bench.reconstruction.view_plausibility import suspect_camera_to_world
 from airzoo_bench.reconstruction.views import Views
 
-__all__ = ["claim_of_scene", "kind_of", "true_cameras"]
+__all__ = ["kind_of", "match_cameras", "true_cameras"]
 
 _ORDER_FITS_DEG = 15.0
 _MOST_CAMERAS = 64
@@ -43,7 +43,9 @@ def kind_of(prediction: ScenePrediction) -> str:
     return "depth" if prediction.geometry.depth is not None else "points"
 
 
-def claim_of_scene(prediction: ScenePrediction, truth: ReconstructionTruth, place: str) -> Claim:
+def match_cameras(
+    prediction: ScenePrediction, truth: ReconstructionTruth, place: str
+) -> MatchedPrediction:
     """Turn a prediction into a claim, its cameras named as the truth names them.
 
     Parameters
@@ -66,7 +68,7 @@ def claim_of_scene(prediction: ScenePrediction, truth: ReconstructionTruth, plac
         else:
             names = _true_names(prediction.images.names.tolist(), truth, place)
         cameras = _posed(prediction.images, names)
-    return Claim(truth.scene, _geometry(prediction), cameras)
+    return MatchedPrediction(truth.scene, _geometry(prediction), cameras)
 
 
 def _geometry(prediction: ScenePrediction) -> CloudSource | DepthMaps | PointMaps:

@@ -11,15 +11,22 @@ from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.cameras import Alignment
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
-from airzoo_bench.reconstruction.cloud_suspicions import lost_digits, mirror_suspicion, suspicions
+from airzoo_bench.reconstruction.cloud_plausibility import (
+    lost_digits,
+    mirror_warning,
+    plausibility_warnings,
+)
 from airzoo_bench.reconstruction.image_poses import ImagePoses
-from airzoo_bench.reconstruction.placing import Claim, PlacedClaim
+from airzoo_bench.reconstruction.placing import AlignedScene, MatchedPrediction
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, ScenePrediction
 from airzoo_bench.reconstruction.scoring import ScoredScene
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, ReconstructionScores
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
-from airzoo_bench.reconstruction.view_suspicions import suspect_camera_to_world, suspect_image_size
+from airzoo_bench.reconstruction.view_plausibility import (
+    suspect_camera_to_world,
+    suspect_image_size,
+)
 from airzoo_bench.reconstruction.views import Views
 
 __all__ = [
@@ -54,7 +61,7 @@ def listing_notes(predictions: ReconstructionPredictions, known: list[str]) -> l
 def notes_of_reading(
     prediction: ScenePrediction,
     truth: ReconstructionTruth,
-    claim: Claim,
+    claim: MatchedPrediction,
     alignment: AlignmentSettings,
     fusion: Fusion,
 ) -> list[str]:
@@ -74,7 +81,7 @@ def notes_of_reading(
 
 
 def notes_of_digits(
-    prediction: ScenePrediction, placed: PlacedClaim, scores: ReconstructionScores
+    prediction: ScenePrediction, placed: AlignedScene, scores: ReconstructionScores
 ) -> list[str]:
     """Say where coordinates lost digits, or K may be half a pixel off, by how many metres."""
     geometry, scale = prediction.geometry, placed.alignment.transform.scale
@@ -154,7 +161,7 @@ def notes_of_scored(scored: ScoredScene, scores: ReconstructionScores) -> list[s
     return notes
 
 
-def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[str]:
+def notes_of_placed(placed: AlignedScene, scores: ReconstructionScores) -> list[str]:
     """Say what was left out of a claim, how it was aligned, and where it seems to be elsewhere."""
     cloud = placed.cloud
     notes = _alignment_notes(placed.alignment)
@@ -164,8 +171,8 @@ def notes_of_placed(placed: PlacedClaim, scores: ReconstructionScores) -> list[s
     ):
         if count:
             notes.append(f"left out: {counted(count, 'point')} {what}")
-    odd = suspicions(cloud.bounds, placed.truth.bounds)
-    mirrored = mirror_suspicion(
+    odd = plausibility_warnings(cloud.bounds, placed.truth.bounds)
+    mirrored = mirror_warning(
         cloud.sample, placed.truth.sample, placed.alignment.transform, scores.f1_below_m
     )
     notes += odd or ([mirrored] if mirrored else [])

@@ -18,9 +18,9 @@ from airzoo_bench.reconstruction.cells import CellSet
 from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointCloudOfMaps, PointMaps
 from airzoo_bench.reconstruction.observed import observed_cells
 from airzoo_bench.reconstruction.prepared import (
-    Held,
-    Moved,
+    InMemoryCloud,
     PreparedCloud,
+    TransformedCloud,
     box_of,
     cropped_region,
     finite_pieces,
@@ -31,11 +31,18 @@ from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionScores
 from airzoo_bench.reconstruction.tsdf import fuse
 
-__all__ = ["Claim", "PlacedClaim", "Rules", "TrueScene", "Work", "place_claim"]
+__all__ = [
+    "AlignedScene",
+    "BlockWork",
+    "MatchedPrediction",
+    "ScoringSettings",
+    "TrueScene",
+    "align_scene",
+]
 
 
 @dataclass(frozen=True)
-class Rules:
+class ScoringSettings:
     """What a protocol states, by section."""
 
     alignment: AlignmentSettings
@@ -45,7 +52,7 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Work:
+class BlockWork:
     """How the work is done; no number depends on it.
 
     Attributes
@@ -62,7 +69,7 @@ class Work:
 
 
 @dataclass(frozen=True, eq=False)
-class Claim:
+class MatchedPrediction:
     """What a method claims of a scene.
 
     Attributes
@@ -97,7 +104,7 @@ class TrueScene:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedClaim:
+class AlignedScene:
     """A claim and the truth as they are compared.
 
     Attributes
@@ -117,15 +124,17 @@ class PlacedClaim:
     distrusted: int
 
 
-def place_claim(claim: Claim, truth: TrueScene, rules: Rules, work: Work) -> PlacedClaim:
+def align_scene(
+    claim: MatchedPrediction, truth: TrueScene, rules: ScoringSettings, work: BlockWork
+) -> AlignedScene:
     """Do all that is done to a claim, and to the truth, before they are compared.
 
     Parameters
     ----------
-    claim : Claim
+    claim : MatchedPrediction
     truth : TrueScene
-    rules : Rules
-    work : Work
+    rules : ScoringSettings
+    work : BlockWork
 
     Raises
     ------
@@ -144,10 +153,10 @@ def place_claim(claim: Claim, truth: TrueScene, rules: Rules, work: Work) -> Pla
     distrusted = _distrusted(claim, alignment.transform, rules.fusion, block)
     true = prepared(truth.cloud, rules.preparation, region, block)
     observed = _observed(true, box, truth, rules.preparation, block)
-    return PlacedClaim(alignment, cloud, true, observed, distrusted)
+    return AlignedScene(alignment, cloud, true, observed, distrusted)
 
 
-def _require_cameras(claim: Claim, settings: AlignmentSettings) -> None:
+def _require_cameras(claim: MatchedPrediction, settings: AlignmentSettings) -> None:
     if settings.cameras == "required" and claim.cameras is None:
         raise PredictionError(
             "holds no cameras, and the protocol requires them",
@@ -174,7 +183,7 @@ def _observed(
 
 
 def _aligned(
-    claim: Claim, truth: TrueScene, rules: Rules, work: Work
+    claim: MatchedPrediction, truth: TrueScene, rules: ScoringSettings, work: BlockWork
 ) -> tuple[Alignment, CloudSource]:
     """Align by cameras, fuse in metres, then refine by the fused cloud where that is asked for."""
     settings, cameras = rules.alignment, truth.cameras
@@ -190,21 +199,25 @@ def _aligned(
     except AlignmentError as fault:
         # A cloud that is nowhere near the truth has failed; that is no fault of its file.
         return replace(found, icp_failure=fault.what), source
-    return refined(found, step, report, claim.cameras, cameras), Moved(source, step, None)
+    return refined(found, step, report, claim.cameras, cameras), TransformedCloud(
+        source, step, None
+    )
 
 
-def _in_frame(claim: Claim, transform: Similarity, fusion: Fusion) -> CloudSource:
+def _in_frame(claim: MatchedPrediction, transform: Similarity, fusion: Fusion) -> CloudSource:
     geometry, least = claim.geometry, fusion.least_confidence
     if isinstance(geometry, PointMaps):
         return PointCloudOfMaps(geometry, transform, least)
     if not isinstance(geometry, DepthMaps):
-        return Moved(geometry, transform, least)
+        return TransformedCloud(geometry, transform, least)
     if fusion.method == "tsdf":
-        return Held(fuse(geometry, transform, fusion.tsdf(), confidence_above=least))
+        return InMemoryCloud(fuse(geometry, transform, fusion.tsdf(), confidence_above=least))
     return DepthCloud(geometry, transform, fusion.max_depth_m, least)
 
 
-def _distrusted(claim: Claim, transform: Similarity, fusion: Fusion, points: int) -> int:
+def _distrusted(
+    claim: MatchedPrediction, transform: Similarity, fusion: Fusion, points: int
+) -> int:
     geometry, least = claim.geometry, fusion.least_confidence
     if least is None:
         return 0
@@ -214,7 +227,7 @@ def _distrusted(claim: Claim, transform: Similarity, fusion: Fusion, points: int
     if isinstance(geometry, DepthMaps):
         everything = DepthCloud(geometry, transform, fusion.max_depth_m, None).count
         return everything - DepthCloud(geometry, transform, fusion.max_depth_m, least).count
-    sources = Moved(geometry, Similarity.identity(), least).pieces(points)
+    sources = TransformedCloud(geometry, Similarity.identity(), least).pieces(points)
     return geometry.count - sum(len(piece) for piece in sources)
 
 

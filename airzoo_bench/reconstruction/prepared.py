@@ -21,9 +21,9 @@ from airzoo_bench.reconstruction.settings import Preparation
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = [
-    "Held",
-    "Moved",
+    "InMemoryCloud",
     "PreparedCloud",
+    "TransformedCloud",
     "box_of",
     "cropped_region",
     "finite_pieces",
@@ -40,7 +40,7 @@ _ROBUST = (1.0, 99.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class InMemoryCloud:
     """A cloud in memory, as a `CloudSource`."""
 
     cloud: Cloud
@@ -57,7 +57,7 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class TransformedCloud:
     """A cloud brought into another frame, without points of too little confidence."""
 
     source: CloudSource
@@ -213,7 +213,7 @@ def prepared(
     if grid is None:
         return PreparedCloud(_Counted(kept, inside), not_finite, outside, 0, some)
     thin = grid.cloud()
-    return PreparedCloud(Held(thin), not_finite, outside, inside - len(thin), some)
+    return PreparedCloud(InMemoryCloud(thin), not_finite, outside, inside - len(thin), some)
 
 
 class _Sample:

@@ -13,14 +13,14 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.source import FileCloud
-from airzoo_bench.reconstruction.camera_names import claim_of_scene, kind_of, true_cameras
+from airzoo_bench.reconstruction.camera_names import kind_of, match_cameras, true_cameras
 from airzoo_bench.reconstruction.notes import (
     notes_of_digits,
     notes_of_placed,
     notes_of_reading,
     notes_of_scored,
 )
-from airzoo_bench.reconstruction.placing import Rules, TrueScene, Work, place_claim
+from airzoo_bench.reconstruction.placing import BlockWork, ScoringSettings, TrueScene, align_scene
 from airzoo_bench.reconstruction.reading import (
     ReconstructionPredictions,
     ScenePrediction,
@@ -36,10 +36,10 @@ _BYTES_A_POINT = 128
 _LEAST_BLOCK = 100_000
 
 
-def _work_for(resources: Resources) -> Work:
+def _work_for(resources: Resources) -> BlockWork:
     """Return how to work within so much memory."""
     block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
-    return Work(block, resources.jobs, resources.progress)
+    return BlockWork(block, resources.jobs, resources.progress)
 
 
 class _TrueCloud:
@@ -88,9 +88,9 @@ def scored_scene(
     memory_bytes, work = resources.memory_bytes, _work_for(resources)
     with _entry(predictions, truth.scene, chosen, memory_bytes) as found:
         true_cloud = _TrueCloud(truth, memory_bytes, _sampling(chosen))
-        claim = claim_of_scene(found, truth, place)
+        claim = match_cameras(found, truth, place)
         true = TrueScene(true_cloud, true_cameras(truth), truth.cameras)
-        placed = place_claim(claim, true, _rules_of(chosen), work)
+        placed = align_scene(claim, true, _rules_of(chosen), work)
         scored = score_scene(claim, placed, true.cameras, _rules_of(chosen), work)
         notes = [
             *notes_of_reading(found, truth, claim, chosen.alignment, chosen.fusion),
@@ -148,9 +148,9 @@ def read_through(
         return [f"scene {scene}: {note}" for note in entry.geometry.notes]
 
 
-def _rules_of(chosen: ReconstructionProtocol) -> Rules:
+def _rules_of(chosen: ReconstructionProtocol) -> ScoringSettings:
     """Return what a protocol states of how a scene is scored."""
-    return Rules(chosen.alignment, chosen.fusion, chosen.preparation, chosen.scores)
+    return ScoringSettings(chosen.alignment, chosen.fusion, chosen.preparation, chosen.scores)
 
 
 def _sampling(chosen: ReconstructionProtocol) -> MeshSampling:

@@ -13,7 +13,12 @@ from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.curves import Curve, curve, even_thresholds
 from airzoo_bench.reconstruction.distances.both_ways import CloudDistances, cloud_distances
 from airzoo_bench.reconstruction.metrics import CloudScores, score_distances
-from airzoo_bench.reconstruction.placing import Claim, PlacedClaim, Rules, Work
+from airzoo_bench.reconstruction.placing import (
+    AlignedScene,
+    BlockWork,
+    MatchedPrediction,
+    ScoringSettings,
+)
 from airzoo_bench.reconstruction.pose_scores import pose_scores
 from airzoo_bench.reconstruction.prepared import PreparedCloud, finite_pieces
 from airzoo_bench.reconstruction.scores import f1_column, share_column
@@ -65,19 +70,23 @@ class ScoredScene:
 
 
 def score_scene(
-    claim: Claim, placed: PlacedClaim, cameras: PosedCameras, rules: Rules, work: Work
+    claim: MatchedPrediction,
+    placed: AlignedScene,
+    cameras: PosedCameras,
+    rules: ScoringSettings,
+    work: BlockWork,
 ) -> ScoredScene:
     """Score the claim of one scene.
 
     Parameters
     ----------
-    claim : Claim
-    placed : PlacedClaim
+    claim : MatchedPrediction
+    placed : AlignedScene
         What `placing.place_claim` makes of it.
     cameras : PosedCameras
         All true cameras.
-    rules : Rules
-    work : Work
+    rules : ScoringSettings
+    work : BlockWork
 
     Raises
     ------
@@ -143,7 +152,7 @@ def _thresholds(settings: ReconstructionScores) -> list[float]:
     return sorted({*settings.f1_below_m, settings.headline_below_m})
 
 
-def _recalled(distances: CloudDistances, placed: PlacedClaim, work: Work) -> Floats:
+def _recalled(distances: CloudDistances, placed: AlignedScene, work: BlockWork) -> Floats:
     """Distances of the true points that recall and completeness are over."""
     if placed.observed is None:
         return distances.to_prediction

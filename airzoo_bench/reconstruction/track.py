@@ -25,7 +25,7 @@ from airzoo_bench.reconstruction.alignment.file import write_alignments
 from airzoo_bench.reconstruction.baseline_run import STRUCTURE_FROM_MOTION
 from airzoo_bench.reconstruction.notes import listing_notes
 from airzoo_bench.reconstruction.pose_scores import worst_poses
-from airzoo_bench.reconstruction.prepared import Held, PreparedCloud
+from airzoo_bench.reconstruction.prepared import InMemoryCloud, PreparedCloud
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
 from airzoo_bench.reconstruction.scenes import read_through, scored_scene
 from airzoo_bench.reconstruction.scores import reconstruction_scores
@@ -279,7 +279,7 @@ def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
 
 def _in_memory(cloud: PreparedCloud) -> PreparedCloud:
     pieces = [piece.points for piece in cloud.source.pieces(_PIECE)]
-    return replace(cloud, source=Held(Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))))
+    return replace(cloud, source=InMemoryCloud(Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))))
 
 
 TRACK = ReconstructionTrack()

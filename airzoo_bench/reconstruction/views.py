@@ -21,7 +21,7 @@ from airzoo_bench.reconstruction.image_poses import (
     field_fault,
     image_poses,
 )
-from airzoo_bench.reconstruction.view_suspicions import refuse_other_resolution
+from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
 
 __all__ = ["Views", "holds_views", "read_views"]
 

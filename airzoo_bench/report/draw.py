@@ -28,7 +28,7 @@ from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import FEWEST, Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import is_share
 from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
 from airzoo_bench.tables.breakdown_layout import group_intervals
@@ -160,7 +160,7 @@ def thresholds(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
 
 def intervals(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
     """Draw the average over scenes with its 95 % interval, by the plan of `compare`."""
-    plan = Plan()
+    plan = ResamplingConfig()
     sample = make_sample(methods, [score])
     found = sample_intervals(sample, plan, groups=False).overall
     values = np.array([method.result.overall[score.key] for method in methods])
@@ -223,7 +223,7 @@ def condition(
     values = np.array([method.records[score.key].to_numpy(np.float64) for method in methods])
     medians = np.full(len(methods), score.average == "median")
     averages = group_averages(values, medians, grouping.codes, len(grouping.labels))
-    plan, unit = Plan(), methods[0].result.unit
+    plan, unit = ResamplingConfig(), methods[0].result.unit
     shares = np.full(len(methods), unit == "query" and is_share(score))
     sample = Sample(unit, ("",), (values,), medians, shares)
     found = group_intervals(sample, grouping, plan)
@@ -248,7 +248,7 @@ def _open_marks(averages: Floats) -> str:
     return f"open: infinite, {infinite} of {averages.size} values" if infinite else ""
 
 
-def _whiskers(found: Sequence[Sequence[Interval]], plan: Plan, units: str) -> str:
+def _whiskers(found: Sequence[Sequence[Interval]], plan: ResamplingConfig, units: str) -> str:
     """Say what whiskers are, and why some groups have none."""
     every = [interval for group in found for interval in group]
     alike = any("alike" in interval.reason for interval in every)

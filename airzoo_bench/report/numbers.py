@@ -17,7 +17,7 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
 from airzoo_bench.tables.wording import intervals_made, resampled
 
@@ -57,7 +57,7 @@ def intervals(section: Section) -> Intervals:
     scores, resamples = _affordable(section)
     if not scores:
         return Intervals({}, {}, "no intervals: there are too many queries and methods")
-    plan = Plan(resamples)
+    plan = ResamplingConfig(resamples)
     sample = make_sample(section.methods, scores)
     found = sample_intervals(sample, plan)
     scenes = found.groups if sample.unit == "query" else {}
@@ -70,7 +70,10 @@ def intervals(section: Section) -> Intervals:
 
 
 def _note(
-    section: Section, scores: Sequence[ScoreColumn], every: Sequence[Interval], plan: Plan
+    section: Section,
+    scores: Sequence[ScoreColumn],
+    every: Sequence[Interval],
+    plan: ResamplingConfig,
 ) -> str:
     """Say how the intervals were made that there are, and why others are not."""
     why = " / ".join(sorted({interval.reason for interval in every if interval.reason}))

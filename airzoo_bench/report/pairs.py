@@ -13,8 +13,8 @@ from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import test_plan
 from airzoo_bench.statistics.comparison import Pair, compare
 from airzoo_bench.statistics.corrections import holm
-from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.tables.entries import as_shown
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.method_table import as_shown
 from airzoo_bench.tables.model import Cell, show_number
 from airzoo_bench.tables.verdicts import LEAST_P, sentence, verdict
 from airzoo_bench.tables.wording import score_cell, score_title
@@ -47,7 +47,7 @@ def compared_pairs(section: Section, blobs: Blobs) -> dict[str, Any] | None:
     }
 
 
-def _later(section: Section, count: int, place: int, plan: Plan) -> list[list[Pair]]:
+def _later(section: Section, count: int, place: int, plan: ResamplingConfig) -> list[list[Pair]]:
     """Compare a method with each one behind it: by score, then by method."""
     methods = section.methods[place:count]
     made = compare(methods, section.headline, reference=methods[0].name, plan=plan)
@@ -55,7 +55,9 @@ def _later(section: Section, count: int, place: int, plan: Plan) -> list[list[Pa
     return [made.pairs[at : at + step] for at in range(0, len(made.pairs), step)]
 
 
-def _corrected(found: Sequence[list[list[Pair]]], plan: Plan, methods: int) -> list[Any]:
+def _corrected(
+    found: Sequence[list[list[Pair]]], plan: ResamplingConfig, methods: int
+) -> list[Any]:
     """Correct each pair among those of its better method, as `compare` does for the best."""
     family = methods * (methods - 1) // 2
     shown: list[Any] = [[[] for _ in rows[0]] for rows in found]
@@ -73,7 +75,7 @@ def _corrected(found: Sequence[list[list[Pair]]], plan: Plan, methods: int) -> l
     return shown
 
 
-def _shown(pair: Pair, plan: Plan) -> dict[str, Any]:
+def _shown(pair: Pair, plan: ResamplingConfig) -> dict[str, Any]:
     score = pair.score
     difference, low, high = pair.difference, pair.interval.low, pair.interval.high
     limits = [] if low is None or high is None else [as_shown(score, low), as_shown(score, high)]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
@@ -145,7 +145,7 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
     workers = min(jobs, len(paths)) if size > _LARGE_BYTES else 1
     ranks = _affordable_ranks(results)
     asked = [(path, ranks[_key(result)]) for path, result in zip(paths, results, strict=True)]
-    records = spread(_shown_records, asked, workers)
+    records = parallel_map(_shown_records, asked, workers)
     groups: dict[_Key, list[Scored]] = {}
     for name, result, rows in zip(method_names(paths, results), results, records, strict=True):
         groups.setdefault(_key(result), []).append(Scored(name, result, rows))

@@ -10,9 +10,9 @@ from airzoo_bench.report.sections import Section
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.best import AgainstBest, against_best
 from airzoo_bench.statistics.corrections import LEVEL
-from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.tables.entries import as_shown, score_column
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.floors import shared_references
+from airzoo_bench.tables.method_table import as_shown, score_column
 from airzoo_bench.tables.model import Cell, best_texts, share_to_percent
 
 __all__ = ["BEST", "TIED", "marks_of", "references", "standings", "test_plan"]
@@ -53,7 +53,7 @@ def standings(section: Section) -> dict[str, Any]:
     }
 
 
-def test_plan(section: Section, comparisons: int) -> Plan | None:
+def test_plan(section: Section, comparisons: int) -> ResamplingConfig | None:
     """Return a plan whose resamples suffice for so many comparisons of a score.
 
     None where the tests would take too long.
@@ -61,7 +61,7 @@ def test_plan(section: Section, comparisons: int) -> Plan | None:
     count = len(section.methods)
     resamples = max(_RESAMPLES, _FINEST * count * (count - 1) // 2)
     values = comparisons * len(section.headline) * len(section.methods[0].records)
-    return Plan(resamples) if values * resamples <= _WORK else None
+    return ResamplingConfig(resamples) if values * resamples <= _WORK else None
 
 
 def _tests(section: Section) -> _Tests:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.evaluation.baseline import DOUBLED, Option
 from airzoo_bench.geometry.sift import extract
 
@@ -155,7 +155,9 @@ def _extracted(
     label: str,
 ) -> Iterator[Floats]:
     # Processes, since pycolmap keeps the interpreter's lock while it extracts.
-    found = spread(partial(_features_of, settings.max_features, settings.doubled), readers, workers)
+    found = parallel_map(
+        partial(_features_of, settings.max_features, settings.doubled), readers, workers
+    )
     yield from progress(found, label, len(readers))
 
 

@@ -20,7 +20,13 @@ from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.retrieval.descriptor_rows import as_float32
 from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 
-__all__ = ["Descriptors", "RankedIds", "RetrievalPredictions", "deep_faults", "faults"]
+__all__ = [
+    "Descriptors",
+    "RankedIds",
+    "RetrievalPredictions",
+    "deep_validation_errors",
+    "validation_errors",
+]
 
 Texts = NDArray[np.str_]
 Bools = NDArray[np.bool_]
@@ -87,7 +93,9 @@ class RetrievalPredictions:
         return "ranked_ids" if isinstance(self.claim, RankedIds) else "descriptors"
 
 
-def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[PredictionError]:
+def validation_errors(
+    predictions: RetrievalPredictions, ranks_needed: int
+) -> Iterator[PredictionError]:
     """Yield everything that is wrong with predictions and can be seen without truth.
 
     Parameters
@@ -112,7 +120,7 @@ def faults(predictions: RetrievalPredictions, ranks_needed: int) -> Iterator[Pre
     yield from _raised(checks)
 
 
-def deep_faults(
+def deep_validation_errors(
     predictions: RetrievalPredictions, metric: Metric, scenes: Sequence[str]
 ) -> Iterator[PredictionError]:
     """Yield what else can be seen without truth, and what scoring finds by itself.

@@ -20,7 +20,11 @@ from airzoo_bench.retrieval.baseline_run import VLAD
 from airzoo_bench.retrieval.chance import chance_level
 from airzoo_bench.retrieval.claims import RankedScene, rank_scene
 from airzoo_bench.retrieval.notes import retrieval_notes
-from airzoo_bench.retrieval.predictions import RetrievalPredictions, deep_faults, faults
+from airzoo_bench.retrieval.predictions import (
+    RetrievalPredictions,
+    deep_validation_errors,
+    validation_errors,
+)
 from airzoo_bench.retrieval.reading import read_retrieval
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.scoring import score_scene
@@ -63,12 +67,12 @@ class RetrievalTrack(
     def validation_errors(
         self, predictions: RetrievalPredictions, protocol: RetrievalProtocol, *, thorough: bool
     ) -> Iterator[PredictionError]:
-        """See `predictions.faults` and `predictions.deep_faults`."""
+        """See `predictions.validation_errors` and `predictions.deep_validation_errors`."""
         scores = protocol.scores
-        yield from faults(predictions, scores.depth)
+        yield from validation_errors(predictions, scores.depth)
         if thorough:
             scenes = [scene.id for scene in protocol.scenes]
-            yield from deep_faults(predictions, scores.descriptor_metric, scenes)
+            yield from deep_validation_errors(predictions, scores.descriptor_metric, scenes)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
         """See `truth.read_truth`."""

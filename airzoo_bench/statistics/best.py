@@ -14,7 +14,7 @@ from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.corrections import LEVEL, holm
 from airzoo_bench.statistics.paired_tests import paired_tests
 from airzoo_bench.statistics.reference import best_place
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 
 __all__ = ["AgainstBest", "against_best"]
 
@@ -42,7 +42,10 @@ class AgainstBest:
 
 
 def against_best(
-    methods: Sequence[Scored], scores: Sequence[ScoreColumn], plan: Plan, scene: str | None = None
+    methods: Sequence[Scored],
+    scores: Sequence[ScoreColumn],
+    plan: ResamplingConfig,
+    scene: str | None = None,
 ) -> dict[str, AgainstBest]:
     """Test every method against the best by each score, as `compare` with the best of it does.
 
@@ -51,7 +54,7 @@ def against_best(
     methods : sequence of Scored
         On the same queries; see `check_comparable`.
     scores : sequence of ScoreColumn
-    plan : Plan
+    plan : ResamplingConfig
     scene : str, optional
         Id of the scene to compare on, instead of the average over all.
 

@@ -18,7 +18,7 @@ from airzoo_bench.statistics.intervals import Interval, SampleIntervals
 from airzoo_bench.statistics.paired_tests import paired_tests
 from airzoo_bench.statistics.reference import family_of, find_one, value_of
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import Plan, Sample, paired_gap
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
 from airzoo_bench.statistics.significance import (
     PairedTest,
     is_hit,
@@ -29,7 +29,7 @@ from airzoo_bench.statistics.significance import (
 
 __all__ = ["Comparison", "Pair", "compare", "make_sample", "score_intervals"]
 
-_ROUNDING = 1e-9  # what processors may differ by; see `paired_gap`
+_ROUNDING = 1e-9  # what processors may differ by; see `paired_difference`
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Comparison:
     family : int
         So many comparisons of a score p was adjusted for: those with the reference, or where the
         reference was chosen for being the best, those of every method with every other.
-    plan : Plan
+    plan : ResamplingConfig
     notes : tuple of str
         What a reader of the numbers must know, in sentences.
     of_one : bool
@@ -114,7 +114,7 @@ class Comparison:
     scene: str | None
     pairs: list[Pair]
     family: int
-    plan: Plan
+    plan: ResamplingConfig
     notes: tuple[str, ...]
     of_one: bool = False
 
@@ -153,7 +153,7 @@ def make_sample(
 
 
 def score_intervals(
-    method: Scored, scores: Sequence[ScoreColumn], plan: Plan, scene: str | None = None
+    method: Scored, scores: Sequence[ScoreColumn], plan: ResamplingConfig, scene: str | None = None
 ) -> SampleIntervals:
     """Take the interval of every score, of each scene and of the mean over scenes.
 
@@ -161,7 +161,7 @@ def score_intervals(
     ----------
     method : Scored
     scores : sequence of ScoreColumn
-    plan : Plan
+    plan : ResamplingConfig
     scene : str, optional
         Of this scene's queries only.
 
@@ -182,7 +182,7 @@ def compare(
     reference: str | None = None,
     method: str | None = None,
     scene: str | None = None,
-    plan: Plan,
+    plan: ResamplingConfig,
 ) -> Comparison:
     """Compare methods with one of them, or one of them with the others.
 
@@ -198,7 +198,7 @@ def compare(
         Instead of a reference: what is found is this method's, against each other one.
     scene : str, optional
         Id or title of the scene to compare on, instead of all.
-    plan : Plan
+    plan : ResamplingConfig
 
     Raises
     ------
@@ -286,7 +286,9 @@ def _difference(value: float, other: float) -> float:
 
 
 def _wins(score: ScoreColumn, one: Floats, other: Floats) -> int:
-    ahead = paired_gap(one, other) if score.higher_is_better else paired_gap(other, one)
+    ahead = (
+        paired_difference(one, other) if score.higher_is_better else paired_difference(other, one)
+    )
     return int((ahead > 0).sum())
 
 

@@ -13,7 +13,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.averages import leave_one_out, weighted_averages
 from airzoo_bench.statistics.draws import blocks, resample_counts, stream_key
 from airzoo_bench.statistics.percentiles import percentile_p_values, quantiles
-from airzoo_bench.statistics.samples import Plan, Sample, gap, paired_gap
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
 
 __all__ = [
     "FEWEST",
@@ -82,7 +82,11 @@ class _Part:
 
 
 def bootstrap(
-    sample: Sample, plan: Plan, differences: Sequence[tuple[int, int]] = (), *, groups: bool = True
+    sample: Sample,
+    plan: ResamplingConfig,
+    differences: Sequence[tuple[int, int]] = (),
+    *,
+    groups: bool = True,
 ) -> SampleIntervals:
     """Resample units within groups, all variables alike, and take intervals.
 
@@ -90,7 +94,7 @@ def bootstrap(
     ----------
     sample : Sample
         Values are finite or +inf.
-    plan : Plan
+    plan : ResamplingConfig
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second.
     groups : bool
@@ -127,7 +131,9 @@ def _p_values(
     part: _Part, pairs: NDArray[np.intp], medians: NDArray[np.bool_]
 ) -> list[float | None]:
     tested = medians[pairs[:, 0]] & (part.resamples.shape[1] > 0)
-    resamples = paired_gap(part.resamples[pairs[tested, 0]], part.resamples[pairs[tested, 1]])
+    resamples = paired_difference(
+        part.resamples[pairs[tested, 0]], part.resamples[pairs[tested, 1]]
+    )
     found: list[float | None] = [None] * len(pairs)
     for place, p_value in zip(np.flatnonzero(tested), percentile_p_values(resamples), strict=True):
         found[place] = float(p_value)
@@ -135,10 +141,14 @@ def _p_values(
 
 
 def _resampled(
-    group: str, values: Floats, medians: NDArray[np.bool_], pairs: NDArray[np.intp], plan: Plan
+    group: str,
+    values: Floats,
+    medians: NDArray[np.bool_],
+    pairs: NDArray[np.intp],
+    plan: ResamplingConfig,
 ) -> _Part:
     units = values.shape[1]
-    differences = paired_gap(values[pairs[:, 0]], values[pairs[:, 1]])
+    differences = paired_difference(values[pairs[:, 0]], values[pairs[:, 1]])
     even = np.concatenate([_all_alike(values), _all_alike(differences)])
     # On the grid of the resamples: one that is equal to it is then equal to the last bit.
     ones = np.ones((units, 1), np.int64)
@@ -152,7 +162,7 @@ def _resampled(
         counts = resample_counts(units, first, count, key)
         resamples[:, first : first + count] = weighted_averages(values, medians, counts)
     left_out = leave_one_out(values, medians)
-    contrasts = gap(left_out[pairs[:, 0]], left_out[pairs[:, 1]])
+    contrasts = difference(left_out[pairs[:, 0]], left_out[pairs[:, 1]])
     moments = np.concatenate([_moments(left_out), _moments(contrasts)])
     moments[len(values) :][medians[pairs[:, 0]]] = np.inf  # BCa is not for these
     return _Part(estimates, resamples, moments, even, fewest)
@@ -193,13 +203,15 @@ def _mean_of(total: _Part, groups: int) -> _Part:
     return replace(total, estimates=means[0], resamples=means[1])
 
 
-def _intervals(part: _Part, pairs: NDArray[np.intp], plan: Plan, unit: str) -> list[Interval]:
+def _intervals(
+    part: _Part, pairs: NDArray[np.intp], plan: ResamplingConfig, unit: str
+) -> list[Interval]:
     few = few_units(*part.fewest, unit)
     if few is not None:
         return [few] * len(part.even)
     one, other = pairs[:, 0], pairs[:, 1]
-    resamples = [part.resamples, gap(part.resamples[one], part.resamples[other])]
-    estimates = [part.estimates, gap(part.estimates[one], part.estimates[other])]
+    resamples = [part.resamples, difference(part.resamples[one], part.resamples[other])]
+    estimates = [part.estimates, difference(part.estimates[one], part.estimates[other])]
     sizes = np.abs(np.where(np.isinf(part.estimates), 0.0, part.estimates))
     scales = [sizes, np.maximum(sizes[one], sizes[other])]
     limits, exists = interval_limits(
@@ -255,7 +267,11 @@ def acceleration(moments: Floats) -> Floats:
 
 
 def interval_limits(
-    resamples: Floats, estimates: Floats, scales: Floats, accelerations: Floats, plan: Plan
+    resamples: Floats,
+    estimates: Floats,
+    scales: Floats,
+    accelerations: Floats,
+    plan: ResamplingConfig,
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Take the limits of intervals from resamples.
 
@@ -268,7 +284,7 @@ def interval_limits(
         Of what size the numbers are that a statistic was made of: those of a difference may be
         large where it is almost 0, and their rounding with them.
     accelerations : (R,) array
-    plan : Plan
+    plan : ResamplingConfig
 
     Returns
     -------

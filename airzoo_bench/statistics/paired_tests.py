@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import Plan, Sample, paired_gap
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
 from airzoo_bench.statistics.significance import PairedTest, p_floor, paired_permutation
 
 __all__ = ["paired_tests"]
 
 
 def paired_tests(
-    sample: Sample, plan: Plan, places: Sequence[tuple[int, int]]
+    sample: Sample, plan: ResamplingConfig, places: Sequence[tuple[int, int]]
 ) -> tuple[list[Interval], list[PairedTest]]:
     """Take the interval of paired differences, and test whether they are 0.
 
@@ -23,7 +23,7 @@ def paired_tests(
     Parameters
     ----------
     sample : Sample
-    plan : Plan
+    plan : ResamplingConfig
     places : sequence of (int, int)
         Of variables, both averaged in the same way.
     """
@@ -39,11 +39,13 @@ def paired_tests(
 
 
 def _test_of_medians(
-    sample: Sample, place: tuple[int, int], p_value: float | None, plan: Plan
+    sample: Sample, place: tuple[int, int], p_value: float | None, plan: ResamplingConfig
 ) -> PairedTest:
     if p_value is None:
         return PairedTest(1.0, exact=False, patterns=0, kind="bootstrap")
     one, other = place
-    unlike = sum(int((paired_gap(part[one], part[other]) != 0).sum()) for part in sample.values)
+    unlike = sum(
+        int((paired_difference(part[one], part[other]) != 0).sum()) for part in sample.values
+    )
     least = p_floor(unlike)
     return PairedTest(max(p_value, least), exact=False, patterns=plan.resamples, kind="bootstrap")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.samples import gap
+from airzoo_bench.statistics.samples import difference
 
 __all__ = ["percentile_p_values", "quantiles"]
 
@@ -31,7 +31,9 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
     high = np.take_along_axis(ranked, above, axis=1)
     share = place - below
     between = (share > 0) & np.isfinite(low)
-    found: Floats = low + np.multiply(gap(high, low), share, out=np.zeros_like(low), where=between)
+    found: Floats = low + np.multiply(
+        difference(high, low), share, out=np.zeros_like(low), where=between
+    )
     # Between minus and plus infinity: a lower limit is the one, an upper limit the other.
     open_ = np.isneginf(low) & np.isposinf(high) & (share > 0) & (levels >= 0.5)
     return np.where(open_, np.inf, found)

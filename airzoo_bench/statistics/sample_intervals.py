@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals, bootstrap, few_units
-from airzoo_bench.statistics.samples import Plan, Sample, paired_gap
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
 from airzoo_bench.statistics.shares import average_limits, difference_limits
 
 __all__ = ["sample_intervals"]
@@ -19,14 +19,14 @@ _Pairs = Sequence[tuple[int, int]]
 
 
 def sample_intervals(
-    sample: Sample, plan: Plan, differences: _Pairs = (), *, groups: bool = True
+    sample: Sample, plan: ResamplingConfig, differences: _Pairs = (), *, groups: bool = True
 ) -> SampleIntervals:
     """Take intervals: of shares by Wilson and MOVER, of all else by bootstrap.
 
     Parameters
     ----------
     sample : Sample
-    plan : Plan
+    plan : ResamplingConfig
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second, both shares or neither.
     groups : bool
@@ -69,17 +69,24 @@ def _without_shares(
 
 
 def _of_shares(
-    sample: Sample, plan: Plan, shares: NDArray[np.bool_], differences: _Pairs, *, groups: bool
+    sample: Sample,
+    plan: ResamplingConfig,
+    shares: NDArray[np.bool_],
+    differences: _Pairs,
+    *,
+    groups: bool,
 ) -> SampleIntervals:
     pairs = np.array([pair for pair in differences if shares[pair[0]]], np.intp).reshape(-1, 2)
     means = [part[shares] for part in sample.values]
-    gaps = [paired_gap(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
+    gaps = [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
     parts = list(zip(sample.groups, means, gaps, strict=True))
     found = {one[0]: _limits([one], plan, sample.unit) for one in parts} if groups else {}
     return SampleIntervals(found, _limits(parts, plan, sample.unit), [None] * len(pairs))
 
 
-def _limits(parts: Sequence[tuple[str, Floats, Floats]], plan: Plan, unit: str) -> list[Interval]:
+def _limits(
+    parts: Sequence[tuple[str, Floats, Floats]], plan: ResamplingConfig, unit: str
+) -> list[Interval]:
     """Take the intervals of groups' means and differences, each (R, N)."""
     units, group = min((means.shape[1], group) for group, means, _ in parts)
     few = few_units(units, group, unit)

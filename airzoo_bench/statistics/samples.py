@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Method", "Plan", "Sample", "gap", "paired_gap"]
+__all__ = ["Method", "ResamplingConfig", "Sample", "difference", "paired_difference"]
 
 Method = Literal["bca", "percentile"]
 
@@ -19,7 +19,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True)
-class Plan:
+class ResamplingConfig:
     """How intervals and tests are made.
 
     Attributes
@@ -70,7 +70,7 @@ class Sample:
             raise ValueError(f"groups are not all different: {self.groups}")
 
 
-def gap(first: Floats, second: Floats) -> Floats:
+def difference(first: Floats, second: Floats) -> Floats:
     """Subtract; two infinite values, which are failures both, differ by nothing.
 
     Parameters
@@ -85,7 +85,7 @@ def gap(first: Floats, second: Floats) -> Floats:
     return np.subtract(first, second, out=np.zeros(np.broadcast(first, second).shape), where=~both)
 
 
-def paired_gap(first: Floats, second: Floats) -> Floats:
+def paired_difference(first: Floats, second: Floats) -> Floats:
     """Subtract what two methods have on the same units: what differs by its last digits is a tie.
 
     Scores agree between processors to some 12 digits, not to the last. What is a tie on one of them
@@ -100,7 +100,7 @@ def paired_gap(first: Floats, second: Floats) -> Floats:
     (...) array
         0 where the values differ by at most 1e-9, of their size where that is above 1.
     """
-    found = gap(first, second)
+    found = difference(first, second)
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
     tied = np.isfinite(found) & (np.abs(found) <= _SAME * np.where(np.isinf(sizes), 1.0, sizes))
     return np.where(tied, 0.0, found)

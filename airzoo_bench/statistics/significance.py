@@ -13,11 +13,11 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.averages import weighted_averages
 from airzoo_bench.statistics.draws import blocks, sign_flips, stream_key
-from airzoo_bench.statistics.samples import Plan, Sample, gap, paired_gap
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
 
 __all__ = ["PairedTest", "is_hit", "is_share", "mcnemar", "p_floor", "paired_permutation"]
 
-_SLACK = 1e-9  # as `paired_gap`: sums that are closer differ by the processor alone
+_SLACK = 1e-9  # as `paired_difference`: sums that are closer differ by the processor alone
 _P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
 
 _HITS = {"retrieval": ("recall@", "distance<"), "matching": ("within_",)}
@@ -49,7 +49,7 @@ class PairedTest:
 
 
 def paired_permutation(
-    sample: Sample, plan: Plan, pairs: Sequence[tuple[int, int]]
+    sample: Sample, plan: ResamplingConfig, pairs: Sequence[tuple[int, int]]
 ) -> list[PairedTest]:
     """Test whether two means differ: values change places, unit by unit.
 
@@ -65,7 +65,7 @@ def paired_permutation(
     Parameters
     ----------
     sample : Sample
-    plan : Plan
+    plan : ResamplingConfig
     pairs : sequence of (int, int)
         Of variables, both averaged in the same way.
 
@@ -76,7 +76,9 @@ def paired_permutation(
     tests: list[PairedTest | None] = [None] * len(pairs)
     many = []
     for index, pair in enumerate(pairs):
-        unlike = [paired_gap(values[pair[0]], values[pair[1]]) != 0 for values in sample.values]
+        unlike = [
+            paired_difference(values[pair[0]], values[pair[1]]) != 0 for values in sample.values
+        ]
         bits = sum(int(mask.sum()) for mask in unlike)
         if 2**bits > plan.resamples:
             many.append(index)
@@ -105,7 +107,7 @@ def _every_pattern(unlike: Sequence[NDArray[np.bool_]]) -> Flips:
     return flips
 
 
-def _random_patterns(sample: Sample, plan: Plan) -> Flips:
+def _random_patterns(sample: Sample, plan: ResamplingConfig) -> Flips:
     keys = [stream_key(plan.seed, "permutation", group) for group in sample.groups]
 
     def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
@@ -133,7 +135,9 @@ def _by_signs(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
 ) -> NDArray[np.int64]:
     """For means: a change of places turns the sign of a unit's difference."""
-    differences = [paired_gap(values[pairs[:, 0]], values[pairs[:, 1]]) for values in sample.values]
+    differences = [
+        paired_difference(values[pairs[:, 0]], values[pairs[:, 1]]) for values in sample.values
+    ]
     observed, found = _signed_means(differences, patterns, flips)
     return np.asarray((found >= observed[:, None]).sum(axis=1))
 
@@ -168,8 +172,8 @@ def _by_swaps(
         for first, count in blocks(2 * units, patterns):
             block = flips(group, first, count)
             sides[:, :, first : first + count] += _both_sides(pooled, medians, block)
-    observed = np.abs(gap(before[0], before[1]))
-    extreme = np.abs(gap(sides[0], sides[1])) >= (1 - _SLACK) * observed
+    observed = np.abs(difference(before[0], before[1]))
+    extreme = np.abs(difference(sides[0], sides[1])) >= (1 - _SLACK) * observed
     boundless = np.isinf(observed[:, 0])
     if boundless.any():
         extreme[boundless] &= _more_wins(sample, pairs[boundless], patterns, flips)
@@ -181,7 +185,8 @@ def _more_wins(
 ) -> NDArray[np.bool_]:
     """Order infinite differences, which are all alike, by wins minus losses."""
     signs = [
-        np.sign(paired_gap(values[pairs[:, 0]], values[pairs[:, 1]])) for values in sample.values
+        np.sign(paired_difference(values[pairs[:, 0]], values[pairs[:, 1]]))
+        for values in sample.values
     ]
     observed, found = _signed_means(signs, patterns, flips)
     return np.asarray(found >= observed[:, None])

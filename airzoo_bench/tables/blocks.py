@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
 
-from airzoo_bench.tables.extent import PAGE, extent
+from airzoo_bench.tables.latex_width import PAGE, latex_width
 from airzoo_bench.tables.model import Row, Table
 
 __all__ = ["as_asked", "by_block", "by_count", "by_width", "leading_columns", "units"]
@@ -58,7 +58,7 @@ def _counted(table: Table) -> list[Table]:
     step = table.groups_per_block
     if not table.fixed:
         step = max(1, min(step, _WIDEST // max(map(len, found))))
-        while step > _PAPERS and max(map(extent, _abreast(table, found, step))) > PAGE:
+        while step > _PAPERS and max(map(latex_width, _abreast(table, found, step))) > PAGE:
             step -= 1
     return _abreast(table, found, step)
 

@@ -15,7 +15,7 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import FEWEST, Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import is_share
 from airzoo_bench.tables.breakdown import (
     Grouping,
@@ -24,7 +24,7 @@ from airzoo_bench.tables.breakdown import (
     group_records,
     number_texts,
 )
-from airzoo_bench.tables.entries import UNITS
+from airzoo_bench.tables.method_table import UNITS
 from airzoo_bench.tables.model import Cell, Column, Row, Table, mark_best
 from airzoo_bench.tables.wording import (
     brackets_note,
@@ -80,7 +80,7 @@ def breakdown_table(
     by: str,
     *,
     bins: Sequence[float] | None = None,
-    plan: Plan | None = None,
+    plan: ResamplingConfig | None = None,
 ) -> Table:
     """Lay out scores by group: over all queries of the group, whatever their scene.
 
@@ -92,7 +92,7 @@ def breakdown_table(
     scores : sequence of ScoreColumn
     by, bins
         See `group_records`.
-    plan : Plan, optional
+    plan : ResamplingConfig, optional
         Of the intervals, within each group; none where left out.
 
     Raises
@@ -211,7 +211,9 @@ def _infinite(shown: _Variables, averages: Floats) -> list[str]:
     return notes
 
 
-def group_intervals(sample: Sample, grouping: Grouping, plan: Plan) -> list[list[Interval]]:
+def group_intervals(
+    sample: Sample, grouping: Grouping, plan: ResamplingConfig
+) -> list[list[Interval]]:
     """Take the intervals of averages within groups, resampled within each group.
 
     Parameters
@@ -219,7 +221,7 @@ def group_intervals(sample: Sample, grouping: Grouping, plan: Plan) -> list[list
     sample : Sample
         V variables of all records, as one group.
     grouping : Grouping
-    plan : Plan
+    plan : ResamplingConfig
 
     Returns
     -------
@@ -241,7 +243,10 @@ def group_intervals(sample: Sample, grouping: Grouping, plan: Plan) -> list[list
 
 
 def _about_intervals(
-    shown: _Variables, labels: Sequence[str], intervals: list[list[Interval]], plan: Plan
+    shown: _Variables,
+    labels: Sequence[str],
+    intervals: list[list[Interval]],
+    plan: ResamplingConfig,
 ) -> list[str]:
     alone = len(shown.methods) == 1
     reasons = by_reason(

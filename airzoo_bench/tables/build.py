@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
-from airzoo_bench.tables.entries import OVERALL, as_shown, board_of, identity, score_column
 from airzoo_bench.tables.layouts import AVERAGE, methods_layout
+from airzoo_bench.tables.method_table import OVERALL, as_shown, identity, method_table, score_column
 from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty, mark_best
 
 __all__ = ["POOLED", "methods_table", "scenes_table"]
@@ -98,7 +98,7 @@ def methods_table(
     ResultError
         The results are not of one protocol and one truth, or have no such scene.
     """
-    return mark_best(methods_layout(board_of(results, every_score=every_score), scene))
+    return mark_best(methods_layout(method_table(results, every_score=every_score), scene))
 
 
 def _cells(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import read_toml
-from airzoo_bench.tables.marks import cite
+from airzoo_bench.tables.annotations import cite
 from airzoo_bench.tables.model import Table
 
 __all__ = ["add_citations"]

@@ -12,9 +12,9 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
-from airzoo_bench.statistics.samples import gap
+from airzoo_bench.statistics.samples import difference
 from airzoo_bench.tables.breakdown import condition_names, condition_title, number_texts
-from airzoo_bench.tables.entries import UNITS
+from airzoo_bench.tables.method_table import UNITS
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.wording import score_cell
 
@@ -50,7 +50,7 @@ def differences_table(
     """
     sample = make_sample(methods, scores, scene)
     by_score = np.concatenate(sample.values, axis=1).reshape(len(scores), len(methods), -1)
-    spread = gap(by_score.max(axis=1), by_score.min(axis=1))
+    spread = difference(by_score.max(axis=1), by_score.min(axis=1))
     rows = _rows_in_order(methods[0], scene, by_query=sample.unit == "query")
     ids = methods[0].records["query"].to_numpy(str)[rows]
     order = np.lexsort([ids, *(-spread[::-1])])
@@ -76,7 +76,11 @@ def _shown(
 ) -> list[_Filled]:
     """Return the columns of every method and of their difference, which of many stands first."""
     unit, two = UNITS[score.unit], len(methods) == 2
-    amounts = gap(values[1 - base], values[base]) if two else gap(values.max(0), values.min(0))
+    amounts = (
+        difference(values[1 - base], values[base])
+        if two
+        else difference(values.max(0), values.min(0))
+    )
     heads = [Column(method.name, unit, score.higher_is_better) for method in methods]
     heads.insert(2 if two else 0, Column("Difference" if two else "Best to worst", unit))
     numbers = np.insert(values, 2 if two else 0, amounts, axis=0).tolist()

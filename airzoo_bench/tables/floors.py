@@ -7,19 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
-from airzoo_bench.tables.entries import OVERALL, Board, Entry, as_shown
+from airzoo_bench.tables.method_table import OVERALL, MethodRow, MethodTable, as_shown
 
 __all__ = ["shared_references", "with_floors"]
 
 _ROUNDING = 1e-9
 
 
-def with_floors(board: Board, results: Sequence[Result]) -> Board:
+def with_floors(board: MethodTable, results: Sequence[Result]) -> MethodTable:
     """Put what scores without a method behind a board's entries, and say what it is.
 
     Parameters
     ----------
-    board : Board
+    board : MethodTable
     results : sequence of Result
         Of one protocol and truth, so that all should hold the same references.
     """
@@ -60,10 +60,10 @@ def _alike(one: Reference, other: Reference) -> bool:
     )
 
 
-def _floor(name: str, reference: Reference, columns: Mapping[str, ScoreColumn]) -> Entry:
+def _floor(name: str, reference: Reference, columns: Mapping[str, ScoreColumn]) -> MethodRow:
     parts = {OVERALL: reference.overall} | reference.scenes
     values = {
         scene: {key: as_shown(columns[key], value) for key, value in part.items()}
         for scene, part in parts.items()
     }
-    return Entry(name, values, floor=True)
+    return MethodRow(name, values, floor=True)

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from airzoo_bench.tables.blocks import by_block, by_count, leading_columns
-from airzoo_bench.tables.extent import text_extent
 from airzoo_bench.tables.latex_document import document
 from airzoo_bench.tables.latex_float import LatexStyle, needs, placed
 from airzoo_bench.tables.latex_numbers import NumberFormat, beside, is_number, number_format
 from airzoo_bench.tables.latex_text import escape, math_minus
+from airzoo_bench.tables.latex_width import text_width
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 __all__ = ["LatexStyle", "latex"]
@@ -104,7 +104,7 @@ def _legend(table: Table, pieces: list[_Piece]) -> list[str]:
 
 def _letters(table: Table) -> int:
     """Estimate how many letters of a footnote are as wide as a table."""
-    heads = [column.title + column.beside_title for column in table.columns]
+    heads = [column.title + column.title_suffix for column in table.columns]
     widest = [max(map(len, texts)) for texts in zip(heads, *table.texts(), strict=True)]
     widest[0] += _CITATION * any(row.cells[0].cite for row in table.rows)
     return round(_PER_LETTER * sum(widest) + _PER_GAP * (len(widest) - 1))
@@ -152,7 +152,7 @@ def _stands_alone(piece: Table, index: int) -> bool:
     groups = [column.group for column in piece.columns]
     lone = [c for c in piece.columns if c.group and groups.count(c.group) == 1]
     return piece.columns[index] in lone and any(
-        text_extent(c.group, bold=True) > text_extent(c.heading, bold=True) for c in lone
+        text_width(c.group, bold=True) > text_width(c.heading, bold=True) for c in lone
     )
 
 
@@ -185,7 +185,7 @@ def _room(piece: _Piece, index: int) -> str:
 
 
 def _beside_title(column: Column) -> str:
-    beside_title = escape(column.beside_title)
+    beside_title = escape(column.title_suffix)
     return f" {beside_title}" if beside_title else ""
 
 

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.tables.blocks import by_block, by_count, leading_columns, units
-from airzoo_bench.tables.extent import COLUMN, PAGE, extent
 from airzoo_bench.tables.latex_text import escape
+from airzoo_bench.tables.latex_width import COLUMN, PAGE, latex_width
 from airzoo_bench.tables.model import Table
 
 __all__ = ["LatexStyle", "check_style", "needs", "options_of", "placed"]
@@ -121,7 +121,7 @@ def _environment(width: float) -> str:
 
 
 def _width(table: Table, style: LatexStyle) -> float:
-    return max(extent(piece, aligned=style.siunitx) for piece in by_count(table))
+    return max(latex_width(piece, aligned=style.siunitx) for piece in by_count(table))
 
 
 def _use(table: Table, style: LatexStyle, *, alone: bool) -> str:

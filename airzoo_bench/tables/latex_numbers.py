@@ -83,7 +83,7 @@ def number_format(cells: Sequence[Cell], decimals: int) -> NumberFormat:
     decimals : int
     """
     texts = [cell.text(decimals).lstrip("<") for cell in cells if is_number(cell)]
-    widest = max(cells, key=lambda cell: len(" ".join(cell.beside(decimals))), default=None)
+    widest = max(cells, key=lambda cell: len(" ".join(cell.suffix(decimals))), default=None)
     return NumberFormat(
         max((len(text.lstrip("-").partition(".")[0]) for text in texts), default=1),
         decimals,
@@ -94,7 +94,7 @@ def number_format(cells: Sequence[Cell], decimals: int) -> NumberFormat:
 
 def beside(cell: Cell, decimals: int, gap: str = " ") -> str:
     """Return what stands beside a value behind a gap: uncertainty, then gain in grey."""
-    parts = " ".join(map(_one_beside, cell.beside(decimals)))
+    parts = " ".join(map(_one_beside, cell.suffix(decimals)))
     return f"{gap}{parts}" if parts else ""
 
 

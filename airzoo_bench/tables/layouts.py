@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from airzoo_bench.results.comparable import find_scene
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.entries import OVERALL, Board, Entry, score_column
-from airzoo_bench.tables.heads import benchmark_heads
+from airzoo_bench.tables.benchmark_titles import benchmark_titles
+from airzoo_bench.tables.method_table import OVERALL, MethodRow, MethodTable, score_column
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 __all__ = ["AVERAGE", "benchmarks_layout", "methods_layout", "scenes_layout"]
@@ -17,12 +17,12 @@ AVERAGE = "Average"
 """The head of the average over scenes, where scenes stand side by side."""
 
 
-def methods_layout(board: Board, scene: str | None = None) -> Table:
+def methods_layout(board: MethodTable, scene: str | None = None) -> Table:
     """Lay out a row a method, a column a score: of the average over scenes, or of one scene.
 
     Parameters
     ----------
-    board : Board
+    board : MethodTable
     scene : str, optional
         Id or title.
 
@@ -41,13 +41,13 @@ def methods_layout(board: Board, scene: str | None = None) -> Table:
 
 
 def scenes_layout(
-    board: Board, *, average: bool = True, queries: bool = False, per_block: int | None = None
+    board: MethodTable, *, average: bool = True, queries: bool = False, per_block: int | None = None
 ) -> Table:
     """Lay out scenes side by side, the scores under each, and the average over scenes last.
 
     Parameters
     ----------
-    board : Board
+    board : MethodTable
     average : bool
     queries : bool
         Write the number of queries behind a scene's title.
@@ -75,14 +75,14 @@ def scenes_layout(
     )
 
 
-def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) -> Table:
+def benchmarks_layout(boards: Sequence[MethodTable], *, per_block: int | None = None) -> Table:
     """Lay out a row a method and benchmarks side by side, the average of each over its scenes.
 
     Benchmarks of one track follow each other, in the order of the first ones.
 
     Parameters
     ----------
-    boards : sequence of Board
+    boards : sequence of MethodTable
         Each of another protocol.
     per_block : int, optional
         How many benchmarks stand side by side where a format breaks the table; up to four by
@@ -90,7 +90,7 @@ def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) 
     """
     tracks = [board.track for board in boards]
     boards = sorted(boards, key=lambda board: tracks.index(board.track))
-    heads = benchmark_heads(boards)
+    heads = benchmark_titles(boards)
     numbered = [_numbered(board.entries) for board in boards]
     keys = sorted(dict.fromkeys(key for found in numbered for key in found), key=_is_floor)
     columns = [
@@ -116,7 +116,7 @@ def benchmarks_layout(boards: Sequence[Board], *, per_block: int | None = None) 
     )
 
 
-def _notes_of(boards: Sequence[Board], heads: Sequence[str]) -> dict[str, str]:
+def _notes_of(boards: Sequence[MethodTable], heads: Sequence[str]) -> dict[str, str]:
     """Return what is said for each note of boards; what is not of all says of which it is."""
     titles: dict[str, list[str]] = {}
     for board, head in zip(boards, heads, strict=True):
@@ -127,7 +127,7 @@ def _notes_of(boards: Sequence[Board], heads: Sequence[str]) -> dict[str, str]:
     return {n: n if n in of_all else f"{', '.join(those)}: {n}" for n, those in titles.items()}
 
 
-def _rows(entries: Sequence[Entry], cells: Sequence[list[Cell]]) -> tuple[Row, ...]:
+def _rows(entries: Sequence[MethodRow], cells: Sequence[list[Cell]]) -> tuple[Row, ...]:
     return tuple(
         Row(
             (Cell(entry.method), *own),
@@ -139,7 +139,7 @@ def _rows(entries: Sequence[Entry], cells: Sequence[list[Cell]]) -> tuple[Row, .
     )
 
 
-def _head(board: Board, key: str, queries: bool) -> str:
+def _head(board: MethodTable, key: str, queries: bool) -> str:
     number = board.queries.get(key)
     counted = queries and number is not None
     return f"{board.scenes[key]} ({number})" if counted else board.scenes[key]
@@ -164,7 +164,7 @@ def _is_floor(key: _Key) -> bool:
     return key[2]
 
 
-def _numbered(entries: Sequence[Entry]) -> dict[_Key, Entry]:
+def _numbered(entries: Sequence[MethodRow]) -> dict[_Key, MethodRow]:
     """Return entries by what makes them one row across benchmarks: two of one name stay two."""
     seen: Counter[tuple[str, bool, bool]] = Counter()
     found = {}
@@ -175,8 +175,10 @@ def _numbered(entries: Sequence[Entry]) -> dict[_Key, Entry]:
     return found
 
 
-def _across(key: _Key, boards: Sequence[Board], numbered: Sequence[dict[_Key, Entry]]) -> Row:
-    empty = Entry(key[0], {})
+def _across(
+    key: _Key, boards: Sequence[MethodTable], numbered: Sequence[dict[_Key, MethodRow]]
+) -> Row:
+    empty = MethodRow(key[0], {})
     cells = [
         found.get(key, empty).cell(OVERALL, score)
         for board, found in zip(boards, numbered, strict=True)

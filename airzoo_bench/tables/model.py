@@ -88,7 +88,7 @@ class Column:
     block: str = ""
 
     @property
-    def beside_title(self) -> str:
+    def title_suffix(self) -> str:
         """What follows the title: unit and direction; the unit of grouped columns is a note's."""
         unit = f" [{self.unit}]" if self.unit and not self.group else ""
         arrow = {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
@@ -97,7 +97,7 @@ class Column:
     @property
     def heading(self) -> str:
         """Title, unit and direction, such as ``R@1 [%] ↑``."""
-        return f"{self.title}{self.beside_title}"
+        return f"{self.title}{self.title_suffix}"
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Cell:
             return f"<{show_number(self.least, decimals)}"
         return show_number(self.value, decimals)
 
-    def beside(self, decimals: int) -> list[str]:
+    def suffix(self, decimals: int) -> list[str]:
         """Return what stands beside the value: uncertainty, then gain."""
         parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
         return (
@@ -216,7 +216,7 @@ class Table:
         """Return every cell as it is shown, with what stands beside its value."""
         return [
             [
-                " ".join([cell.text(column.decimals), *cell.beside(column.decimals)])
+                " ".join([cell.text(column.decimals), *cell.suffix(column.decimals)])
                 + (f" {_DAGGER}" if row.reported and not index else "")
                 for index, (cell, column) in enumerate(zip(row.cells, self.columns, strict=True))
             ]

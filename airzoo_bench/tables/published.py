@@ -18,7 +18,7 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.settings import Name, Strict
 from airzoo_bench.core.validation import nearest, read_toml, validated
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.tables.printed.cells import Printed
+from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.table import read_published
 
 __all__ = [
@@ -154,7 +154,7 @@ def read_source(path: Path) -> list[PublishedTable]:
     ]
 
 
-def _value(cell: Printed) -> float:
+def _value(cell: PrintedValue) -> float:
     """Return a share in percent, anything else as it is printed."""
     return float(cell.number.value * (100 // cell.full if cell.score.is_share else 1))
 

@@ -9,7 +9,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
 from airzoo_bench.tables.printed_comparison import Bounds, hit_rate_interval
 from airzoo_bench.tables.verdicts import LEAST_P, bounds_verdict
@@ -31,7 +31,7 @@ def intervals_table(
     method: Scored,
     scores: Sequence[ScoreColumn],
     found: SampleIntervals,
-    plan: Plan,
+    plan: ResamplingConfig,
     scene: str | None = None,
 ) -> Table:
     """Lay out the intervals of one method: a row a scene and score, then the average.
@@ -42,7 +42,7 @@ def intervals_table(
     scores : sequence of ScoreColumn
     found : SampleIntervals
         From `score_intervals`, of the same scores and scene.
-    plan : Plan
+    plan : ResamplingConfig
     scene : str, optional
         This scene's rows only.
     """

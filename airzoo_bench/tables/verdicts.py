@@ -7,8 +7,8 @@ import math
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import Pair
 from airzoo_bench.statistics.corrections import LEVEL
-from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.tables.entries import as_shown
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.method_table import as_shown
 from airzoo_bench.tables.model import share_to_percent, show_number
 from airzoo_bench.tables.printed_comparison import Bounds
 
@@ -48,7 +48,7 @@ def verdict(pair: Pair) -> str:
     return "better" if pair.is_better else "worse"
 
 
-def sentence(pair: Pair, plan: Plan) -> str:
+def sentence(pair: Pair, plan: ResamplingConfig) -> str:
     """Say what a pair shows, with its numbers, at a level of 5 % after Holm's correction."""
     word, title = verdict(pair), pair.score.title
     if word == "equal":
@@ -113,7 +113,7 @@ def _number(score: ScoreColumn, value: float) -> str:
     return show_number(as_shown(score, value), 2)
 
 
-def _span(pair: Pair, plan: Plan) -> str:
+def _span(pair: Pair, plan: ResamplingConfig) -> str:
     """Return the interval as that of the amount by which the better one is ahead."""
     low, high = pair.interval.low, pair.interval.high
     if low is None or high is None:

@@ -8,8 +8,8 @@ from airzoo_bench.core.plurals import plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.tables.entries import UNITS, as_shown
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.method_table import UNITS, as_shown
 from airzoo_bench.tables.model import Between, Cell, share_to_percent
 
 __all__ = [
@@ -92,7 +92,7 @@ def resampled(unit: str) -> str:
 
 
 def intervals_made(
-    intervals: Iterable[Interval], plan: Plan, drawn: str, what: str = "intervals"
+    intervals: Iterable[Interval], plan: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> str:
     """Say how intervals were made, by the kinds that there are; empty where there are none.
 
@@ -100,7 +100,7 @@ def intervals_made(
     ----------
     intervals : iterable of Interval
         All that are shown: where BCa does not exist, they are percentile.
-    plan : Plan
+    plan : ResamplingConfig
     drawn : str
         What was resampled, within what; such as `resampled` says.
     what : str
@@ -126,7 +126,7 @@ def intervals_made(
 
 
 def brackets_note(
-    intervals: Iterable[Interval], plan: Plan, drawn: str, what: str = "intervals"
+    intervals: Iterable[Interval], plan: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> list[str]:
     """Say what stands in square brackets, if anything does; see `intervals_made`."""
     made = intervals_made(intervals, plan, drawn, what)

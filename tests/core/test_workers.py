@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 
 SCRIPT = """
 import sys, time
@@ -42,13 +42,13 @@ def fail(number: int) -> int:
 
 
 def test_results_come_in_order_for_any_number_of_workers() -> None:
-    assert list(spread(square, range(10), 1)) == [n * n for n in range(10)]
-    assert list(spread(square, range(10), 2)) == [n * n for n in range(10)]
+    assert list(parallel_map(square, range(10), 1)) == [n * n for n in range(10)]
+    assert list(parallel_map(square, range(10), 2)) == [n * n for n in range(10)]
 
 
 def test_an_error_of_a_worker_is_the_parents() -> None:
     with pytest.raises(ValueError, match="three"):
-        list(spread(fail, range(10), 2))
+        list(parallel_map(fail, range(10), 2))
 
 
 LARGE = """

@@ -9,7 +9,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from airzoo_bench.datasets.suspicion_kinds import Kind
+from airzoo_bench.datasets.plausibility_kinds import Kind
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "benchmark-folder.md"

@@ -15,9 +15,9 @@ from rasterio import Affine
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.photos import prepare_photos
+from airzoo_bench.datasets.plausibility import plausibility_warnings
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.datasets.sources import PhotoSources
-from airzoo_bench.datasets.suspicions import suspicions
 from tests.support import photo_protocols
 
 GIMBAL = "yaw is 180 degrees off in 6 of 18 (first 3: park/DJI_0024, park/DJI_0025, park/DJI_0026)"
@@ -45,7 +45,7 @@ def test_the_sound_scene(sources: PhotoSources, tmp_path: Path) -> None:
     # With the range as the end of rays over holes the mean was 0.96, and 11 crops the whole map.
     assert facts.crop_shares.mean() == pytest.approx(0.501, abs=0.002)
     assert facts.crop_shares.max() < 0.7
-    said = suspicions(facts)
+    said = plausibility_warnings(facts)
     assert len(said) == 3
     assert GIMBAL in said[0]
     assert "56% of the map is exactly one colour (0 0 0)" in said[1]
@@ -119,7 +119,7 @@ SUSPECT = {
 @pytest.mark.parametrize("case", list(SUSPECT))
 def test_what_is_suspect(case: str, sources: PhotoSources, tmp_path: Path) -> None:
     change, said = SUSPECT[case]
-    found = suspicions(facts_of(change(sources, tmp_path), tmp_path))
+    found = plausibility_warnings(facts_of(change(sources, tmp_path), tmp_path))
     assert any(said in one for one in found), found
     assert any(GIMBAL in one for one in found)
 
@@ -128,7 +128,7 @@ def test_stated_feet_are_metres(sources: PhotoSources, tmp_path: Path) -> None:
     feet = surface(lambda z: z / (1200 / 3937), crs="EPSG:32615+6360")(sources, tmp_path)
     facts = facts_of(feet, tmp_path)
     assert facts.cameras.height_m == pytest.approx(35.1, abs=0.1)
-    assert len(suspicions(facts)) == 3
+    assert len(plausibility_warnings(facts)) == 3
 
 
 @pytest.mark.parametrize(

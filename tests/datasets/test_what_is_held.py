@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.datasets.folder_facts import folder_facts
 from airzoo_bench.datasets.geometry_checks.dataset import open_benchmark
+from airzoo_bench.datasets.plausibility import kinds_and_warnings
+from airzoo_bench.datasets.plausibility_kinds import Kind
 from airzoo_bench.datasets.prior_errors import prior_errors, turned_priors
-from airzoo_bench.datasets.suspicion_kinds import Kind
-from airzoo_bench.datasets.suspicions import kinds_and_sentences
 from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
@@ -435,7 +435,7 @@ def test_what_is_suspect_is_named_then_and_later(
     assert found["warnings"] == warned
     facts = folder_facts(open_benchmark(Path("park")), "park")
     assert facts is not None
-    assert set(KINDS[case]) <= {kind for kind, _ in kinds_and_sentences(facts)}
+    assert set(KINDS[case]) <= {kind for kind, _ in kinds_and_warnings(facts)}
     assert run_main("check-geometry", "park") == 0
     assert "warns" in capsys.readouterr().out
 

@@ -11,7 +11,7 @@ import pytest
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import was_rounded_to
-from airzoo_bench.matching.predictions import Correspondences, PoseClaim, faults
+from airzoo_bench.matching.predictions import Correspondences, PoseClaim, validation_errors
 from airzoo_bench.matching.reading import read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import without
@@ -56,7 +56,7 @@ def test_matches_are_read_as_they_are(tmp_path: Path) -> None:
     np.testing.assert_array_equal(claim.query_xy[claim.of(1)], MATCHES["query_xy"][2:])
     np.testing.assert_array_equal(claim.map_xy, MATCHES["map_xy"])
     np.testing.assert_array_equal(claim.image_size, size)
-    assert list(faults(read)) == []
+    assert list(validation_errors(read)) == []
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
@@ -92,7 +92,7 @@ def test_queries_without_any_match_are_a_claim_too(tmp_path: Path) -> None:
         "query_xy": np.zeros((0, 2)),
         "map_xy": np.zeros((0, 2)),
     }
-    assert list(faults(read_matching(written(tmp_path / "m.npz", fields), LIMIT))) == []
+    assert list(validation_errors(read_matching(written(tmp_path / "m.npz", fields), LIMIT))) == []
 
 
 SCALED = RT * np.array([2.0, 2.0, 2.0, 1.0])
@@ -230,7 +230,7 @@ FAULTY: dict[str, tuple[dict[str, Any], list[str]]] = {
 @pytest.mark.parametrize("case", FAULTY)
 def test_faulty(tmp_path: Path, case: str) -> None:
     fields, fragments = FAULTY[case]
-    found = list(faults(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
+    found = list(validation_errors(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
     assert len(found) == 1
     assert found[0].where is not None
     assert "bad.npz, field" in found[0].where
@@ -245,7 +245,7 @@ def test_all_faults_are_found_at_once(tmp_path: Path) -> None:
         "offsets": np.zeros(1, np.int64),
         "query_xy": np.full((5, 2), np.nan),
     }
-    found = list(faults(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
+    found = list(validation_errors(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
     assert ["holds no id" in f.what for f in found] == [True, False, False]
     assert "do not add up" in found[1].what
     assert "5 rows are NaN" in found[2].what

@@ -23,11 +23,11 @@ from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.tables.annotations import add_gains, cite, highlight, parse_baselines
 from airzoo_bench.tables.blocks import by_count
-from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
-from airzoo_bench.tables.marks import add_gains, cite, highlight, parse_baselines
+from airzoo_bench.tables.method_table import MethodTable, with_published
 from airzoo_bench.tables.model import Cell, Table, mark_best
 from airzoo_bench.tables.published import (
     PublishedTable,
@@ -139,13 +139,13 @@ def scores_of(track: str) -> tuple[ScoreColumn, ...]:
     return score_columns([Score("f1_10m", "F1", "share", True, "mean", True)])
 
 
-def board_of(table: PublishedTable) -> Board:
+def board_of(table: PublishedTable) -> MethodTable:
     """Return the board of a printed table, its rows as if they were of the paper's authors."""
     first = next(iter(table.values.values()))
     printed = {key for scores in first.values() for key in scores}
     scores = tuple(score for score in scores_of(table.track) if score.key in printed)
     scenes = {scene: scene for scene in first if scene}
-    empty = Board(table.label, table.benchmark, table.track, scores, scenes, {}, ())
+    empty = MethodTable(table.label, table.benchmark, table.track, scores, scenes, {}, ())
     board = with_published(empty, [table], by_scene=table.has_scenes)
     assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.entries)
     return replace(board, entries=tuple(replace(e, reported="") for e in board.entries))

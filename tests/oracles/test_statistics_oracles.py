@@ -12,7 +12,7 @@ from scipy import stats
 from airzoo_bench.statistics.averages import weighted_averages
 from airzoo_bench.statistics.draws import resample_counts, sign_flips, stream_key
 from airzoo_bench.statistics.intervals import bootstrap
-from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import mcnemar, paired_permutation
 from airzoo_bench.tables.printed_comparison import hit_rate_interval
 
@@ -42,7 +42,7 @@ def sample(kind: str, sizes: tuple[int, ...] = SIZES) -> Sample:
     return Sample("query", names, values, np.array([kind == "errors"]))
 
 
-def own_resamples(made: Sample, plan: Plan) -> np.ndarray:
+def own_resamples(made: Sample, plan: ResamplingConfig) -> np.ndarray:
     """Return the resamples of the mean over groups, (B,)."""
     parts = []
     for group, values in zip(made.groups, made.values, strict=True):
@@ -56,7 +56,7 @@ def own_resamples(made: Sample, plan: Plan) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["hits", "soft", "errors"])
 def test_the_same_resamples_give_scipy_s_interval(kind: str, method: str) -> None:
     # SciPy takes resamples that were made before; z0, acceleration and quantiles are its own.
-    made, plan = sample(kind), Plan(resamples=2_000, interval=method)  # type: ignore[arg-type]
+    made, plan = sample(kind), ResamplingConfig(resamples=2_000, interval=method)  # type: ignore[arg-type]
     found = bootstrap(made, plan).overall[0]
     peer = stats.bootstrap(
         tuple(values[0] for values in made.values),
@@ -72,7 +72,7 @@ def test_the_same_resamples_give_scipy_s_interval(kind: str, method: str) -> Non
 @pytest.mark.parametrize("method", ["bca", "percentile"])
 @pytest.mark.parametrize("kind", ["hits", "soft", "errors"])
 def test_scipy_s_own_resamples_give_nearly_the_same(kind: str, method: str) -> None:
-    made, plan = sample(kind), Plan(resamples=5_000, interval=method)  # type: ignore[arg-type]
+    made, plan = sample(kind), ResamplingConfig(resamples=5_000, interval=method)  # type: ignore[arg-type]
     found = bootstrap(made, plan).overall[0]
     peer = stats.bootstrap(
         tuple(values[0] for values in made.values),
@@ -89,7 +89,7 @@ def test_scipy_s_own_resamples_give_nearly_the_same(kind: str, method: str) -> N
 def test_paired_differences(kind: str) -> None:
     first, second = drawn(kind, 50, 1), drawn(kind, 50, 2)
     made = Sample("query", ("s",), (np.stack([first, second]),), np.full(2, kind == "errors"))
-    found = bootstrap(made, Plan(resamples=5_000), [(0, 1)]).overall[2]
+    found = bootstrap(made, ResamplingConfig(resamples=5_000), [(0, 1)]).overall[2]
     average = np.median if kind == "errors" else np.mean
     peer = stats.bootstrap(
         (first, second),
@@ -112,7 +112,7 @@ def test_exact_permutation(average: Any) -> None:
         made = Sample(
             "query", ("s",), (np.stack([first, second]),), np.full(2, average is np.median)
         )
-        test = paired_permutation(made, Plan(resamples=1_000), [(0, 1)])[0]
+        test = paired_permutation(made, ResamplingConfig(resamples=1_000), [(0, 1)])[0]
         peer = stats.permutation_test(
             (first, second),
             lambda x, y, axis: np.abs(average(x, axis=axis) - average(y, axis=axis)),
@@ -128,7 +128,7 @@ def test_random_permutation() -> None:
     random = np.random.default_rng(0)
     first, second = random.random(80) + 0.08, random.random(80)
     made = Sample("query", ("s",), (np.stack([first, second]),), np.zeros(2, bool))
-    test = paired_permutation(made, Plan(), [(0, 1)])[0]
+    test = paired_permutation(made, ResamplingConfig(), [(0, 1)])[0]
     peer = stats.permutation_test(
         (first, second),
         lambda x, y, axis: np.abs(np.mean(x, axis=axis) - np.mean(y, axis=axis)),

@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.cloud_suspicions import lost_digits, mirror_suspicion, suspicions
+from airzoo_bench.reconstruction.cloud_plausibility import (
+    lost_digits,
+    mirror_warning,
+    plausibility_warnings,
+)
 
 TRUTH = np.array([[576_661.0, 5_188_114.0, 156.0], [576_768.0, 5_188_211.0, 169.0]])
 LOCAL = TRUTH - TRUTH[0]
@@ -17,7 +21,7 @@ LOCAL = TRUTH - TRUTH[0]
 
 @given(st.floats(0.2, 5.0), st.floats(-200, 200))
 def test_a_cloud_that_lies_about_right_raises_none(scale: float, shift: float) -> None:
-    assert suspicions(TRUTH[0] + LOCAL * scale + shift, TRUTH) == ()
+    assert plausibility_warnings(TRUTH[0] + LOCAL * scale + shift, TRUTH) == ()
 
 
 @pytest.mark.parametrize(
@@ -35,20 +39,20 @@ def test_a_cloud_that_lies_about_right_raises_none(scale: float, shift: float) -
     ],
 )
 def test_what_it_looks_like(cloud: np.ndarray, truth: np.ndarray, message: str) -> None:
-    (said,) = suspicions(cloud, truth)
+    (said,) = plausibility_warnings(cloud, truth)
     assert message in said
 
 
 def test_bounds_that_are_not_finite_tell_nothing() -> None:
     for value in (np.nan, np.inf):
-        assert suspicions(np.full((2, 3), value), TRUTH) == ()
+        assert plausibility_warnings(np.full((2, 3), value), TRUTH) == ()
         assert lost_digits(np.full((2, 3), value), np.dtype("f4"), 1.0, 0.01) is None
 
 
 def test_a_single_point_is_compared_by_its_place() -> None:
     point = np.repeat(TRUTH[:1], 2, axis=0)
-    assert suspicions(point, TRUTH) == ()
-    assert "away" in suspicions(np.zeros((2, 3)), TRUTH)[0]
+    assert plausibility_warnings(point, TRUTH) == ()
+    assert "away" in plausibility_warnings(np.zeros((2, 3)), TRUTH)[0]
 
 
 SCENE = TRUTH[0] + np.random.default_rng(0).uniform(0, 90, (500, 3))
@@ -103,7 +107,7 @@ OWN = Similarity(3.0, Rotation.from_euler("xyz", (10, 20, 30), degrees=True).as_
 def test_a_cloud_that_is_mirrored_in_its_own_frame(axes: str) -> None:
     signs = [-1.0 if axis in axes else 1.0 for axis in ("x", "y", "z")]
     truth = OWN.apply(HILLS / 3)
-    found = mirror_suspicion(OWN.apply(HILLS / 3 * signs), truth, OWN, [2.0])
+    found = mirror_warning(OWN.apply(HILLS / 3 * signs), truth, OWN, [2.0])
     assert found is not None
     assert f"{axes} negated about the origin of its own frame" in found
 
@@ -112,17 +116,17 @@ def test_a_cloud_that_is_mirrored_where_it_lies() -> None:
     truth = HILLS + TRUTH[0]
     middle = np.median(truth, axis=0)
     mirrored = (truth - middle) * (-1, 1, 1) + middle
-    found = mirror_suspicion(mirrored, truth, Similarity.identity(), [2.0])
+    found = mirror_warning(mirrored, truth, Similarity.identity(), [2.0])
     assert found is not None
     assert "x negated about its middle" in found
 
 
 def test_a_cloud_that_fits_or_is_merely_wrong_is_not_mirrored() -> None:
     truth = HILLS + TRUTH[0]
-    assert mirror_suspicion(truth, truth, Similarity.identity(), [2.0]) is None
+    assert mirror_warning(truth, truth, Similarity.identity(), [2.0]) is None
     noise = np.random.default_rng(2).uniform(-300, 300, (4000, 3)) + TRUTH[0]
-    assert mirror_suspicion(noise, truth, Similarity.identity(), [2.0]) is None
-    assert mirror_suspicion(truth[:0], truth, Similarity.identity(), [2.0]) is None
+    assert mirror_warning(noise, truth, Similarity.identity(), [2.0]) is None
+    assert mirror_warning(truth[:0], truth, Similarity.identity(), [2.0]) is None
 
 
 @pytest.mark.parametrize(
@@ -141,8 +145,8 @@ def test_a_flat_scene_tells_by_the_finer_distances(
     flat -= flat.mean(axis=0)
     wrong = flat[:, order] * signs
     own = Similarity(1.0, np.eye(3), TRUTH[0])
-    found = mirror_suspicion(own.apply(wrong), own.apply(flat), own, [1.0, 10.0])
+    found = mirror_warning(own.apply(wrong), own.apply(flat), own, [1.0, 10.0])
     assert found is not None
     assert words in found
     raised = flat + np.array((0.0, 0.0, 4.0))
-    assert mirror_suspicion(own.apply(raised), own.apply(flat), own, [1.0, 10.0]) is None
+    assert mirror_warning(own.apply(raised), own.apply(flat), own, [1.0, 10.0]) is None

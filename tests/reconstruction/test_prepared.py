@@ -13,9 +13,9 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.prepared import (
-    Held,
-    Moved,
+    InMemoryCloud,
     PreparedCloud,
+    TransformedCloud,
     box_of,
     cropped_region,
     prepared,
@@ -114,16 +114,16 @@ def test_moving_keeps_colours_and_the_more_confident_points() -> None:
         np.array([0.2, 0.5, 0.9], np.float32),
     )
     transform = Similarity(2.0, np.eye(3), np.array((10.0, 0, 0)))
-    everything = next(Moved(Held(cloud), transform, None).pieces(10))
+    everything = next(TransformedCloud(InMemoryCloud(cloud), transform, None).pieces(10))
     np.testing.assert_array_equal(everything.points[:2], [[12, 0, 0], [10, 2, 0]])
     assert not np.isfinite(everything.points[2]).all()
-    kept = next(Moved(Held(cloud), transform, 0.2).pieces(10))
+    kept = next(TransformedCloud(InMemoryCloud(cloud), transform, 0.2).pieces(10))
     assert kept.colours is not None
     np.testing.assert_array_equal(kept.colours, cloud.colours[1:])
     assert len(kept) == 2
     # Without confidences nothing is asked of them.
-    bare = Held(Cloud(cloud.points))
-    assert len(next(Moved(bare, transform, 0.9).pieces(10))) == 3
+    bare = InMemoryCloud(Cloud(cloud.points))
+    assert len(next(TransformedCloud(bare, transform, 0.9).pieces(10))) == 3
 
 
 def test_the_box_of_a_cloud() -> None:

@@ -15,7 +15,7 @@ import pytest
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.reconstruction.camera_names import claim_of_scene
+from airzoo_bench.reconstruction.camera_names import match_cameras
 from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.reading import ScenePrediction
 from airzoo_bench.reconstruction.truth import read_truth
@@ -364,7 +364,7 @@ def test_views_without_names_follow_the_names_of_the_files(world: World) -> None
     images = ImagePoses(numbered, np.ones(6, np.bool_), truth.poses.take(order), np.zeros(6))
     points = np.ones((6, 2, 2, 3))
     views = Views(Path("x"), None, points, None, images, None, None, named=False)
-    claim = claim_of_scene(ScenePrediction(views, images), truth, "x")
+    claim = match_cameras(ScenePrediction(views, images), truth, "x")
     assert claim.cameras is not None
     assert claim.cameras.names == tuple(sorted(names)) == tuple(names[row] for row in order)
 

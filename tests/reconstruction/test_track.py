@@ -22,8 +22,14 @@ from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.alignment.similarity import umeyama
 from airzoo_bench.reconstruction.observed import observed_cells
-from airzoo_bench.reconstruction.placing import Claim, Rules, TrueScene, Work, place_claim
-from airzoo_bench.reconstruction.prepared import Held
+from airzoo_bench.reconstruction.placing import (
+    BlockWork,
+    MatchedPrediction,
+    ScoringSettings,
+    TrueScene,
+    align_scene,
+)
+from airzoo_bench.reconstruction.prepared import InMemoryCloud
 from airzoo_bench.reconstruction.regions import bounding_box
 from airzoo_bench.reconstruction.scoring import ScoredScene, score_scene
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
@@ -567,19 +573,27 @@ def test_open3d_finds_the_same_scores(world: World, tmp_path: Path) -> None:
     assert record["accuracy_median_m"] == pytest.approx(np.median(there), rel=1e-7)
 
 
-def rules(**sections: Any) -> Rules:
+def rules(**sections: Any) -> ScoringSettings:
     chosen = protocol(**sections)
-    return Rules(chosen.alignment, chosen.fusion, chosen.preparation, chosen.scores)
+    return ScoringSettings(chosen.alignment, chosen.fusion, chosen.preparation, chosen.scores)
 
 
 def scored(
-    points: Array, truth: Array, used: Rules, *, block_points: int = 1 << 20, threads: int = 1
+    points: Array,
+    truth: Array,
+    used: ScoringSettings,
+    *,
+    block_points: int = 1 << 20,
+    threads: int = 1,
 ) -> ScoredScene:
     poses = camera_poses("yard")
     cameras = PosedCameras(tuple("abcdef"), poses.centres, poses.rotation)
-    claim, work = Claim("yard", Held(Cloud(points)), cameras), Work(block_points, threads)
-    true = TrueScene(Held(Cloud(truth)), cameras, lenses(len(poses)))
-    placed = place_claim(claim, true, used, work)
+    claim, work = (
+        MatchedPrediction("yard", InMemoryCloud(Cloud(points)), cameras),
+        BlockWork(block_points, threads),
+    )
+    true = TrueScene(InMemoryCloud(Cloud(truth)), cameras, lenses(len(poses)))
+    placed = align_scene(claim, true, used, work)
     return score_scene(claim, placed, cameras, used, work)
 
 

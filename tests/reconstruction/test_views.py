@@ -11,7 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.image_poses import read_image_poses
-from airzoo_bench.reconstruction.view_suspicions import suspect_camera_to_world, suspect_image_size
+from airzoo_bench.reconstruction.view_plausibility import (
+    suspect_camera_to_world,
+    suspect_image_size,
+)
 from airzoo_bench.reconstruction.views import holds_views, read_views
 from tests.formats.cloud_support import refused
 

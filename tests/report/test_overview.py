@@ -18,7 +18,7 @@ from airzoo_bench.report.figures import figure_bytes
 from airzoo_bench.report.marks import take_turns
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, check_room
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown_layout import breakdown_table
 from tests.report.made import HOSTILE, reconstruction_method, retrieval_method
 from tests.statistics.support import CHAMFER, ERROR, HIT
@@ -169,7 +169,7 @@ def test_whiskers_are_the_intervals_of_breakdown() -> None:
     method = retrieval_method("a", 0)
     axes = draw.condition([method], HIT, "weather").axes[0]
     found = [np.asarray(x.get_ydata()) for x in axes.lines if x.get_linewidth() == 0.9]
-    table = breakdown_table([method], [HIT], "weather", plan=Plan())
+    table = breakdown_table([method], [HIT], "weather", plan=ResamplingConfig())
     spans = [row.cells[-1].uncertainty for row in table.rows]
     wanted = [[span.low, span.high] for span in spans]
     np.testing.assert_allclose(found, np.array(wanted, float))

@@ -113,12 +113,12 @@ def test_breakdowns_are_of_all_scenes_and_of_each(tmp_path: Path) -> None:
 
 def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
     from airzoo_bench.statistics.comparison import score_intervals
-    from airzoo_bench.statistics.samples import Plan
+    from airzoo_bench.statistics.samples import ResamplingConfig
 
     methods = [retrieval_method("a", 1), retrieval_method("b", 0)]
     [part] = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
     for place, method in enumerate(methods):
-        found = score_intervals(method, method.result.columns[:1], Plan())
+        found = score_intervals(method, method.result.columns[:1], ResamplingConfig())
         limits = part["intervals"]["overall"]["recall@1"][place]
         assert limits == pytest.approx([found.overall[0].low, found.overall[0].high])
         west = part["intervals"]["scenes"]["west"]["recall@1"][place]

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, faults
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, validation_errors
 from airzoo_bench.retrieval.reading import read_retrieval
 
 LIMIT = 1 << 24
@@ -33,7 +33,7 @@ def test_ranked_ids(tmp_path: Path) -> None:
     assert read.claim.scores is not None
     assert read.claim.scores.dtype == np.float64
     # NaN beside an empty id is nobody's score.
-    assert list(faults(read, 2)) == []
+    assert list(validation_errors(read, 2)) == []
 
 
 def test_descriptors(tmp_path: Path) -> None:

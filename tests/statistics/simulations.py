@@ -16,7 +16,7 @@ from scipy.stats import binom
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.paired_tests import paired_tests
-from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.shares import average_limits, difference_limits
 from airzoo_bench.statistics.significance import PairedTest, paired_permutation
 
@@ -164,12 +164,14 @@ OTHERS = {
 }
 
 
-def findings(errors: Errors, count: int, plan: Plan, shift: float = 0.0) -> float:
+def findings(errors: Errors, count: int, plan: ResamplingConfig, shift: float = 0.0) -> float:
     """Return the share of data sets in which `compare` finds a difference of medians."""
     return _found(paired_tests(errors.drawn(count, shift, 1), plan, _pairs(count))[1])
 
 
-def findings_of_permutation(errors: Errors, count: int, plan: Plan, shift: float = 0.0) -> float:
+def findings_of_permutation(
+    errors: Errors, count: int, plan: ResamplingConfig, shift: float = 0.0
+) -> float:
     """Return the same of the permutation of values, which tests more than the medians."""
     return _found(paired_permutation(errors.drawn(count, shift, 1), plan, _pairs(count)))
 
@@ -196,7 +198,7 @@ def _figures_of_shares(count: int) -> Iterator[str]:
         yield f"{scenes!s:38} " + " ".join(f"{100 * share:6.1f}" for share in exact)
 
 
-def _figures_of_medians(count: int, plan: Plan) -> Iterator[str]:
+def _figures_of_medians(count: int, plan: ResamplingConfig) -> Iterator[str]:
     yield "p <= 0.05 in %: equal medians, permutation and bootstrap; the same of shifted medians"
     for name, (errors, shift) in (STATED | WITH_FAILURES | OTHERS).items():
         shares = [
@@ -209,6 +211,8 @@ def _figures_of_medians(count: int, plan: Plan) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    for line in chain(_figures_of_shares(4_000), _figures_of_medians(2_000, Plan(1_000))):
+    for line in chain(
+        _figures_of_shares(4_000), _figures_of_medians(2_000, ResamplingConfig(1_000))
+    ):
         sys.stdout.write(f"{line}\n")
         sys.stdout.flush()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from airzoo_bench.statistics.best import against_best
 from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.statistics.support import ERROR, HIT, made_method, random_methods
 
-FAST = Plan(resamples=1_000)
+FAST = ResamplingConfig(resamples=1_000)
 
 
 def test_every_method_against_the_best_as_compare_does() -> None:

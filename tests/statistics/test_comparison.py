@@ -10,13 +10,13 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.comparison import Comparison, compare, make_sample, score_intervals
 from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
 from airzoo_bench.statistics.corrections import holm
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.statistics_layout import intervals_table
 from airzoo_bench.tables.verdicts import sentence
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
-FAST = Plan(resamples=1_000)
+FAST = ResamplingConfig(resamples=1_000)
 EAST, WEST = [1.0, 1, 1, 1, 1, 0, 0, 0], [1.0, 1, 1, 0, 0]
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.render import render
 from airzoo_bench.tables.verdicts import sentence, verdict
@@ -52,7 +52,7 @@ def test_failures(case: str) -> None:
         made_method({"east": scores_of(part[0]), "west": scores_of(part[1])}, columns, name)
         for name, part in (("one", one), ("other", other))
     ]
-    found = compare(methods, columns, plan=Plan(500))
+    found = compare(methods, columns, plan=ResamplingConfig(500))
     assert [verdict(pair) for pair in found.pairs] == expected
     said = render(comparison_table(found), "terminal", width=200)
     assert "nan" not in said.lower()
@@ -71,6 +71,6 @@ def test_why_differences_have_no_interval() -> None:
         made_method({"s": {"error_m": [n + less for n in range(8)]}}, (ERROR,), name)
         for name, less in (("one", 0.5), ("other", 0.0))
     ]
-    [pair] = compare(methods, [ERROR], plan=Plan(500)).pairs
+    [pair] = compare(methods, [ERROR], plan=ResamplingConfig(500)).pairs
     reason = "the differences of all queries are alike: resamples cannot differ"
     assert pair.interval.reason == reason

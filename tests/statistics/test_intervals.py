@@ -21,10 +21,10 @@ from airzoo_bench.statistics.intervals import (
     few_units,
     interval_limits,
 )
-from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
 MEAN, MEDIAN = np.array([False]), np.array([True])
-FAST = Plan(resamples=1_000)
+FAST = ResamplingConfig(resamples=1_000)
 
 
 def sample(*groups: np.ndarray, medians: np.ndarray | None = None) -> Sample:
@@ -43,12 +43,12 @@ def limits(interval: Interval) -> tuple[float, float]:
 
 def test_percentiles_by_hand():
     resamples = np.array([[4.0, 1.0, 0.0, 3.0, 2.0], [1.0, np.inf, np.inf, 0.0, 2.0]])
-    plan = Plan(interval="percentile", confidence=0.5)
+    plan = ResamplingConfig(interval="percentile", confidence=0.5)
     found, exists = interval_limits(resamples, *np.zeros((3, 2)), plan)
     assert found.tolist() == [[1.0, 3.0], [1.0, np.inf]]
     assert exists.tolist() == [True, True]
     assert exists.dtype == np.bool_
-    narrow = Plan(interval="percentile", confidence=0.25)
+    narrow = ResamplingConfig(interval="percentile", confidence=0.25)
     # Levels 0.375 and 0.625: half way between ranks, and half way to infinity is infinity.
     found, _ = interval_limits(resamples, *np.zeros((3, 2)), narrow)
     assert found.tolist() == [[1.5, 2.5], [1.5, np.inf]]
@@ -56,7 +56,7 @@ def test_percentiles_by_hand():
 
 def test_percentiles_of_infinite_differences():
     resamples = np.array([[-np.inf, 5.0, -np.inf, np.inf, 6.0]])
-    plan = Plan(interval="percentile", confidence=0.25)
+    plan = ResamplingConfig(interval="percentile", confidence=0.25)
     found, _ = interval_limits(resamples, *np.zeros((3, 1)), plan)
     assert found.tolist() == [[-np.inf, 5.5]]
 
@@ -67,7 +67,7 @@ def test_ties_of_a_difference_of_nothing_count_half():
     first = [np.arange(10) < round(10 * one) for one, _ in rates]
     second = [np.arange(10) >= 10 - round(10 * other) for _, other in rates]
     groups = sample(*map(np.stack, zip(first, second, strict=True)), medians=np.zeros(2, bool))
-    for interval in bootstrap(groups, Plan(), [(0, 1), (1, 0)]).overall[2:]:
+    for interval in bootstrap(groups, ResamplingConfig(), [(0, 1), (1, 0)]).overall[2:]:
         assert interval.method == "bca"
         assert limits(interval) == pytest.approx((-7 / 30, 7 / 30))
 
@@ -77,10 +77,15 @@ def test_ties_of_a_difference_of_nothing_count_half():
 def test_rounding_is_no_bias(rounding, size):
     # Half of the resamples are the estimate, but for rounding, and the others lie about it alike.
     resamples = np.repeat([-2.0, -1.0, 0.0, 1.0, 2.0], [100, 150, 500, 150, 100])[None] * size
-    given = np.array([rounding * size]), np.array([size]), np.zeros(1), Plan(confidence=0.7)
+    given = (
+        np.array([rounding * size]),
+        np.array([size]),
+        np.zeros(1),
+        ResamplingConfig(confidence=0.7),
+    )
     assert interval_limits(resamples, *given)[0].tolist() == [[-size, size]]
     # Where the numbers are 0, only what is equal is a tie.
-    nothing = np.zeros(1), np.zeros(1), np.zeros(1), Plan(confidence=0.7)
+    nothing = np.zeros(1), np.zeros(1), np.zeros(1), ResamplingConfig(confidence=0.7)
     assert interval_limits(resamples, *nothing)[0].tolist() == [[-size, size]]
     # Differences that are small, and no rounding, are no ties.
     aside = np.array([0.5e-9 * size])
@@ -93,7 +98,7 @@ def test_rounding_is_no_bias(rounding, size):
 def test_coverage_of_a_binomial_score(method, rate, size):
     # 2,000 data sets; the share that covers is known to within 1 % (two standard errors).
     hits = np.random.default_rng(size).random((2_000, size)) < rate
-    found = bootstrap(sample(hits), Plan(2_000, interval=method), groups=False).overall
+    found = bootstrap(sample(hits), ResamplingConfig(2_000, interval=method), groups=False).overall
     low, high = np.array([limits(interval) for interval in found]).T
     covered = ((low <= rate) & (rate <= high)).mean()
     assert 0.93 <= covered <= 0.97
@@ -109,7 +114,7 @@ def test_coverage_of_the_mean_over_scenes_and_of_differences(method):
         second = random.random((1_000, size)) < np.where(first, 0.7, 0.3)
         groups.append(np.concatenate([first, second]))
     pairs = [(row, 1_000 + row) for row in range(1_000)]
-    plan = Plan(1_000, interval=method)
+    plan = ResamplingConfig(1_000, interval=method)
     found = bootstrap(sample(*groups), plan, pairs, groups=False).overall
     low, high = np.array([limits(interval) for interval in found]).T
     mean, answered = 0.6, 0.7 * 0.6 + 0.3 * 0.4
@@ -133,7 +138,7 @@ def test_coverage_of_paired_differences_of_medians(method):
         groups.append(np.concatenate([first, second]))
     pairs = [(row, 1_000 + row) for row in range(1_000)]
     made = sample(*groups, medians=np.ones(2_000, bool))
-    found = bootstrap(made, Plan(1_000, interval=method), pairs, groups=False).overall
+    found = bootstrap(made, ResamplingConfig(1_000, interval=method), pairs, groups=False).overall
     low, high = np.array([limits(interval) for interval in found]).T
     first, second = (1.0 + 4.0) / 2, np.exp(0.2) * (1.0 + 4.0) / 2
     # Of a difference of medians all intervals are percentile, which are rather too wide.
@@ -183,7 +188,9 @@ def test_a_method_s_interval_does_not_depend_on_other_methods():
 
 def test_other_seeds_give_others_but_hardly():
     values = np.random.default_rng(0).random(100)
-    a, b = (limits(bootstrap(sample(values), Plan(seed=seed)).overall[0]) for seed in (0, 1))
+    a, b = (
+        limits(bootstrap(sample(values), ResamplingConfig(seed=seed)).overall[0]) for seed in (0, 1)
+    )
     assert a != b
     assert a == pytest.approx(b, abs=0.003)
 
@@ -191,12 +198,12 @@ def test_other_seeds_give_others_but_hardly():
 def test_infinite_errors_stay():
     # Of 20 queries 8 fail: the median is finite, but resamples with 11 failures have none.
     errors = np.array([*range(1, 13), *[np.inf] * 8], float)
-    plan = Plan(interval="percentile")
+    plan = ResamplingConfig(interval="percentile")
     low, high = limits(bootstrap(sample(errors, medians=MEDIAN), plan).overall[0])
     assert low < 10.5
     assert high == np.inf
     # A mean with failures is infinite, and so is its upper limit; BCa does not exist there.
-    found = bootstrap(sample(errors), Plan()).overall[0]
+    found = bootstrap(sample(errors), ResamplingConfig()).overall[0]
     assert found.high == np.inf
     assert found.method == "percentile"
     most = np.array([1.0, 2.0, *[np.inf] * 18])

@@ -12,7 +12,7 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import compare
 from airzoo_bench.statistics.intervals import interval_limits
 from airzoo_bench.statistics.percentiles import percentile_p_values, quantiles
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.verdicts import verdict
 from tests.statistics.simulations import (
@@ -25,7 +25,7 @@ from tests.statistics.simulations import (
 )
 from tests.statistics.support import ERROR, HIT, made_method
 
-FAST = Plan(resamples=600)
+FAST = ResamplingConfig(resamples=600)
 RESAMPLES = hnp.arrays(
     np.float64,
     st.tuples(st.just(4), st.integers(2, 60)),
@@ -41,7 +41,7 @@ def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
     resamples: np.ndarray, confidence: float
 ) -> None:
     zeros = np.zeros(len(resamples))
-    plan = Plan(interval="percentile", confidence=confidence)
+    plan = ResamplingConfig(interval="percentile", confidence=confidence)
     (low, high), _ = interval_limits(resamples, zeros, zeros, zeros, plan)[0].T, None
     p_values = percentile_p_values(resamples)
     least = 2 / (resamples.shape[1] + 1)
@@ -122,7 +122,7 @@ def test_a_real_shift_is_found(name: str, least: float) -> None:
 def test_false_findings(name: str) -> None:
     errors, _ = (STATED | WITH_FAILURES | OTHERS)[name]
     least = 0.0 if name in OTHERS else 0.03
-    assert least <= findings(errors, 2_000, Plan(1_000)) <= 0.07
+    assert least <= findings(errors, 2_000, ResamplingConfig(1_000)) <= 0.07
 
 
 def test_medians_of_ties_are_no_findings() -> None:

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from airzoo_bench.statistics.comparison import compare, score_intervals
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.shares import (
     Rates,
     average_limits,
@@ -140,7 +140,7 @@ def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value: floa
     )
     assert wide[1] - wide[0] > 1.2 * (narrow[1] - narrow[0])
     method = made_method({"s": {"recall@1": [value] * 10}}, (HIT,))
-    (found,) = score_intervals(method, [HIT], Plan(100)).overall
+    (found,) = score_intervals(method, [HIT], ResamplingConfig(100)).overall
     peer = stats.binomtest(int(10 * value), 10).proportion_ci(0.95, method="wilson")
     assert (found.low, found.high) == pytest.approx((peer.low, peer.high))
     assert (found.method, found.reason) == ("wilson", "")
@@ -169,10 +169,10 @@ def test_shares_take_no_resamples_and_medians_do() -> None:
         for name in ("east", "west")
     }
     method = made_method(scenes, (HIT, SOFT, ERROR))
-    found = score_intervals(method, [HIT, ERROR, SOFT], Plan(100))
+    found = score_intervals(method, [HIT, ERROR, SOFT], ResamplingConfig(100))
     assert [i.method for i in found.groups["east"]] == ["wilson", "bca", "wilson"]
     assert [i.method for i in found.overall] == ["mover", "bca", "mover"]
-    other = score_intervals(method, [HIT, ERROR, SOFT], Plan(100, seed=1))
+    other = score_intervals(method, [HIT, ERROR, SOFT], ResamplingConfig(100, seed=1))
     same = [one == two for one, two in zip(found.overall, other.overall, strict=True)]
     assert same == [True, False, True]
 
@@ -180,11 +180,11 @@ def test_shares_take_no_resamples_and_medians_do() -> None:
 def test_a_scene_with_too_few_queries_has_no_interval_nor_has_the_average() -> None:
     scenes = {"east": {"recall@1": [1.0] * 4}, "west": {"recall@1": [1.0, 0.0] * 10}}
     methods = [made_method(scenes, (HIT,), name) for name in "ab"]
-    found = score_intervals(methods[0], [HIT], Plan(100))
+    found = score_intervals(methods[0], [HIT], ResamplingConfig(100))
     reason = "only 4 queries in scene east: an interval needs 5"
     assert [found.groups[s][0].reason for s in ("east", "west")] == [reason, ""]
     assert found.overall[0].reason == reason
-    assert compare(methods, [HIT], plan=Plan(100)).pairs[0].interval.reason == reason
+    assert compare(methods, [HIT], plan=ResamplingConfig(100)).pairs[0].interval.reason == reason
 
 
 @pytest.mark.parametrize("scenes", SATURATED)

@@ -9,11 +9,11 @@ import pytest
 
 from airzoo_bench.statistics import draws
 from airzoo_bench.statistics.draws import sign_flips, stream_key
-from airzoo_bench.statistics.samples import Plan, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import is_share, mcnemar, p_floor, paired_permutation
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT
 
-ALL = Plan(resamples=100_000)
+ALL = ResamplingConfig(resamples=100_000)
 
 
 def sample(*groups: list[list[float]], median: bool = False) -> Sample:
@@ -52,7 +52,10 @@ def test_by_hand():
 
 def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples():
     made = sample([[3, 2, 1], [0, 0, 0]])
-    tests = [paired_permutation(made, Plan(resamples=count), [(0, 1)])[0] for count in (7, 8, 9)]
+    tests = [
+        paired_permutation(made, ResamplingConfig(resamples=count), [(0, 1)])[0]
+        for count in (7, 8, 9)
+    ]
     assert [(test.exact, test.patterns) for test in tests] == [(False, 7), (True, 8), (True, 8)]
 
 
@@ -98,7 +101,7 @@ def test_random_patterns_come_near_all(median):
     values[0] += 0.1
     made = sample(values.tolist(), median=median)
     exact = paired_permutation(made, ALL, [(0, 1)])[0]
-    near = paired_permutation(made, Plan(resamples=4_000), [(0, 1)])[0]
+    near = paired_permutation(made, ResamplingConfig(resamples=4_000), [(0, 1)])[0]
     assert (exact.exact, near.exact) == (True, False)
     assert near.p_value == pytest.approx(exact.p_value, abs=0.03)
 
@@ -109,7 +112,7 @@ def test_scenes_change_places_independently():
     values[0] += 0.15
     made = sample(values.tolist(), values.tolist())
     exact = paired_permutation(made, ALL, [(0, 1)])[0]
-    near = paired_permutation(made, Plan(resamples=4_000), [(0, 1)])[0]
+    near = paired_permutation(made, ResamplingConfig(resamples=4_000), [(0, 1)])[0]
     assert (exact.exact, near.exact) == (True, False)
     assert near.p_value == pytest.approx(exact.p_value, abs=0.02)
 
@@ -123,7 +126,7 @@ def test_random_patterns_are_those_that_the_seed_names():
         kept = sign_flips(len(first), 0, 300, stream_key(7, "permutation", name))
         found += (first - second) @ (2.0 * kept - 1.0) / len(first)
         observed += (first - second).mean()
-    test = paired_permutation(made, Plan(resamples=300, seed=7), [(0, 1)])[0]
+    test = paired_permutation(made, ResamplingConfig(resamples=300, seed=7), [(0, 1)])[0]
     assert test.p_value == ((np.abs(found) >= abs(observed)).sum() + 1) / 301
 
 
@@ -133,7 +136,7 @@ def test_blocks_change_nothing(monkeypatch, resamples):
     values = np.random.default_rng(2).random((6, 12))
     values[2, :3] = values[3, 1] = np.inf
     made = Sample("query", ("a", "b"), (values[:, :5], values[:, 5:]), np.arange(6) > 3)
-    pairs, plan = [(0, 1), (2, 3), (2, 0), (4, 5)], Plan(resamples=resamples)
+    pairs, plan = [(0, 1), (2, 3), (2, 0), (4, 5)], ResamplingConfig(resamples=resamples)
     whole = paired_permutation(made, plan, pairs)
     monkeypatch.setattr(draws, "_CELLS", 200)
     assert paired_permutation(made, plan, pairs) == whole
@@ -158,7 +161,7 @@ def test_equal_methods_and_one_unit():
 
 def test_p_is_never_nothing():
     values = [[1.0] * 40, [0.0] * 40]
-    test = paired_permutation(sample(values), Plan(resamples=999), [(0, 1)])[0]
+    test = paired_permutation(sample(values), ResamplingConfig(resamples=999), [(0, 1)])[0]
     assert (test.p_value, test.patterns) == (1 / 1000, 999)
 
 
@@ -168,7 +171,7 @@ def test_pairs_do_not_see_each_other():
     values[2] *= 1e10  # what is rounding there is much elsewhere
     made = Sample("query", ("s",), (values,), np.zeros(4, bool))
     pairs = [(0, 1), (0, 2), (3, 0), (1, 1), (2, 3)]
-    plan = Plan(resamples=500)
+    plan = ResamplingConfig(resamples=500)
     assert paired_permutation(made, plan, pairs) == [
         paired_permutation(made, plan, [pair])[0] for pair in pairs
     ]
@@ -180,7 +183,9 @@ def test_false_findings_are_as_rare_as_promised(median):
     values = np.random.default_rng(1).standard_normal((800, 60))
     made = Sample("query", ("a", "b"), (values[:, :20], values[:, 20:]), np.full(800, median))
     pairs = [(2 * row, 2 * row + 1) for row in range(400)]
-    found = [test.p_value for test in paired_permutation(made, Plan(resamples=400), pairs)]
+    found = [
+        test.p_value for test in paired_permutation(made, ResamplingConfig(resamples=400), pairs)
+    ]
     assert 0.02 <= np.mean(np.array(found) <= 0.05) <= 0.08
 
 
@@ -203,7 +208,7 @@ def test_mcnemar_is_the_fraction_that_it_is():
     # 2 (1 + 9 + 36 + 84) / 2**9 and so on: the last digit shown must be that of the paired test.
     for wins, losses in ((7, 3), (3, 8), (0, 20), (20, 1)):
         values = [[1.0] * wins + [0.0] * losses, [0.0] * wins + [1.0] * losses]
-        paired = paired_permutation(sample(values), Plan(resamples=2**21), [(0, 1)])[0]
+        paired = paired_permutation(sample(values), ResamplingConfig(resamples=2**21), [(0, 1)])[0]
         assert paired.exact
         assert float(mcnemar(np.array(wins), np.array(losses))) == paired.p_value
     assert 0 < float(mcnemar(np.array(0), np.array(900))) < 1e-200

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from airzoo_bench.results.records import Scored
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import group_records
 from airzoo_bench.tables.breakdown_layout import breakdown_table
 from tests.statistics.support import ERROR, HIT, SOFT, random_methods
@@ -19,7 +19,7 @@ def methods_at(altitudes: list[float], count: int = 2) -> list[Scored]:
 
 
 def test_empty_bins_are_rows_without_values() -> None:
-    for plan in (None, Plan(resamples=200)):
+    for plan in (None, ResamplingConfig(resamples=200)):
         table = breakdown_table(
             methods_at([61.5, 88.0]), [HIT, ERROR], "altitude_m", bins=[30, 60, 70, 80], plan=plan
         )

@@ -13,7 +13,7 @@ import pytest
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, write_result
-from airzoo_bench.tables.entries import Board, with_published
+from airzoo_bench.tables.method_table import MethodTable, with_published
 from airzoo_bench.tables.published import published_tables
 from tests.results.test_result import result
 from tests.support import run_main, write_predictions
@@ -136,7 +136,7 @@ def test_the_sources_own_contradictions_are_told(
     assert "is not the shipped protocol" not in out
     tables = published_tables("uav-visloc", "retrieval")
     (score,) = (column for column in result().columns if column.key == "recall@1")
-    board = Board("T", "uav-visloc", "retrieval", (score,), {}, {}, ())
+    board = MethodTable("T", "uav-visloc", "retrieval", (score,), {}, {}, ())
     (note,) = with_published(board, tables, by_scene=False).notes
     assert note == (
         "tab:uav_visloc_scenes of the same source prints another average of AnyLoc, SALAD, MegaLoc"

@@ -19,7 +19,7 @@ from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.comparison import Comparison, Pair, compare
 from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Plan
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import PairedTest, is_hit
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.model import Between
@@ -28,7 +28,7 @@ from airzoo_bench.tables.verdicts import disagreement, sentence, verdict
 from airzoo_bench.tables.wording import by_reason
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
-FAST = Plan(resamples=1_000)
+FAST = ResamplingConfig(resamples=1_000)
 PAIR = Pair(
     score=HIT,
     method="mine",
@@ -275,12 +275,12 @@ class TestTable:
         methods = random_methods(7, {"east": 60}, (HIT,))
         scores = choose_scores(methods, [])
         for resamples, told in ((118, True), (119, False)):
-            plan = Plan(resamples=resamples)
+            plan = ResamplingConfig(resamples=resamples)
             notes = comparison_table(compare(methods, scores, plan=plan)).notes
             assert ("120 --resamples or more" in notes[-1]) == told
         # By the count of every pattern, there is no such limit.
         alike = [made_method({"s": {"recall@1": [1.0] * 6}}, name=n) for n in "abcdefg"]
-        notes = comparison_table(compare(alike, scores, plan=Plan(resamples=100))).notes
+        notes = comparison_table(compare(alike, scores, plan=ResamplingConfig(resamples=100))).notes
         assert not any("--resamples" in note for note in notes)
 
     def test_one_scene(self) -> None:

@@ -13,10 +13,10 @@ import pytest
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.entries import Board, with_published
+from airzoo_bench.tables.annotations import add_gains, cite, highlight, parse_baselines
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import methods_layout, scenes_layout
-from airzoo_bench.tables.marks import add_gains, cite, highlight, parse_baselines
+from airzoo_bench.tables.method_table import MethodTable, with_published
 from airzoo_bench.tables.model import Between, Cell, Column, PlusMinus, Row, Table, mark_best
 from airzoo_bench.tables.published import published_tables, read_source
 from airzoo_bench.tables.render import FORMATS, render
@@ -314,7 +314,7 @@ def test_published_scenes_are_found_by_their_titles() -> None:
         headline=True,
     )
     scenes = {"02": "Scene 2", "01": "Scene 1", "x": "Scene X"}
-    board = Board("T", "uav-visloc", "retrieval", (score,), scenes, {}, ())
+    board = MethodTable("T", "uav-visloc", "retrieval", (score,), scenes, {}, ())
     tables = published_tables("uav-visloc", "retrieval")
     made = scenes_layout(with_published(board, tables, by_scene=True))
     assert made.texts()[1] == ["SALAD †", "22.97", "28.27", "–", "19.50"]

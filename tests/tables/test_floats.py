@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from airzoo_bench.tables.annotations import sort_rows
 from airzoo_bench.tables.latex import LatexStyle, latex
-from airzoo_bench.tables.marks import sort_rows
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from tests.support import run_main
 from tests.tables.test_command import Show, files, show

@@ -11,10 +11,10 @@ import pytest
 
 from airzoo_bench.results.result import Reference, Result, write_result
 from airzoo_bench.tables.build import scenes_table
-from airzoo_bench.tables.entries import board_of
 from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import benchmarks_layout, scenes_layout
+from airzoo_bench.tables.method_table import method_table
 from airzoo_bench.tables.model import mark_best
 from airzoo_bench.tables.render import FORMATS, render
 from tests.statistics.support import made_method, write_method
@@ -80,7 +80,7 @@ def test_how_formats_set_them_apart(files: list[Path], capsys: pytest.CaptureFix
 def test_they_are_never_the_best_nor_second() -> None:
     results = [scored("Mine", 0.5, 0.25), scored("Poor", 0.25, 0.25)]
     table = mark_best(
-        scenes_layout(with_floors(board_of(results), results)), second=True, reported=True
+        scenes_layout(with_floors(method_table(results), results)), second=True, reported=True
     )
     *own, floor = table.rows
     assert floor.floor
@@ -112,7 +112,7 @@ def test_one_result_by_scene() -> None:
 
 def test_a_score_without_a_floor_stays_empty() -> None:
     result = scored("Mine", 0.5, 0.25)
-    board = with_floors(board_of([result], every_score=True), [result])
+    board = with_floors(method_table([result], every_score=True), [result])
     assert [cell.value for cell in scenes_layout(board).rows[-1].cells] == [
         *(NAME, 75.0, None, 50.0, None, 62.5, None)
     ]
@@ -122,7 +122,7 @@ def test_a_score_without_a_floor_stays_empty() -> None:
 
 def test_across_benchmarks_they_are_last() -> None:
     results = [scored("Mine", 0.5, 0.25), scored("Yours", 0.25, 0.25)]
-    boards = [with_floors(board_of([result]), [result]) for result in results]
+    boards = [with_floors(method_table([result]), [result]) for result in results]
     rows = benchmarks_layout(boards).rows
     assert [row.cells[0].value for row in rows] == ["Mine", "Yours", NAME]
     assert [cell.value for cell in rows[-1].cells[1:]] == [62.5, 62.5]
@@ -132,19 +132,19 @@ def test_results_that_hold_others_or_none() -> None:
     one, other = scored("Mine", 0.5, 0.25), scored("Poor", 0.25, 0.25)
     none = scored("Old", 0.25, 0.25, references={})
     odd = scored("Odd", 0.25, 0.25, references={NAME: chance(0.75, 0.51)})
-    board = with_floors(board_of([one, none, other]), [one, none, other])
+    board = with_floors(method_table([one, none, other]), [one, none, other])
     assert [entry.method for entry in board.entries] == ["Mine", "Old", "Poor", NAME]
     assert not any("differs" in note for note in board.notes)
-    board = with_floors(board_of([one, odd]), [one, odd])
+    board = with_floors(method_table([one, odd]), [one, odd])
     assert f"{NAME} of Odd differs from the one that is shown" in board.notes
-    board = with_floors(board_of([none]), [none])
+    board = with_floors(method_table([none]), [none])
     assert board.notes == ("no floors: these results hold none, as those of older versions",)
 
 
 @pytest.mark.parametrize("siunitx", [False, True])
 def test_on_a_page(siunitx: bool, tmp_path: Path) -> None:
     results = [scored("Mine", 0.5, 0.25), scored("Poor", 0.25, 0.25)]
-    table = mark_best(scenes_layout(with_floors(board_of(results), results)))
+    table = mark_best(scenes_layout(with_floors(method_table(results), results)))
     text = typeset(latex(table, LatexStyle(siunitx, standalone=True)), tmp_path)
     assert text.split().count("62.50") == 1
     assert f"{NAME}: {MEANING}" in " ".join(text.split())
@@ -153,7 +153,7 @@ def test_on_a_page(siunitx: bool, tmp_path: Path) -> None:
 
 def test_a_terminal_shows_them_in_grey() -> None:
     result = scored("Mine", 0.5, 0.25)
-    table = scenes_layout(with_floors(board_of([result]), [result]))
+    table = scenes_layout(with_floors(method_table([result]), [result]))
     line = next(r for r in render(table, "terminal", styled=True).splitlines() if NAME in r)
     assert "\x1b[3;90m" in line
 

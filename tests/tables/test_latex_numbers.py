@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from airzoo_bench.tables.annotations import add_gains, highlight
 from airzoo_bench.tables.latex import LatexStyle, latex
-from airzoo_bench.tables.marks import add_gains, highlight
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 from tests.tables.typeset import MINUS, typeset, words
 

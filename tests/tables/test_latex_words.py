@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.tables.annotations import cite
 from airzoo_bench.tables.latex import LatexStyle, latex
-from airzoo_bench.tables.marks import cite
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from tests.tables.typeset import typeset
 

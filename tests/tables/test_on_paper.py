@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from airzoo_bench.tables.annotations import add_gains
 from airzoo_bench.tables.blocks import by_count
-from airzoo_bench.tables.entries import board_of
-from airzoo_bench.tables.extent import extent
 from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex_width import latex_width
 from airzoo_bench.tables.layouts import benchmarks_layout
-from airzoo_bench.tables.marks import add_gains
+from airzoo_bench.tables.method_table import method_table
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 from tests.results.test_result import result
 from tests.tables.test_extras import grouped
@@ -68,7 +68,7 @@ def test_the_estimate_is_near_the_width(kind: str, siunitx: bool, tmp_path: Path
     found = re.search(rb"WIDTH ([\d.]+)pt", done.stdout)
     assert found, done.stdout[-1000:]
     (piece, *_) = by_count(table)
-    assert 10 * extent(piece, aligned=siunitx) == pytest.approx(float(found[1]), rel=0.06)
+    assert 10 * latex_width(piece, aligned=siunitx) == pytest.approx(float(found[1]), rel=0.06)
 
 
 def test_how_a_tabular_is_used_stands_above_it() -> None:
@@ -142,7 +142,7 @@ def test_columns_of_no_group_keep_those_of_groups_in_place() -> None:
 
 
 def test_benchmarks_go_by_their_titles() -> None:
-    board = board_of([result("m")])
+    board = method_table([result("m")])
     tracks = [("airzoo-mini", "matching"), ("airzoo-mini", "retrieval"), ("lake", "retrieval")]
     boards = [
         replace(board, benchmark=name, track=track, title=f"{name}-{track} v1")
@@ -161,7 +161,7 @@ def test_benchmarks_go_by_their_titles() -> None:
 
 
 def test_of_which_benchmark_there_is_no_interval_is_said_below() -> None:
-    board = board_of([result("m")])
+    board = method_table([result("m")])
     notes = ("in square brackets: all", "no interval for the average: few")
     first = replace(board.noted(*notes), benchmark="a", about_intervals=notes)
     second = replace(board.noted(notes[0]), benchmark="b", about_intervals=notes[:1])

@@ -8,8 +8,8 @@ import pytest
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.entries import Board, with_published
 from airzoo_bench.tables.layouts import methods_layout
+from airzoo_bench.tables.method_table import MethodTable, with_published
 from airzoo_bench.tables.published import published_sources, read_source
 from airzoo_bench.tables.render import render
 
@@ -77,7 +77,7 @@ def test_special_characters(tmp_path: Path, form: str, name: str, label: str) ->
         average="mean",
         headline=True,
     )
-    board = Board("T", "b", "retrieval", (score,), {}, {}, ())
+    board = MethodTable("T", "b", "retrieval", (score,), {}, {}, ())
     made = methods_layout(
         with_published(board, read_source(source(tmp_path, table)), by_scene=False)
     )

@@ -235,7 +235,7 @@ def test_what_rounds_to_zero_has_no_sign() -> None:
     assert made.texts() == [["a", "0.00 [0.00, 0.00] (+0.00)"]]
     assert render(made, "csv").splitlines()[1] == "a,0.00,0.00,0.00,0.00"
     assert Cell(-0.006).text(2) == "-0.01"
-    assert Cell(0.0, gain=-0.006).beside(2) == ["(-0.01)"]
+    assert Cell(0.0, gain=-0.006).suffix(2) == ["(-0.01)"]
 
 
 def test_names_in_heads_are_as_harmless_as_in_cells() -> None:

@@ -10,8 +10,8 @@ import pytest
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import write_result
 from airzoo_bench.tables.build import methods_table, scenes_table
-from airzoo_bench.tables.entries import board_of
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout
+from airzoo_bench.tables.method_table import method_table
 from tests.results.test_result import result
 from tests.support import run_main
 
@@ -25,7 +25,7 @@ def test_equal_notes_of_methods_are_one() -> None:
 
 
 def test_equal_notes_of_all_benchmarks_are_one() -> None:
-    bare = board_of([result("m").model_copy(update={"notes": ()})])
+    bare = method_table([result("m").model_copy(update={"notes": ()})])
     boards = [replace(bare, title=title, identity="") for title in "abc"]
     boards[0] = boards[0].noted("said of all", "said of one")
     boards[1] = boards[1].noted("said of all", "reported", legend=True)
@@ -70,9 +70,9 @@ def test_an_id_goes_before_a_title() -> None:
     truth = one.truth.model_copy(update={"scene_titles": {"b": "a", "a": "A"}})
     counts = {scene: {"queries": 3} for scene in values}
     made = one.model_copy(update={"scenes": values, "truth": truth, "counts": counts})
-    shown = methods_layout(board_of([made]), "a")
+    shown = methods_layout(method_table([made]), "a")
     assert shown.texts() == [["one", "50.00"]]
     assert shown.title == "p v1, A"
-    assert methods_layout(board_of([made]), "b").texts() == [["one", "25.00"]]
+    assert methods_layout(method_table([made]), "b").texts() == [["one", "25.00"]]
     with pytest.raises(ResultError, match="no scene 'B' in the results"):
-        methods_layout(board_of([made]), "B")
+        methods_layout(method_table([made]), "B")

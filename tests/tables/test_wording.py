@@ -7,9 +7,9 @@ import pytest
 
 from airzoo_bench.core.plurals import counted, plural
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.tables.board_intervals import with_intervals
-from airzoo_bench.tables.entries import OVERALL, board_of
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.method_intervals import with_intervals
+from airzoo_bench.tables.method_table import OVERALL, method_table
 from airzoo_bench.tables.wording import brackets_note, intervals_made, resampled
 from tests.statistics.support import CHAMFER, ERROR, HIT, made_method
 
@@ -26,15 +26,15 @@ BCA, PERCENTILE = Interval(0.0, 1.0, "bca"), Interval(0.0, 1.0, "percentile")
     ],
 )
 def test_kinds_that_were_made(intervals: list[Interval], kinds: str) -> None:
-    plan = Plan(500, seed=3, confidence=0.9)
+    plan = ResamplingConfig(500, seed=3, confidence=0.9)
     made = f"90 % intervals, {kinds}, 500 resamples of scenes, seed 3"
     assert intervals_made(intervals, plan, resampled("scene")) == made
     assert brackets_note(intervals, plan, resampled("scene")) == [f"in square brackets: {made}"]
 
 
 def test_where_there_are_none_nothing_is_said() -> None:
-    assert intervals_made([NONE], Plan(), "scenes") == ""
-    assert brackets_note([], Plan(), "scenes") == []
+    assert intervals_made([NONE], ResamplingConfig(), "scenes") == ""
+    assert brackets_note([], ResamplingConfig(), "scenes") == []
 
 
 def test_units() -> None:
@@ -53,7 +53,7 @@ def test_a_board_names_the_kinds_that_it_shows() -> None:
         "west": {"recall@1": [1.0, 0.0] * 5, "error_m": [np.inf] * 3 + [1.0] * 7},
     }
     method = made_method(scenes, (HIT, ERROR))
-    board = board_of([method.result])
+    board = method_table([method.result])
     for shown, kinds in (
         (["east"], "Wilson over queries within scenes; BCa"),
         (["west"], "Wilson over queries within scenes; percentile"),
@@ -62,5 +62,5 @@ def test_a_board_names_the_kinds_that_it_shows() -> None:
             "Wilson or MOVER over queries within scenes; BCa or percentile",
         ),
     ):
-        note = with_intervals(board, [method], Plan(500), shown).notes[0]
+        note = with_intervals(board, [method], ResamplingConfig(500), shown).notes[0]
         assert f"95 % intervals, {kinds}, 500 resamples of queries within scenes" in note

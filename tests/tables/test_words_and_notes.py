@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.results.records import Scored
-from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.tables.board_intervals import with_intervals
-from airzoo_bench.tables.entries import OVERALL, board_of
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.annotations import add_gains
 from airzoo_bench.tables.latex import LatexStyle, latex
-from airzoo_bench.tables.marks import add_gains
+from airzoo_bench.tables.method_intervals import with_intervals
+from airzoo_bench.tables.method_table import OVERALL, method_table
 from airzoo_bench.tables.model import Cell, Column, Row, Table, show_number
 from airzoo_bench.tables.render import FORMATS, render
 from tests.results.test_result import result
@@ -216,8 +216,8 @@ def test_why_there_is_no_interval(
         scored(name, dict(zip("ab", values, strict=True)))
         for name, values in (("one", one), ("two", two))
     ]
-    board = board_of([method.result for method in methods], every_score=True)
-    made = with_intervals(board, methods, Plan(resamples=200), shown)
+    board = method_table([method.result for method in methods], every_score=True)
+    made = with_intervals(board, methods, ResamplingConfig(resamples=200), shown)
     notes = [note for note in made.notes if not note.startswith("in square brackets")]
     assert notes == [f"no interval for {note}" for note in expected]
 
@@ -225,8 +225,8 @@ def test_why_there_is_no_interval(
 def test_a_scene_of_one_record_has_no_interval() -> None:
     method = scored("one", {"a": [0.5], "b": [0.25]})
     method = replace(method, result=method.result.model_copy(update={"track": "reconstruction"}))
-    board = board_of([method.result])
-    made = with_intervals(board, [method], Plan(resamples=200), ("a", "b", OVERALL))
+    board = method_table([method.result])
+    made = with_intervals(board, [method], ResamplingConfig(resamples=200), ("a", "b", OVERALL))
     assert made.notes == (
         "no interval for Alp, Bay: a scene has one record",
         "no interval for the average: only 2 scenes: an interval needs 5",

@@ -16,8 +16,8 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
 from airzoo_bench.datasets.geometry_checks.depth_report import FLOATING_BELOW, DepthConsistency
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
+from airzoo_bench.datasets.plausibility import plausibility_warnings
 from airzoo_bench.datasets.scene_facts import SceneFacts
-from airzoo_bench.datasets.suspicions import suspicions
 from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
 from airzoo_bench.geometry.units import check_true_metres
 from airzoo_bench.tables.model import Cell, Column, Row, Table
@@ -80,7 +80,7 @@ class SceneGeometry:
     @property
     def warnings(self) -> list[str]:
         """What is suspect, a sentence each: the same as `prepare` says."""
-        return [] if self.sources is None else suspicions(self.sources)
+        return [] if self.sources is None else plausibility_warnings(self.sources)
 
     @property
     def notes(self) -> list[str]:

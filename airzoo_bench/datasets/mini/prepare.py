@@ -15,7 +15,7 @@ from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
 from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.datasets.folder import (
     SceneTruths,
     copied,
@@ -183,7 +183,7 @@ def make_worlds(
 ) -> list[Path]:
     """Make worlds of regions below the data root where they are not yet; return their folders."""
     work = partial(_world, root=root, seed=seed)
-    found = spread(work, list(regions), min(jobs, len(regions)))
+    found = parallel_map(work, list(regions), min(jobs, len(regions)))
     folders = []
     for folder, said in progress(found, "worlds", len(regions)):
         folders.append(folder)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
-from airzoo_bench.tables.printed.cells import Printed, grouped
+from airzoo_bench.tables.printed.cells import PrintedValue, grouped
 from airzoo_bench.tables.printed.numbers import mean_interval
 from airzoo_bench.tables.printed.scores import Family
 
@@ -29,15 +29,15 @@ class _Domain:
 
     name: str
     scenes: frozenset[str]
-    numbers: dict[Key, list[Printed]] = field(default_factory=dict)
+    numbers: dict[Key, list[PrintedValue]] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
     kinds: dict[tuple[str, str], str] = field(default_factory=dict)
-    by_method: dict[tuple[str, str], list[Printed]] = field(default_factory=dict)
+    by_method: dict[tuple[str, str], list[PrintedValue]] = field(default_factory=dict)
 
 
 def with_benchmarks(
-    cells: Sequence[Printed], *, is_markup: bool
-) -> tuple[tuple[Printed, ...], list[str]]:
+    cells: Sequence[PrintedValue], *, is_markup: bool
+) -> tuple[tuple[PrintedValue, ...], list[str]]:
     """Say of each number which others are of its benchmark, where the file does not.
 
     Tables whose scenes differ are of different ones. Of others, tables of LaTeX and Markdown are of
@@ -46,7 +46,7 @@ def with_benchmarks(
 
     Parameters
     ----------
-    cells : sequence of Printed
+    cells : sequence of PrintedValue
         Of all tables of a file.
     is_markup : bool
         LaTeX or Markdown. What somebody typed into one CSV is of one benchmark, as long as its
@@ -54,7 +54,7 @@ def with_benchmarks(
 
     Returns
     -------
-    cells : tuple of Printed
+    cells : tuple of PrintedValue
         With their domains, and with names of methods and scores as the first table has them.
     notes : list of str
         Which tables were taken together.
@@ -75,11 +75,11 @@ def with_benchmarks(
     return tuple(_with_domain(cell, found[cell.table]) for cell in named), notes
 
 
-def _scenes(cells: Iterable[Printed]) -> frozenset[str]:
+def _scenes(cells: Iterable[PrintedValue]) -> frozenset[str]:
     return frozenset(cell.scene for cell in cells if not cell.is_summary)
 
 
-def _methods(cells: Sequence[Printed]) -> tuple[list[Printed], list[str]]:
+def _methods(cells: Sequence[PrintedValue]) -> tuple[list[PrintedValue], list[str]]:
     """Write one name in one way: ``A(Ours)`` as ``A (Ours)``, where the first is so."""
     first: dict[str, str] = {}
     other: dict[str, None] = {}
@@ -93,7 +93,7 @@ def _methods(cells: Sequence[Printed]) -> tuple[list[Printed], list[str]]:
     return made, [f"names read as one: {shown}"] if other else []
 
 
-def _loose(cell: Printed) -> str:
+def _loose(cell: PrintedValue) -> str:
     """Return what a score is, whatever a table calls it; its name, where that is not known."""
     score = cell.score
     if score.family is Family.HITS:
@@ -106,7 +106,7 @@ def _loose(cell: Printed) -> str:
     return f"{score.family} {score.thresholds} {score.cutoff}"
 
 
-def _loose_names(cells: Iterable[Printed]) -> dict[str, str]:
+def _loose_names(cells: Iterable[PrintedValue]) -> dict[str, str]:
     """Return a table's names of scores by what these are; its own name where two are alike."""
     names: dict[str, set[str]] = {}
     for cell in cells:
@@ -116,13 +116,13 @@ def _loose_names(cells: Iterable[Printed]) -> dict[str, str]:
     return {name: loose for loose, own in {**alone, **both}.items() for name in own}
 
 
-def _keyed(cells: Iterable[Printed], names: Mapping[str, str]) -> dict[Key, Printed]:
+def _keyed(cells: Iterable[PrintedValue], names: Mapping[str, str]) -> dict[Key, PrintedValue]:
     return {
         (c.method, names[c.score.name], _OVERALL if c.is_summary else c.scene): c for c in cells
     }
 
 
-def _joined(table: str, cells: Sequence[Printed], domains: list[_Domain]) -> _Domain:
+def _joined(table: str, cells: Sequence[PrintedValue], domains: list[_Domain]) -> _Domain:
     """Return the domain that a table's numbers agree with best, or a new one."""
     scenes, names = _scenes(cells), _loose_names(cells)
     own = _keyed(cells, names)
@@ -147,7 +147,7 @@ def _joined(table: str, cells: Sequence[Printed], domains: list[_Domain]) -> _Do
     return domain
 
 
-def _agreement(own: Mapping[Key, Printed], domain: _Domain) -> int:
+def _agreement(own: Mapping[Key, PrintedValue], domain: _Domain) -> int:
     """Return how many different numbers agree, 0 where these are too few."""
     common = agreeing = 0
     values: set[Fraction] = set()
@@ -160,7 +160,7 @@ def _agreement(own: Mapping[Key, Printed], domain: _Domain) -> int:
     return len(values) if len(values) >= _FEWEST and agreeing >= _PART * common else 0
 
 
-def _agrees(key: Key, cell: Printed, domain: _Domain) -> bool | None:
+def _agrees(key: Key, cell: PrintedValue, domain: _Domain) -> bool | None:
     """Whether a number is one of the domain's, or the mean of its scenes'; None if in neither."""
     printed = domain.numbers.get(key, [])
     if any(other.number.value == cell.number.value for other in printed):
@@ -179,6 +179,6 @@ def _told(found: Mapping[str, _Domain]) -> list[str]:
     return [f"tables of one benchmark, by their numbers: {', '.join(t[:10])}" for t in several]
 
 
-def _with_domain(cell: Printed, domain: _Domain) -> Printed:
+def _with_domain(cell: PrintedValue, domain: _Domain) -> PrintedValue:
     first = domain.names[domain.kinds[cell.table, cell.score.name]]
     return replace(cell, domain=domain.name, known_as=first if first != cell.score.name else "")

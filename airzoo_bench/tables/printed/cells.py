@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeVar
 
-from airzoo_bench.tables.printed.heads import is_summary_name
+from airzoo_bench.tables.printed.column_titles import is_summary_name
 from airzoo_bench.tables.printed.numbers import Interval, Rounded
 from airzoo_bench.tables.printed.scores import Score
 
-__all__ = ["Printed", "Published", "grouped"]
+__all__ = ["PrintedValue", "Published", "grouped"]
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Printed:
+class PrintedValue:
     """A printed number and where it stands.
 
     Attributes
@@ -112,7 +112,7 @@ class Published:
     ----------
     source : str
         The file's name.
-    cells : tuple of Printed
+    cells : tuple of PrintedValue
     unused_columns : tuple of str
     has_bold : bool
         Whether the file says what is bold.
@@ -121,19 +121,21 @@ class Published:
     """
 
     source: str
-    cells: tuple[Printed, ...]
+    cells: tuple[PrintedValue, ...]
     unused_columns: tuple[str, ...]
     has_bold: bool
     notes: tuple[str, ...] = ()
 
-    def by(self, key: Callable[[Printed], T]) -> dict[T, list[Printed]]:
+    def by(self, key: Callable[[PrintedValue], T]) -> dict[T, list[PrintedValue]]:
         """Group the cells, in the order of the file."""
         return grouped(self.cells, key)
 
 
-def grouped(cells: Iterable[Printed], key: Callable[[Printed], T]) -> dict[T, list[Printed]]:
+def grouped(
+    cells: Iterable[PrintedValue], key: Callable[[PrintedValue], T]
+) -> dict[T, list[PrintedValue]]:
     """Group cells, in their order."""
-    groups: dict[T, list[Printed]] = {}
+    groups: dict[T, list[PrintedValue]] = {}
     for cell in cells:
         groups.setdefault(key(cell), []).append(cell)
     return groups

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
+from airzoo_bench.tables.printed.annotations import is_no_number, plain_name, read_marked
 from airzoo_bench.tables.printed.grid import Grid, GridRow, check_width, is_method_head
 from airzoo_bench.tables.printed.latex import Line, SpannedCell
-from airzoo_bench.tables.printed.marks import is_no_number, plain_name, read_marked
 from airzoo_bench.tables.printed.scores import is_known
 
 __all__ = ["latex_grids"]

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import read_text
+from airzoo_bench.tables.printed.annotations import read_marked
 from airzoo_bench.tables.printed.grid import Grid, GridRow, check_width
 from airzoo_bench.tables.printed.latex import lines_of, looks_like_latex
 from airzoo_bench.tables.printed.latex_grids import latex_grids
 from airzoo_bench.tables.printed.latex_source import Macro, macros_of, text_of
-from airzoo_bench.tables.printed.marks import read_marked
 from airzoo_bench.tables.printed.scores import is_known
 from airzoo_bench.tables.printed.tabulars import Tabular, tabulars_of
 

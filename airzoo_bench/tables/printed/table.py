@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError, first_of
+from airzoo_bench.tables.printed.ambiguous import resolve_ambiguous
+from airzoo_bench.tables.printed.annotations import is_no_number
 from airzoo_bench.tables.printed.benchmarks import with_benchmarks
-from airzoo_bench.tables.printed.cells import Printed, Published
-from airzoo_bench.tables.printed.company import settled
+from airzoo_bench.tables.printed.cells import PrintedValue, Published
 from airzoo_bench.tables.printed.fields import fields_of
 from airzoo_bench.tables.printed.grid import Grid
-from airzoo_bench.tables.printed.marks import is_no_number
 from airzoo_bench.tables.printed.rows import told_apart, without_differences
 from airzoo_bench.tables.printed.sources import Source, read_sources
 from airzoo_bench.tables.printed.values import read_cell, readable
@@ -27,7 +27,7 @@ _AMBIGUOUS = "all shares are at most 1: percent, or from 0 to 1?"
 class _Table:
     """One table, read: its numbers, and what is to be said of how it was read."""
 
-    cells: tuple[Printed, ...]
+    cells: tuple[PrintedValue, ...]
     unused: tuple[str, ...]
     has_bold: bool
     is_markup: bool
@@ -119,7 +119,7 @@ def _read(path: Path, grids: Sequence[Grid], *, strict: bool) -> _Table:
     fields, said = (fields, []) if strict else readable(fields)
     cells = [cell for field in fields if (cell := read_cell(field, strict=strict)) is not None]
     marked = any(layout.has_bold for layout in layouts) or any(cell.bold for cell in cells)
-    kept = settled(cells, marked=marked)
+    kept = resolve_ambiguous(cells, marked=marked)
     if not kept and said:
         raise ResultError(f"no printed number; {said[0]}", where=path)
     _check_cells(path, kept)
@@ -143,7 +143,7 @@ def _is_infinite(text: str) -> bool:
     return is_no_number(text) and any(sign in text.casefold() for sign in ("inf", "∞"))
 
 
-def _check_cells(path: Path, cells: tuple[Printed, ...]) -> None:
+def _check_cells(path: Path, cells: tuple[PrintedValue, ...]) -> None:
     if not cells:
         raise ResultError("no printed number", where=path, expected="a line a number or a method")
     first: dict[tuple[str, ...], int] = {}
@@ -159,20 +159,20 @@ def _check_cells(path: Path, cells: tuple[Printed, ...]) -> None:
         first[names] = cell.line
 
 
-def _may_be_shares(cells: Sequence[Printed]) -> bool:
+def _may_be_shares(cells: Sequence[PrintedValue]) -> bool:
     shares = [cell for cell in cells if cell.score.is_share and not cell.unit]
     # Nothing at all is 0 by either.
     printed = [cell.number.value for cell in shares if cell.number.value]
     return bool(printed) and all(0 < value <= 1 for value in printed)
 
 
-def _as_share(cell: Printed) -> Printed:
+def _as_share(cell: PrintedValue) -> PrintedValue:
     if not cell.score.is_share or cell.unit:
         return cell
     return replace(cell, unit="share", full=1)
 
 
-def _ambiguous(path: Path, cells: Sequence[Printed]) -> ResultError:
+def _ambiguous(path: Path, cells: Sequence[PrintedValue]) -> ResultError:
     names = dict.fromkeys(c.score.name for c in cells if c.score.is_share and not c.unit)
     return ResultError(
         f"{_AMBIGUOUS} {first_of(names)}",

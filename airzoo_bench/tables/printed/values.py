@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.tables.printed.cells import Printed
-from airzoo_bench.tables.printed.layout import Field
-from airzoo_bench.tables.printed.marks import (
+from airzoo_bench.tables.printed.annotations import (
     Marked,
     is_no_number,
     plain_name,
     read_loosely,
     read_marked,
 )
+from airzoo_bench.tables.printed.cells import PrintedValue
+from airzoo_bench.tables.printed.layout import Field
 from airzoo_bench.tables.printed.numbers import Rounded
 from airzoo_bench.tables.printed.scores import Family, Score, read_score
 
@@ -80,7 +80,7 @@ def _loosely(field: Field) -> Marked | None:
     return read_loosely(field["value"]) if isinstance(marked, str) else marked
 
 
-def read_cell(field: Field, *, strict: bool) -> Printed | None:
+def read_cell(field: Field, *, strict: bool) -> PrintedValue | None:
     """Read one printed number with its marks; None for an empty field, a dash and the like.
 
     Parameters
@@ -103,7 +103,7 @@ def read_cell(field: Field, *, strict: bool) -> Printed | None:
     marked = loose or _marked(field)
     score = _directed(read_score(field["metric"]), field["arrow"])
     unit = field["unit"] or ("%" if marked.percent else "")
-    return Printed(
+    return PrintedValue(
         line=field.line,
         table=field["table"],
         benchmark=field["benchmark"],

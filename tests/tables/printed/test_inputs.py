@@ -9,19 +9,19 @@ import pytest
 
 from airzoo_bench.audit.audit import audit
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.tables.printed.cells import Printed
-from airzoo_bench.tables.printed.marks import Marked, plain_name, read_marked
+from airzoo_bench.tables.printed.annotations import Marked, plain_name, read_marked
+from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.scores import Family
 from airzoo_bench.tables.printed.table import read_published
 
 
-def read(folder: Path, text: str) -> tuple[Printed, ...]:
+def read(folder: Path, text: str) -> tuple[PrintedValue, ...]:
     path = folder / "table.csv"
     path.write_bytes(text.encode())
     return read_published(path).cells
 
 
-def values(cells: tuple[Printed, ...]) -> list[tuple[str, str, str, str]]:
+def values(cells: tuple[PrintedValue, ...]) -> list[tuple[str, str, str, str]]:
     return [(c.method, c.scene, c.score.name, c.number.text) for c in cells]
 
 

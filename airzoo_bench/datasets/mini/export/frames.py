@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.datasets.mini.export.frame_list import (
     IMAGE_SUFFIX,
     FrameList,
@@ -82,7 +82,7 @@ def render_frames(
         del world  # each worker has its own
     try:
         work = partial(_render_job, source, folder)
-        done = spread(work, todo, min(workers, len(todo))) if todo else iter(())
+        done = parallel_map(work, todo, min(workers, len(todo))) if todo else iter(())
         for _ in progress(done, "rendering", len(todo)):
             pass
     finally:

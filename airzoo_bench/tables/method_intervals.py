@@ -9,8 +9,8 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import score_intervals
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Plan
-from airzoo_bench.tables.entries import OVERALL, Board, as_shown
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.method_table import OVERALL, MethodTable, as_shown
 from airzoo_bench.tables.model import Between, Uncertainty
 from airzoo_bench.tables.wording import brackets_note, resampled
 
@@ -29,16 +29,16 @@ class _Missing:
 
 
 def with_intervals(
-    board: Board, methods: Sequence[Scored], plan: Plan, shown: Sequence[str]
-) -> Board:
+    board: MethodTable, methods: Sequence[Scored], plan: ResamplingConfig, shown: Sequence[str]
+) -> MethodTable:
     """Put intervals beside the numbers of a board, and notes how they were made, or why not.
 
     Parameters
     ----------
-    board : Board
+    board : MethodTable
         Of the same results, in their order, and no others.
     methods : sequence of Scored
-    plan : Plan
+    plan : ResamplingConfig
     shown : sequence of str
         The scenes, or `OVERALL`, whose intervals the notes are about.
     """
@@ -80,7 +80,7 @@ def _reasons(
     return [(score, interval.reason) for score, interval in pairs if interval.low is None]
 
 
-def _places(board: Board, missing: Sequence[_Missing]) -> str:
+def _places(board: MethodTable, missing: Sequence[_Missing]) -> str:
     """Name numbers in as few words as tell which they are: scenes, in them methods and scores."""
     titles = {**board.scenes, OVERALL: "the average"}
     by_scene: dict[str, dict[str, list[str]]] = {}
@@ -92,7 +92,7 @@ def _places(board: Board, missing: Sequence[_Missing]) -> str:
     return "; ".join(", ".join(scenes) + which for which, scenes in parts.items())
 
 
-def _which(board: Board, by_method: Mapping[str, list[str]]) -> str:
+def _which(board: MethodTable, by_method: Mapping[str, list[str]]) -> str:
     by_scores: dict[str, list[str]] = {}
     for method, scores in by_method.items():
         every = len(scores) == len(board.scores)

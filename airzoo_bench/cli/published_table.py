@@ -14,7 +14,7 @@ from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.results.result import score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.tables.entries import Board
+from airzoo_bench.tables.method_table import MethodTable
 
 if TYPE_CHECKING:
     from airzoo_bench.results.scores import Score
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["empty_board", "published_benchmarks"]
 
 
-def empty_board(name: str, data: Path, *, every_score: bool) -> Board:
+def empty_board(name: str, data: Path, *, every_score: bool) -> MethodTable:
     """Return a board with the scores and scenes of a protocol, and no entry.
 
     Parameters
@@ -41,7 +41,7 @@ def empty_board(name: str, data: Path, *, every_score: bool) -> Board:
     """
     protocol = find_protocol(name, data)
     columns = score_columns(_scores(protocol))
-    return Board(
+    return MethodTable(
         f"{protocol.name} v{protocol.version}",
         protocol.benchmark,
         protocol.track,

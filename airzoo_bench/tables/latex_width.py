@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from airzoo_bench.tables.model import Cell, Column, Table
 
-__all__ = ["COLUMN", "PAGE", "extent", "text_extent"]
+__all__ = ["COLUMN", "PAGE", "latex_width", "text_width"]
 
 PAGE = 50.0
 """The width of a usual page of two columns, in em of its text."""
@@ -28,7 +28,7 @@ _LETTERS = {
 _LOWER, _UPPER = 0.47, 0.72
 
 
-def extent(table: Table, *, aligned: bool = False) -> float:
+def latex_width(table: Table, *, aligned: bool = False) -> float:
     """Estimate the width of a table in em, with the gaps between its columns.
 
     Parameters
@@ -41,11 +41,11 @@ def extent(table: Table, *, aligned: bool = False) -> float:
     for group in dict.fromkeys(column.group for column in table.columns if column.group):
         members = [i for i, column in enumerate(table.columns) if column.group == group]
         inner = sum(widest[i] for i in members) + _BETWEEN * (len(members) - 1)
-        widest[members[-1]] += max(0.0, text_extent(group, bold=True) - inner)
+        widest[members[-1]] += max(0.0, text_width(group, bold=True) - inner)
     return sum(widest) + _BETWEEN * len(widest)
 
 
-def text_extent(text: str, *, bold: bool = False) -> float:
+def text_width(text: str, *, bold: bool = False) -> float:
     """Estimate the width of a text in em."""
     width = sum(_LETTERS.get(c, _UPPER if c.isupper() else _LOWER) for c in text)
     return width * _BOLD if bold else width
@@ -53,7 +53,7 @@ def text_extent(text: str, *, bold: bool = False) -> float:
 
 def _column(table: Table, index: int, aligned: bool) -> float:
     column = table.columns[index]
-    head = text_extent(column.title, bold=True) + text_extent(column.beside_title)
+    head = text_width(column.title, bold=True) + text_width(column.title_suffix)
     cells = [_cell(row.cells[index], column) for row in table.rows]
     if not aligned:
         return max(head, *(value + beside for value, beside in cells), 0)
@@ -61,6 +61,6 @@ def _column(table: Table, index: int, aligned: bool) -> float:
 
 
 def _cell(cell: Cell, column: Column) -> tuple[float, float]:
-    value = text_extent(cell.text(column.decimals), bold=cell.best)
-    beside = text_extent("".join(f" {part}" for part in cell.beside(column.decimals)))
+    value = text_width(cell.text(column.decimals), bold=cell.best)
+    beside = text_width("".join(f" {part}" for part in cell.suffix(column.decimals)))
     return value + _CITATION * bool(cell.cite), beside

@@ -6,21 +6,21 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from airzoo_bench.tables.printed.cells import Printed
-from airzoo_bench.tables.printed.heads import is_summary_name
+from airzoo_bench.tables.printed.cells import PrintedValue
+from airzoo_bench.tables.printed.column_titles import is_summary_name
 from airzoo_bench.tables.printed.scores import Family, recall_of_cloud
 
-__all__ = ["settled"]
+__all__ = ["resolve_ambiguous"]
 
 _PERCENT = {"%", "percent"}
 
 
-def settled(cells: Sequence[Printed], *, marked: bool) -> tuple[Printed, ...]:
+def resolve_ambiguous(cells: Sequence[PrintedValue], *, marked: bool) -> tuple[PrintedValue, ...]:
     """Say of cells what is not bold, which recalls are of clouds, and what accuracy is.
 
     Parameters
     ----------
-    cells : sequence of Printed
+    cells : sequence of PrintedValue
         All of a file.
     marked : bool
         Whether the file says what is bold.
@@ -35,7 +35,7 @@ def settled(cells: Sequence[Printed], *, marked: bool) -> tuple[Printed, ...]:
     )
 
 
-def _cloud_distances(cells: Iterable[Printed]) -> dict[tuple[object, ...], None]:
+def _cloud_distances(cells: Iterable[PrintedValue]) -> dict[tuple[object, ...], None]:
     """Return where F1 at a distance, or precision at one in metres, is printed, and which."""
     return dict.fromkeys(
         (cell.table, *cell.group, cell.score.thresholds)
@@ -44,7 +44,7 @@ def _cloud_distances(cells: Iterable[Printed]) -> dict[tuple[object, ...], None]
     )
 
 
-def _of_cloud(cell: Printed, distances: Container[tuple[object, ...]]) -> Printed:
+def _of_cloud(cell: PrintedValue, distances: Container[tuple[object, ...]]) -> PrintedValue:
     """Take R@10m, and P@10, for recall and precision of clouds where F1@10 stands beside them."""
     score = cell.score
     thresholds = score.thresholds
@@ -57,7 +57,7 @@ def _of_cloud(cell: Printed, distances: Container[tuple[object, ...]]) -> Printe
     return replace(cell, score=recall_of_cloud(score))
 
 
-def _settled(cell: Printed, *, marked: bool, distances: bool) -> Printed:
+def _settled(cell: PrintedValue, *, marked: bool, distances: bool) -> PrintedValue:
     """Say of a cell what only the whole file tells: what is not bold, and what accuracy is."""
     score = cell.score
     if score.family in (Family.ACCURACY, Family.COMPLETENESS):

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from airzoo_bench.tables.printed.marks import plain_name
+from airzoo_bench.tables.printed.annotations import plain_name
 from airzoo_bench.tables.printed.scores import is_known, is_plain_score
 
 __all__ = ["Head", "is_summary_name", "names_summary", "read_heads", "split_unit"]

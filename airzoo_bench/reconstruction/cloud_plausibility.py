@@ -14,7 +14,7 @@ from airzoo_bench.reconstruction.alignment.similarity import Similarity
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["lost_digits", "mirror_suspicion", "suspicions"]
+__all__ = ["lost_digits", "mirror_warning", "plausibility_warnings"]
 
 _FACTOR = 80.0
 """A little below a hundred, so that outliers do not hide centimetres."""
@@ -30,7 +30,7 @@ _TRIED = 2000
 _POOR, _GOOD = 0.5, 0.6
 
 
-def suspicions(cloud: Floats, truth: Floats) -> tuple[str, ...]:
+def plausibility_warnings(cloud: Floats, truth: Floats) -> tuple[str, ...]:
     """Say what a cloud may be instead, by its bounds and those of the truth.
 
     Only for clouds that are meant to lie where the truth lies: before an alignment with scale, any
@@ -119,7 +119,7 @@ def _digits(value: np.floating[Any]) -> int:
     return len(text.partition("e")[0].replace(".", "").lstrip("-"))
 
 
-def mirror_suspicion(
+def mirror_warning(
     cloud: Floats, truth: Floats, transform: Similarity, near: Iterable[float]
 ) -> str | None:
     """Say where a cloud would fit the truth if its axes were negated or exchanged.

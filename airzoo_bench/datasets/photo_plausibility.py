@@ -11,9 +11,7 @@ from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PriorFacts, WithoutPrior
 from airzoo_bench.datasets.photo_files import PhotoFiles
-from airzoo_bench.datasets.raster_checks import FOOT_M
-from airzoo_bench.datasets.scene_facts import SceneFacts
-from airzoo_bench.datasets.suspicion_kinds import (
+from airzoo_bench.datasets.plausibility_kinds import (
     DAYS_APART,
     FAR_M,
     FAR_SHARE,
@@ -23,15 +21,17 @@ from airzoo_bench.datasets.suspicion_kinds import (
     Found,
     Kind,
 )
+from airzoo_bench.datasets.raster_checks import FOOT_M
+from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 
-__all__ = ["suspicions_of_photos"]
+__all__ = ["photo_warnings"]
 
 _LENS_COLUMNS = tuple(name for name in CAMERA_COLUMNS if name not in ("width", "height"))
 _TRUTH_STEP_M = 1e-4
 
 
-def suspicions_of_photos(facts: SceneFacts) -> Found:
+def photo_warnings(facts: SceneFacts) -> Found:
     """Yield what is suspect of the photos of a scene, their poses and their priors."""
     yield from _of_files(facts.files, len(facts.inputs.photos))
     yield from _of_cameras(facts)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from airzoo_bench.datasets.photo_suspicions import suspicions_of_photos
-from airzoo_bench.datasets.raster_checks import often_lowest
-from airzoo_bench.datasets.scene_facts import SceneFacts
-from airzoo_bench.datasets.suspicion_kinds import (
+from airzoo_bench.datasets.photo_plausibility import photo_warnings
+from airzoo_bench.datasets.plausibility_kinds import (
     CLOUD_M,
     FEW_ON,
     FEW_PIXELS,
@@ -19,19 +17,21 @@ from airzoo_bench.datasets.suspicion_kinds import (
     Found,
     Kind,
 )
+from airzoo_bench.datasets.raster_checks import often_lowest
+from airzoo_bench.datasets.scene_facts import SceneFacts
 
-__all__ = ["kinds_and_sentences", "suspicions"]
+__all__ = ["kinds_and_warnings", "plausibility_warnings"]
 
 
-def suspicions(facts: SceneFacts) -> list[str]:
+def plausibility_warnings(facts: SceneFacts) -> list[str]:
     """Return what is suspect in a scene, a sentence each; none where nothing is."""
-    return [sentence for _, sentence in kinds_and_sentences(facts)]
+    return [sentence for _, sentence in kinds_and_warnings(facts)]
 
 
-def kinds_and_sentences(facts: SceneFacts) -> list[tuple[Kind, str]]:
+def kinds_and_warnings(facts: SceneFacts) -> list[tuple[Kind, str]]:
     """Return what is suspect in a scene: the kind, and a sentence with the figures."""
     parts: tuple[Callable[[SceneFacts], Found], ...] = (
-        *(_of_surface, _of_cloud, suspicions_of_photos, _of_picture, _of_map, _of_surface_extent),
+        *(_of_surface, _of_cloud, photo_warnings, _of_picture, _of_map, _of_surface_extent),
         *(_of_crops, _of_positives),
     )
     return [found for part in parts for found in part(facts)]

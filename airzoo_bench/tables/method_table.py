@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 __all__ = [
     "OVERALL",
     "UNITS",
-    "Board",
-    "Entry",
+    "MethodRow",
+    "MethodTable",
     "as_shown",
-    "board_of",
     "identity",
+    "method_table",
     "score_column",
     "with_published",
 ]
@@ -36,7 +36,7 @@ UNITS = {"share": "%", "m": "m", "deg": "deg"}
 
 
 @dataclass(frozen=True)
-class Entry:
+class MethodRow:
     """A method's numbers: percent, metres, degrees.
 
     Attributes
@@ -67,7 +67,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Board:
+class MethodTable:
     """Entries that may stand in one table: of one protocol and truth, or reported for them.
 
     Attributes
@@ -79,7 +79,7 @@ class Board:
         Titles by id.
     queries : mapping of str to int
         How many each scene has, where that is known.
-    entries : tuple of Entry
+    entries : tuple of MethodRow
     method_notes : tuple of str
         Of the results themselves; each says whose it is.
     notes : tuple of str
@@ -98,7 +98,7 @@ class Board:
     scores: tuple[ScoreColumn, ...]
     scenes: Mapping[str, str]
     queries: Mapping[str, int]
-    entries: tuple[Entry, ...]
+    entries: tuple[MethodRow, ...]
     method_notes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     legend: tuple[str, ...] = ()
@@ -115,15 +115,15 @@ class Board:
         """The notes that LaTeX prints under the table."""
         return (*self.legend, *self.about_intervals)
 
-    def noted(self, *notes: str, legend: bool = False) -> Board:
+    def noted(self, *notes: str, legend: bool = False) -> MethodTable:
         """Return the board with further notes, which may be of the legend."""
         more = notes if legend else ()
         return replace(self, notes=(*self.notes, *notes), legend=(*self.legend, *more))
 
 
-def board_of(
+def method_table(
     results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
-) -> Board:
+) -> MethodTable:
     """Put results of one protocol and one truth on one board.
 
     Parameters
@@ -147,7 +147,7 @@ def board_of(
     first = results[0]
     # One that a method has no score for stays empty.
     scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
-    return Board(
+    return MethodTable(
         f"{first.protocol.name} v{first.protocol.version}",
         first.truth.benchmark,
         first.track,
@@ -170,14 +170,14 @@ def _by_note(names: Sequence[str], results: Sequence[Result]) -> tuple[str, ...]
     return tuple(f"{', '.join(who)}: {note}" for note, who in methods.items())
 
 
-def _entry(name: str, result: Result) -> Entry:
+def _entry(name: str, result: Result) -> MethodRow:
     by_key = {column.key: column for column in result.columns}
     parts = {OVERALL: result.overall} | result.scenes
     values = {
         scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
         for scene, part in parts.items()
     }
-    return Entry(name, values)
+    return MethodRow(name, values)
 
 
 def as_shown(score: ScoreColumn, value: float) -> float:
@@ -200,13 +200,13 @@ def identity(result: Result) -> str:
 
 
 def with_published(
-    board: Board,
+    board: MethodTable,
     tables: Sequence[PublishedTable],
     *,
     by_scene: bool,
     average: bool = True,
     elsewhere: Sequence[str] = (),
-) -> Board:
+) -> MethodTable:
     """Put the rows of published tables before a board's own.
 
     A source may print an average twice and differently. An average alone is taken from the tables
@@ -216,7 +216,7 @@ def with_published(
 
     Parameters
     ----------
-    board : Board
+    board : MethodTable
     tables : sequence of PublishedTable
         Of the board's benchmark and track; scores that the board lacks are left out.
     by_scene : bool
@@ -243,7 +243,9 @@ def with_published(
     return board.noted(*filter(None, notes), legend=True)
 
 
-def _with_average(board: Board, entry: Entry, tables: Sequence[PublishedTable]) -> Entry:
+def _with_average(
+    board: MethodTable, entry: MethodRow, tables: Sequence[PublishedTable]
+) -> MethodRow:
     """Fill in an average that the tables by scene do not print, and say from where it is."""
     if OVERALL in entry.values:
         return entry
@@ -255,11 +257,11 @@ def _with_average(board: Board, entry: Entry, tables: Sequence[PublishedTable]) 
     return replace(entry, values=values, reported=f"{entry.reported}; average: {found.reported}")
 
 
-def _reported(board: Board, table: PublishedTable) -> list[Entry]:
+def _reported(board: MethodTable, table: PublishedTable) -> list[MethodRow]:
     keys = {title: key for key, title in board.scenes.items()} | {OVERALL: OVERALL}
     known = {score.key for score in board.scores}
     return [
-        Entry(
+        MethodRow(
             method,
             {
                 keys[title]: {key: value for key, value in values.items() if key in known}
@@ -272,7 +274,7 @@ def _reported(board: Board, table: PublishedTable) -> list[Entry]:
     ]
 
 
-def _disagreement(board: Board, table: PublishedTable, other: PublishedTable) -> str:
+def _disagreement(board: MethodTable, table: PublishedTable, other: PublishedTable) -> str:
     shown = [score.key for score in board.scores]
     differ = [
         method

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.tables.entries import Board
+from airzoo_bench.tables.method_table import MethodTable
 
-__all__ = ["benchmark_heads"]
+__all__ = ["benchmark_titles"]
 
 
-def benchmark_heads(boards: Sequence[Board]) -> list[str]:
+def benchmark_titles(boards: Sequence[MethodTable]) -> list[str]:
     """Return a head for each board: the benchmark's title, and what more tells them apart.
 
     That is the track, such as in ``AirZoo-Mini, matching``, or else the protocol's name. The title
