@@ -158,7 +158,7 @@ def align_cameras(
         raise ArgumentError(
             "the robust alignment always finds the scale",
             where="with_scale",
-            mend="leave it at True, or choose robust=False",
+            fix="leave it at True, or choose robust=False",
         )
     rows = np.flatnonzero(np.isfinite(given.centres).all(axis=1))
     if len(rows) < LEAST_CAMERAS:

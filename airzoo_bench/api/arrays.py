@@ -43,7 +43,7 @@ def refused(what: str) -> Iterator[None]:
         if isinstance(error, ArgumentError):
             raise
         raise ArgumentError(
-            error.what, where=what, expected=error.expected, mend=error.mend
+            error.what, where=what, expected=error.expected, fix=error.fix
         ) from error
 
 
@@ -83,7 +83,7 @@ def in_order(name: str, values: Any) -> Any:
             f"is a {type(values).__name__}",
             where=name,
             expected="a list or array, whose order counts",
-            mend="sort it: for a dict of scores, sorted(scores, key=scores.get, reverse=True)",
+            fix="sort it: for a dict of scores, sorted(scores, key=scores.get, reverse=True)",
         )
     if isinstance(values, np.ma.MaskedArray):
         if np.ma.is_masked(values):
@@ -91,7 +91,7 @@ def in_order(name: str, values: Any) -> Any:
                 "has masked entries",
                 where=name,
                 expected="an array without a mask",
-                mend="leave the entries out, or fill them: array.filled(np.nan)",
+                fix="leave the entries out, or fill them: array.filled(np.nan)",
             )
         return values.data
     return values
@@ -212,7 +212,7 @@ def _check_last_row(name: str, matrices: Floats, names: Sequence[str]) -> None:
             f"a last row other than 0 0 0 1: {named}",
             where=name,
             expected="[R | t] above 0 0 0 1",
-            mend="transpose the matrices, if their last row holds t",
+            fix="transpose the matrices, if their last row holds t",
         )
 
 
@@ -225,7 +225,7 @@ def _refuse_coarse(name: str, matrices: Floats, names: Sequence[str]) -> None:
             f"rounding alone moves cameras by {errors[coarse].max():.2g} m",
             where=name,
             expected=f"digits that place a camera to {COARSEST_M} m",
-            mend=f"compute poses in float64; nothing within {FARTHEST:g} m is too far for it",
+            fix=f"compute poses in float64; nothing within {FARTHEST:g} m is too far for it",
         )
 
 

@@ -108,6 +108,6 @@ def precise(field: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDA
             raise PredictionError(
                 f"{field} is {given.dtype}, which keeps {largest:.0f} to {step:.2g} only",
                 expected="float64",
-                mend=f"compute {field} in float64",
+                fix=f"compute {field} in float64",
             )
     return array

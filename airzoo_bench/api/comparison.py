@@ -208,7 +208,7 @@ def _read(
             f"several are called {first_of(twice)}",
             where="results",
             expected="methods of different names",
-            mend="load_result(path, name=...)",
+            fix="load_result(path, name=...)",
         )
     return methods
 

@@ -160,7 +160,7 @@ def _field(name: str, values: Any) -> NDArray[Any]:
         raise ArgumentError(
             f"field {name!r} cannot be an array: {error}",
             expected="rows of one length",
-            mend="fill shorter lists with empty ids",
+            fix="fill shorter lists with empty ids",
         ) from error
     if array.dtype != np.dtype(object):
         return array
@@ -168,7 +168,7 @@ def _field(name: str, values: Any) -> NDArray[Any]:
         raise ArgumentError(
             f"field {name!r} holds Python objects, or lists of different lengths",
             expected="an array of numbers or text",
-            mend="np.array(values, dtype=str) for ids",
+            fix="np.array(values, dtype=str) for ids",
         )
     return array.astype(str)
 
@@ -189,7 +189,7 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
         raise ArgumentError(
             "predictions as arrays do not say which protocol they are for",
             expected="protocol=, or a field 'protocol', with the name of one",
-            mend="`airzoo-bench protocols` lists them",
+            fix="`airzoo-bench protocols` lists them",
         )
     with TemporaryDirectory() as folder:
         path = Path(folder, "predictions.npz")

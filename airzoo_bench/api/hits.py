@@ -155,6 +155,6 @@ def _counts(n_positives: ArrayLike, hits: Bools) -> Ints:
             f"{first_of(wrong.tolist(), len(hits))}",
             where="n_positives",
             expected="all positives that each query has in the gallery, ranked or not",
-            mend="leave out queries that have no positive, as the protocols do",
+            fix="leave out queries that have no positive, as the protocols do",
         )
     return counts

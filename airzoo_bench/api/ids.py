@@ -119,7 +119,7 @@ def _one_kind(parts: Mapping[str, Sequence[Ids]]) -> None:
             "; ".join(f"{name} holds {kind}" for kind, name in kinds.items()),
             where="ids",
             expected="the same kind of id everywhere",
-            mend="turn one into the other: str(id), or int(id)",
+            fix="turn one into the other: str(id), or int(id)",
         )
 
 

@@ -172,7 +172,7 @@ def _values(values: ArrayLike, statistic: Statistic) -> Floats:
             f"run from {given.min():g} to {given.max():g}",
             where="values",
             expected="shares from 0 to 1",
-            mend='divide percent by 100, or choose statistic="mean" or "median"',
+            fix='divide percent by 100, or choose statistic="mean" or "median"',
         )
     return given
 

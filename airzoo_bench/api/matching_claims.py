@@ -112,5 +112,5 @@ def _refuse_outside(query_xy: NDArray[np.float64], photo: Photo) -> None:
             f"{int(outside.sum())} of {len(query_xy)} pixels of query_xy lie outside the photo, "
             f"such as ({x:.1f}, {y:.1f})",
             expected=f"pixels of the photo at its full size, {size[0]} x {size[1]} px, x before y",
-            mend="scale pixels of a photo that was made smaller back up",
+            fix="scale pixels of a photo that was made smaller back up",
         )

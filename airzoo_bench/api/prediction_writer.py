@@ -220,7 +220,7 @@ class PredictionWriter:
     def _claims_for(self, fields: dict[str, Any]) -> Claims | ReconstructionClaims:
         """Return what collects answers with these fields."""
         if self._closed:
-            raise UsageError("the file is closed", mend="add all answers in the with block")
+            raise UsageError("the file is closed", fix="add all answers in the with block")
         track = self._protocol.track
         kind = next((kind for kind in KINDS if kind.fits(track, fields)), None)
         if kind is None:
@@ -272,7 +272,7 @@ def _check_name(protocol: Protocol, benchmark: BlindBenchmark) -> None:
         raise UsageError(
             f"protocol {protocol.name} is of benchmark {protocol.benchmark}, not {benchmark.name}",
             where=benchmark.folder,
-            mend=f"load_benchmark({protocol.benchmark!r})",
+            fix=f"load_benchmark({protocol.benchmark!r})",
         )
 
 
@@ -281,5 +281,5 @@ def _check_place(path: Path, protocol: Protocol) -> None:
         check_output_folder(path, ("protocol.txt",))
         return
     if path.suffix != ".npz":
-        raise UsageError("predictions are written as .npz", where=path, mend=f"name it {path}.npz")
+        raise UsageError("predictions are written as .npz", where=path, fix=f"name it {path}.npz")
     check_output_file(path)

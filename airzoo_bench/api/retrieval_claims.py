@@ -141,7 +141,7 @@ class DescribedClaims:
             raise PredictionError(
                 f"no descriptor of tiles: {first_of(lacking, len(self._tiles))}",
                 expected="every tile of the gallery: leaving some out would make the task easier",
-                mend="add the descriptor of each tile of scene.tiles(), in every scene",
+                fix="add the descriptor of each tile of scene.tiles(), in every scene",
             )
         if not self._asked.there.any():
             raise PredictionError("no query has a descriptor", expected="at least one")
@@ -176,7 +176,7 @@ def _refuse_faults(name: str, ids: list[str], scores: NDArray[np.float64] | None
         *validation_errors(one, 0),
         *deep_validation_errors(one, "l2", [name.partition("/")[0]]),
     ):
-        raise PredictionError(fault.what, expected=fault.expected, mend=fault.mend)
+        raise PredictionError(fault.what, expected=fault.expected, fix=fault.fix)
 
 
 def _refuse_unrankable(name: str, descriptor: NDArray[Any], metric: Metric) -> None:

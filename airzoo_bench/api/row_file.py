@@ -66,7 +66,7 @@ class RowFile:
             raise PredictionError(
                 f"{self._field} is {row.dtype}, and the first was {self._rows.dtype}",
                 expected="one type for all, which keeps all digits",
-                mend="np.asarray(values, np.float32) for each",
+                fix="np.asarray(values, np.float32) for each",
             )
         return row
 

@@ -83,7 +83,7 @@ class Benchmark:
                 "no benchmark folder here",
                 where=folder,
                 expected="a folder with benchmark.toml, as `airzoo-bench prepare` writes it",
-                mend=f"name it with --data, or set {DATA_VARIABLE} to the folder that holds it",
+                fix=f"name it with --data, or set {DATA_VARIABLE} to the folder that holds it",
             )
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
@@ -120,14 +120,14 @@ class Benchmark:
             raise BenchmarkError(
                 f"lacks the scenes {', '.join(sorted(missing))} of protocol {protocol.name}",
                 where=self.folder,
-                mend="prepare them, or choose the protocol that the folder was made for",
+                fix="prepare them, or choose the protocol that the folder was made for",
             )
         have = self.file.tracks.get(protocol.track)
         if have is None:
             raise BenchmarkError(
                 f"has no truth for {protocol.track}, only for {', '.join(self.file.tracks)}",
                 where=self.folder,
-                mend="prepare it with a protocol of that track",
+                fix="prepare it with a protocol of that track",
             )
         differences = _differences(have, protocol.truth_settings())
         if differences:
@@ -135,7 +135,7 @@ class Benchmark:
                 f"its truth was made with other settings than protocol {protocol.name}:\n    "
                 + "\n    ".join(differences),
                 where=self.folder,
-                mend="use the protocol in its protocols/ folder, or prepare it again with this one",
+                fix="use the protocol in its protocols/ folder, or prepare it again with this one",
             )
 
 
@@ -166,7 +166,7 @@ def find_benchmark(name: str, data: Path) -> Benchmark:
             f"benchmark {name} is not there",
             where=data,
             expected=f"a folder {name}/ (benchmark folders found: {there})",
-            mend=f"name it with --data, or set {DATA_VARIABLE}, or make it with "
+            fix=f"name it with --data, or set {DATA_VARIABLE}, or make it with "
             "`airzoo-bench prepare`",
         )
     benchmark = Benchmark.open(folder)
@@ -174,7 +174,7 @@ def find_benchmark(name: str, data: Path) -> Benchmark:
         raise BenchmarkError(
             f"holds benchmark {benchmark.name}, not {name}",
             where=folder,
-            mend="name the right folder with --data, or the right protocol with --protocol",
+            fix="name the right folder with --data, or the right protocol with --protocol",
         )
     return benchmark
 

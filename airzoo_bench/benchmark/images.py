@@ -39,7 +39,7 @@ def photo_size(path: Path) -> tuple[int, int]:
             f"is to be shown turned (EXIF orientation {orientation})",
             where=path,
             expected="orientation 1: a camera matrix belongs to the pixels as they are stored",
-            mend="turn the pixels (jpegtran) or clear the tag (exiftool -Orientation=1 -n)",
+            fix="turn the pixels (jpegtran) or clear the tag (exiftool -Orientation=1 -n)",
         )
     return size
 

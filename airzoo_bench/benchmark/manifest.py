@@ -95,7 +95,7 @@ def verify(folder: Path, file: BenchmarkFile) -> None:
                 "has no checksum in benchmark.toml",
                 where=folder / name,
                 expected="only files that `airzoo-bench prepare` wrote",
-                mend="remove the file, or prepare the benchmark again",
+                fix="remove the file, or prepare the benchmark again",
             )
     for name, expected in file.checksums.items():
         path = folder / name
@@ -104,12 +104,12 @@ def verify(folder: Path, file: BenchmarkFile) -> None:
                 "a file of the benchmark is missing",
                 where=path,
                 expected="all files of tables and truth that benchmark.toml names",
-                mend="copy the folder again, or prepare the benchmark again",
+                fix="copy the folder again, or prepare the benchmark again",
             )
         if sha256_of(path) != expected:
             raise BenchmarkError(
                 "a file of the benchmark was changed since it was prepared",
                 where=path,
                 expected=f"SHA-256 {expected[:12]}…",
-                mend="prepare the benchmark again, so that its scores can be compared",
+                fix="prepare the benchmark again, so that its scores can be compared",
             )

@@ -135,7 +135,7 @@ def _check_complete(queries: pd.DataFrame, columns: Sequence[str], what: str) ->
     rows = np.flatnonzero(~np.isfinite(_values(queries, columns)).all(axis=1))
     if rows.size:
         named = first_of(queries["id"].iloc[rows], len(queries))
-        raise BenchmarkError(f"queries without {what}: {named}", mend="prepare the benchmark again")
+        raise BenchmarkError(f"queries without {what}: {named}", fix="prepare the benchmark again")
 
 
 def _values(queries: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.float64]:

@@ -67,7 +67,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
         raise BenchmarkError(
             "the benchmark folder has no truth here",
             where=path,
-            mend="prepare the benchmark again; `check` needs no truth, `eval` does",
+            fix="prepare the benchmark again; `check` needs no truth, `eval` does",
         )
     try:
         table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
@@ -76,7 +76,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
             f"not a readable table: {(str(error) or type(error).__name__).splitlines()[0][:200]}",
             where=path,
             expected="a table in UTF-8" if path.suffix == ".csv" else None,
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         ) from error
     lacking = [name for name in columns if name not in table.columns]
     if lacking:
@@ -84,7 +84,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
             f"lacks the columns {', '.join(lacking)}",
             where=path,
             expected=", ".join(columns),
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         )
     typed = table.assign(**{name: _typed(path, table[name]) for name in _known(table)})
     for name in complete:
@@ -172,7 +172,7 @@ def _refuse(path: Path, name: str, values: list[Any], wrong: list[bool], expecte
             f"column '{name}', {'; '.join(named)}{more}",
             where=path,
             expected=f"{expected} (rows are counted from 1, below the head)",
-            mend=_MEND,
+            fix=_MEND,
         )
 
 

@@ -41,7 +41,7 @@ class BuiltGroup(TyperGroup):
             raise UsageError(
                 f"{args[0]} stands where the name of a command does",
                 expected=" or ".join(names),
-                mend=f"{ctx.command_path} {names[0]} {args[0]}",
+                fix=f"{ctx.command_path} {names[0]} {args[0]}",
             )
         self.commands = dict.fromkeys(names)  # type: ignore[assignment]
         return super().resolve_command(ctx, args)

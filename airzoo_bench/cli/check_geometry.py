@@ -173,7 +173,7 @@ def _checked(
     if scene.crs is None and not has_depth:
         raise UsageError(
             "nothing can be checked: neither the CRS of the poses nor depth is known",
-            mend="give --crs EPSG:..., or --depth DIR",
+            fix="give --crs EPSG:..., or --depth DIR",
         )
     chain = None if scene.crs is None else check_frame_chain(scene.cameras, scene.poses, scene.crs)
     consistency = (

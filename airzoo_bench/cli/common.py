@@ -95,7 +95,7 @@ def resolve_data(data: Path | None) -> Path:
             "no such folder",
             where=f"--data {data}",
             expected="a benchmark folder, or the folder that holds some",
-            mend="make one with `airzoo-bench prepare`",
+            fix="make one with `airzoo-bench prepare`",
         )
     return data_root() if data is None else data
 
@@ -128,7 +128,7 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
             f"the file's ending is {out.suffix!r}" if out.suffix else "the file has no ending",
             where=out,
             expected=" or ".join(known),
-            mend=f"name it {out.stem}{known[0]}",
+            fix=f"name it {out.stem}{known[0]}",
         )
 
 

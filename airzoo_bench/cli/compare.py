@@ -133,15 +133,15 @@ def _check(request: _Request) -> None:
         raise UsageError(
             "nothing to compare",
             expected="result files, or --printed",
-            mend="airzoo-bench compare a/result.json b/result.json",
+            fix="airzoo-bench compare a/result.json b/result.json",
         )
     if request.every and request.scores:
-        raise UsageError("--all and --score exclude each other", mend="leave one of them out")
+        raise UsageError("--all and --score exclude each other", fix="leave one of them out")
     named = request.reference or request.method
     if len(request.paths) == 1 and (named or request.most_different):
         raise UsageError(
             "--reference, --method and --most-different need two or more results",
-            mend="name another result, or leave the option out",
+            fix="name another result, or leave the option out",
         )
     if len(request.paths) > 2 and named and request.most_different:
         raise UsageError(

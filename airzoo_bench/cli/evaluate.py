@@ -134,7 +134,7 @@ def _refuse_without_folder(asked: list[EvalOption], out: Path | None) -> None:
     if writing and out is None:
         needs = "needs" if len(writing) == 1 else "need"
         raise UsageError(
-            f"{' and '.join(writing)} {needs} a folder to write into", mend="add --out DIR"
+            f"{' and '.join(writing)} {needs} a folder to write into", fix="add --out DIR"
         )
 
 

@@ -119,4 +119,4 @@ def _allow_every_letter() -> None:
 def _fault_of_the_machine(error: OSError | MemoryError) -> str:
     if isinstance(error, OSError):
         return f"{str(error.filename or 'a file')[:200]}: {error.strerror or error}"
-    return f"not enough memory ({error})\n  to mend:  lower --max-memory or --jobs"
+    return f"not enough memory ({error})\n  fix:      lower --max-memory or --jobs"

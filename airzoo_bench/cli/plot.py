@@ -206,5 +206,5 @@ def _unknown_kind(kind: str, known: list[str]) -> UsageError:
     return UsageError(
         f"{kind!r} is no kind of picture{nearest(kind.lower(), known)}",
         expected="one of " + ", ".join(known),
-        mend="name the kind before the results" if is_file else None,
+        fix="name the kind before the results" if is_file else None,
     )

@@ -115,7 +115,7 @@ class Call:
         if check_ending(self.out) != "png" and self.dpi is not None:
             raise UsageError(
                 f"--dpi is for .png, and {self.out} is drawn in lines and letters",
-                mend="leave it out, or save a .png",
+                fix="leave it out, or save a .png",
             )
         return self.results, self.out
 

@@ -169,4 +169,4 @@ def _check_no_latex(given: dict[str, object]) -> None:
     odd = [name for name, value in given.items() if value]
     if odd:
         are = agreeing(len(odd), "is", "are")
-        raise UsageError(f"{' and '.join(odd)} {are} for LaTeX", mend="add --format latex")
+        raise UsageError(f"{' and '.join(odd)} {are} for LaTeX", fix="add --format latex")

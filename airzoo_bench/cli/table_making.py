@@ -179,7 +179,7 @@ class _TableMaker:
                 where=f"--protocol {protocol}",
                 expected="a protocol of a benchmark of a paper's tables: "
                 + ", ".join(published_benchmarks(board.track)),
-                mend="see `airzoo-bench protocols`",
+                fix="see `airzoo-bench protocols`",
             )
         printed = {key for e in board.entries for part in e.values.values() for key in part}
         if wanted:

@@ -94,16 +94,16 @@ class TableRequest:
             raise UsageError(
                 "results name their own protocol" if self.results else "nothing to lay out",
                 expected="result files, or --published with --protocol and no results",
-                mend="such as `airzoo-bench table --published --protocol uav-visloc-retrieval`",
+                fix="such as `airzoo-bench table --published --protocol uav-visloc-retrieval`",
             )
         for name, given in {"--intervals": self.intervals, "--floors": self.floors}.items():
             if given:
-                raise UsageError(f"{name} needs results", mend="leave it out, or name results")
+                raise UsageError(f"{name} needs results", fix="leave it out, or name results")
         layout = self.layout or Layout.METHODS
         self._check(layout, ())
         if layout not in (Layout.METHODS, Layout.SCENES):
             raise UsageError(
-                f"layout {layout} is for results", mend="choose --layout methods or scenes"
+                f"layout {layout} is for results", fix="choose --layout methods or scenes"
             )
         return layout
 
@@ -124,7 +124,7 @@ class TableRequest:
             raise UsageError(
                 f"layout {layout} is for results of one protocol, and these are of {len(names)}: "
                 + first_names(list(names)),
-                mend="choose --layout benchmarks, or name results of one protocol only",
+                fix="choose --layout benchmarks, or name results of one protocol only",
             )
         wrong = {
             "--scene": bool(self.scene) and layout is not Layout.METHODS,
@@ -144,7 +144,7 @@ class TableRequest:
         if len(self.results) > 1:
             raise UsageError(
                 f"layout result shows one result, and here are {len(self.results)} results",
-                mend="choose --layout methods, scenes or benchmarks",
+                fix="choose --layout methods, scenes or benchmarks",
             )
         compared = {
             "--second": self.second,
@@ -161,9 +161,9 @@ class TableRequest:
         _refuse_alone(of_methods, "scenes for rows", "add --layout methods")
 
 
-def _refuse_alone(given: Mapping[str, object], why: str, mend: str) -> None:
+def _refuse_alone(given: Mapping[str, object], why: str, fix: str) -> None:
     odd = [name for name, value in given.items() if value]
     if odd:
         raise UsageError(
-            f"layout result, of one result, has {why}, and takes no {' and '.join(odd)}", mend=mend
+            f"layout result, of one result, has {why}, and takes no {' and '.join(odd)}", fix=fix
         )

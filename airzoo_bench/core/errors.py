@@ -1,6 +1,6 @@
 """Faults of the user, each with one clear message.
 
-A message says *what* is wrong, *where*, what was *expected* and how to *mend* it. The command
+A message says *what* is wrong, *where*, what was *expected* and how to *fix* it. The command
 line prints it and exits with code 2; anything that is not a :class:`UserError` is a bug of the
 suite and keeps its traceback.
 """
@@ -28,7 +28,7 @@ __all__ = [
 
 
 class UserError(Exception):
-    """Something in the input is wrong and the user can mend it.
+    """Something in the input is wrong and the user can fix it.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class UserError(Exception):
         The file, and the field or key in it.
     expected : str, optional
         What would have been right.
-    mend : str, optional
+    fix : str, optional
         What to do about it.
     """
 
@@ -48,26 +48,26 @@ class UserError(Exception):
         *,
         where: object = None,
         expected: str | None = None,
-        mend: str | None = None,
+        fix: str | None = None,
     ) -> None:
         self.what = what
         self.where = None if where is None else str(where)
         self.expected = expected
-        self.mend = mend
+        self.fix = fix
         super().__init__(str(self))
 
     def inside(self, place: object) -> Self:
         """Return the same fault with the place it is in before its own."""
         where = str(place) if self.where is None else f"{place}, {self.where}"
-        return type(self)(self.what, where=where, expected=self.expected, mend=self.mend)
+        return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
 
     def __str__(self) -> str:
         head = self.what if self.where is None else f"{self.where}: {self.what}"
         lines = [head]
         if self.expected:
             lines.append(f"  expected: {self.expected}")
-        if self.mend:
-            lines.append(f"  to mend:  {self.mend}")
+        if self.fix:
+            lines.append(f"  fix:      {self.fix}")
         return "\n".join(lines)
 
 

@@ -187,14 +187,14 @@ def check_new_folder(path: Path, *, replace: bool) -> None:
         return
     if not replace:
         raise UsageError(
-            "the folder exists already", where=path, mend="name another, or add --force"
+            "the folder exists already", where=path, fix="name another, or add --force"
         )
     if not path.is_dir() or (any(path.iterdir()) and not (path / _MARK).is_file()):
         raise UsageError(
             "is not a benchmark folder, and so is not replaced",
             where=path,
             expected=f"a folder with {_MARK}, or none",
-            mend="name another folder",
+            fix="name another folder",
         )
 
 

@@ -60,7 +60,7 @@ def check_ids(ids: Texts, where: str) -> None:
     """
     if not ids.size:
         raise PredictionError(
-            "holds no id", where=where, expected="ids such as city/DJI_0001", mend="fill the file"
+            "holds no id", where=where, expected="ids such as city/DJI_0001", fix="fill the file"
         )
     place = np.char.find(ids, "/")
     unscened = np.flatnonzero((place <= 0) | (place == np.char.str_len(ids) - 1))
@@ -70,7 +70,7 @@ def check_ids(ids: Texts, where: str) -> None:
             f"ids without a scene or a name: {first_of(listed, len(ids))}",
             where=where,
             expected="scene/name, such as city/DJI_0001",
-            mend="put the scene before each name",
+            fix="put the scene before each name",
         )
     unique, counts = np.unique(ids, return_counts=True)
     if unique.size < ids.size:
@@ -78,7 +78,7 @@ def check_ids(ids: Texts, where: str) -> None:
             f"ids more than once: {first_of(unique[counts > 1], len(unique))}",
             where=where,
             expected="each id once",
-            mend="keep one row of each",
+            fix="keep one row of each",
         )
 
 

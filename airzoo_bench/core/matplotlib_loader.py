@@ -43,7 +43,7 @@ def load_matplotlib() -> ModuleType:
     except UnicodeDecodeError as error:
         raise UsageError(
             f"Matplotlib cannot start: its file of settings is no text ({error})",
-            mend="remove or mend the matplotlibrc in this folder, or of this user",
+            fix="remove or correct the matplotlibrc in this folder, or of this user",
         ) from None
     finally:
         if given is not None:

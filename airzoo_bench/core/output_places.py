@@ -23,7 +23,7 @@ def check_output_folder(folder: Path, names: Iterable[str]) -> None:
     for place in (folder, *folder.parents):
         if place.exists():
             if not place.is_dir():
-                raise UsageError("a file, not a folder", where=place, mend="name a folder")
+                raise UsageError("a file, not a folder", where=place, fix="name a folder")
             break
     for name in names:
         _check_place(folder / name, "name another --out")
@@ -56,7 +56,7 @@ def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
             raise UsageError(
                 "is read to make what would be written here, and would be lost",
                 where=path,
-                mend="name another file to write",
+                fix="name another file to write",
             )
 
 
@@ -70,31 +70,31 @@ def cannot_write(path: Path, error: OSError) -> UserError:
     return UserError(
         f"cannot be written: {error.strerror or error}",
         where=path,
-        mend="choose a folder you may write to, on a disk with room",
+        fix="choose a folder you may write to, on a disk with room",
     )
 
 
-def _check_place(path: Path, mend: str) -> None:
+def _check_place(path: Path, fix: str) -> None:
     """Refuse what stands where a file shall be written, if a file cannot take its place."""
     if path.is_symlink() and followed(path).is_symlink():
-        raise UsageError("a symbolic link that leads to itself", where=path, mend=mend)
+        raise UsageError("a symbolic link that leads to itself", where=path, fix=fix)
     if not path.exists():
         return
     if path.is_dir():
-        raise UsageError("a folder, not a file", where=path, mend=mend)
+        raise UsageError("a folder, not a file", where=path, fix=fix)
     if not path.is_file():
-        raise UsageError("a pipe or a device, not a file", where=path, mend=mend)
+        raise UsageError("a pipe or a device, not a file", where=path, fix=fix)
     # Whoever may do everything would not want to replace what is marked as read-only either.
     if not path.stat().st_mode & 0o222 or not os.access(path, os.W_OK):
-        raise UsageError("a read-only file, which is not replaced", where=path, mend=mend)
+        raise UsageError("a read-only file, which is not replaced", where=path, fix=fix)
 
 
 def _check_folder(path: Path) -> None:
     """Refuse a file in a folder that is a file, or that nothing may be written into."""
     place = next(place for place in path.absolute().parents if place.exists())
     if not place.is_dir():
-        raise UsageError("a file, not a folder", where=place, mend=f"{path.name} needs a folder")
+        raise UsageError("a file, not a folder", where=place, fix=f"{path.name} needs a folder")
     if not os.access(place, os.W_OK | os.X_OK):
         raise UsageError(
-            "nothing may be written into this folder", where=place, mend="name another one"
+            "nothing may be written into this folder", where=place, fix="name another one"
         )

@@ -35,7 +35,7 @@ def read_toml(path: Path, kind: type[UserError], what: str) -> dict[str, Any]:
             f"not valid TOML: {error}",
             where=path,
             expected=f"a {what}",
-            mend="correct that place",
+            fix="correct that place",
         ) from error
 
 
@@ -46,7 +46,7 @@ def validated(
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise kind(validation_message(error, model), where=path, mend=f"correct the {what}") from (
+        raise kind(validation_message(error, model), where=path, fix=f"correct the {what}") from (
             error
         )
 

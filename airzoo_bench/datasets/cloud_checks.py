@@ -92,7 +92,7 @@ def check_cloud_crs(cloud: Path, crs: str) -> None:
             f"has {' and '.join(odd)}",
             where=where,
             expected="a cloud in metres",
-            mend="convert it, e.g. with pdal translate or las2las",
+            fix="convert it, e.g. with pdal translate or las2las",
         )
 
 
@@ -114,7 +114,7 @@ def _stated(cloud: Path, where: str) -> tuple[CRS | None, dict[str, float]]:
         raise BenchmarkError(
             f"its CRS cannot be read: {(str(error) or type(error).__name__).splitlines()[0]}",
             where=where,
-            mend="write its CRS again, e.g. with pdal translate",
+            fix="write its CRS again, e.g. with pdal translate",
         ) from error
 
 
@@ -136,7 +136,7 @@ def _check_place(cloud: Path, box: Box, inputs: SceneInputs) -> None:
             f"({centres[:, 0].mean():.0f}, {centres[:, 1].mean():.0f})",
             where=f"--cloud {cloud}",
             expected=f"a cloud in the CRS of the poses, {inputs.crs}",
-            mend="transform the cloud, or add the offset that it was reduced by",
+            fix="transform the cloud, or add the offset that it was reduced by",
         )
 
 

@@ -151,7 +151,7 @@ def _refuse(names: list[str], total: int, what: str) -> None:
         raise BenchmarkError(
             f"{what}: {first_of(names, total)}",
             expected="photos as the drone wrote them, with EXIF GPS and DJI's XMP",
-            mend="give poses for these photos, or take them out",
+            fix="give poses for these photos, or take them out",
         )
 
 

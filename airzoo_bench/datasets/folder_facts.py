@@ -55,7 +55,7 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
                 f"{float((photos['z'] - photos['altitude_m']).median()):g} m",
                 where=where,
                 expected="the height that altitude_m in queries.csv is above",
-                mend=_MEND,
+                fix=_MEND,
             )
     dsm = benchmark.resolve(scene.dsm or "")
     if not scene.dsm or not dsm.is_file():
@@ -65,14 +65,14 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
             f"its CRS is {scene.crs}, that of the surface model {describe_crs(open_info(dsm).crs)}",
             where=where,
             expected="poses and surface model in one CRS",
-            mend=_MEND,
+            fix=_MEND,
         )
     if scene.dsm_sha256 is not None and sha256_of(dsm) != scene.dsm_sha256:
         raise BenchmarkError(
             "the surface model is not the one that the benchmark was prepared with",
             where=dsm,
             expected=f"SHA-256 {scene.dsm_sha256[:12]}…",
-            mend=_MEND,
+            fix=_MEND,
         )
 
 
@@ -132,7 +132,7 @@ def _check_windows(truth: RetrievalTruth, dom: RasterInfo) -> None:
             f"{ends[:, 1].max()}",
             where=dom.path,
             expected="the map that the benchmark was prepared with",
-            mend=_MEND,
+            fix=_MEND,
         )
 
 

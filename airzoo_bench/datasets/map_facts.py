@@ -58,7 +58,7 @@ def check_overlap(dom: RasterInfo, dsm: RasterInfo) -> None:
             f"{_extent(dom, dsm)}, the surface model {_extent(dsm, dsm)}",
             where=dom.path,
             expected=f"a map of the place of {dsm.path}",
-            mend="look at the geotransform and the CRS of both",
+            fix="look at the geotransform and the CRS of both",
         )
 
 

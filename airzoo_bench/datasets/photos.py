@@ -266,6 +266,6 @@ def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources, read: _Read)
         "median",
         where=sources.poses,
         expected="photos over the map, with poses in the CRS of the DSM",
-        mend=(tag if often_lowest(survey) else "")
+        fix=(tag if often_lowest(survey) else "")
         + "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera",
     )

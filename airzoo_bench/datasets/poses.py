@@ -141,7 +141,7 @@ def _from_json(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
             validation_message(error, _File),
             where=path,
             expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}",
-            mend="see docs/benchmark-folder.md",
+            fix="see docs/benchmark-folder.md",
         ) from error
     names = _shared(path, list(file.images), sizes)
     images = [file.images[name] for name in names]
@@ -167,7 +167,7 @@ def _given(value: Matrix | None, key: str, name: str, path: Path) -> Matrix:
             f"no camera matrix for {name}",
             where=path,
             expected=f"'{key}' for the image, or one for all at the top of the file",
-            mend="see docs/benchmark-folder.md",
+            fix="see docs/benchmark-folder.md",
         )
     return value
 
@@ -183,7 +183,7 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
             f"not a COLMAP model: {_without_source_line(error)}",
             where=path,
             expected="a folder with cameras, images and points3D as .bin or .txt",
-            mend="name the folder with these files (such as sparse/0), or export the model again",
+            fix="name the folder with these files (such as sparse/0), or export the model again",
         ) from error
     images = {image.name: image for image in model.images.values() if image.has_pose}
     names = _shared(path, list(images), sizes)
@@ -224,7 +224,7 @@ def _brown(camera: Any, path: Path) -> tuple[float, ...]:
                 f"camera model {model} is not supported",
                 where=path,
                 expected="PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV",
-                mend="undistort the photos (colmap image_undistorter) and use that model",
+                fix="undistort the photos (colmap image_undistorter) and use that model",
             )
 
 
@@ -240,7 +240,7 @@ def _check_model_sizes(
         raise CameraError(
             f"cameras of another image size: {first_of(differ, len(names))}",
             where=path,
-            mend="use the photos that the model was made from",
+            fix="use the photos that the model was made from",
         )
 
 
@@ -260,13 +260,13 @@ def _cameras(
 def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> list[str]:
     names = sorted(set(posed) & set(sizes))
     if not posed:
-        raise CameraError("has no image with a pose", where=path, mend="register images first")
+        raise CameraError("has no image with a pose", where=path, fix="register images first")
     if not names:
         raise CameraError(
             f"none of its {counted(len(posed), 'image')} is among {counted(len(sizes), 'photo')}",
             where=path,
             expected=f"names such as {next(iter(sorted(sizes)))}",
-            mend=f"it has names such as {posed[0]!r}; rename one or the other",
+            fix=f"it has names such as {posed[0]!r}; rename one or the other",
         )
     return names
 
@@ -285,7 +285,7 @@ def _check_centred(photos: PosedPhotos, path: Path) -> None:
             f"({cx:.1f}, {cy:.1f})" + _sizes_of(photos, size),
             where=path,
             expected="a principal point near the middle of the photo",
-            mend="scale K to the size of the photos; photos of several cameras need a K each (in "
+            fix="scale K to the size of the photos; photos of several cameras need a K each (in "
             "their entry of 'images'), or a benchmark for each camera, from a folder of its own",
         )
 

@@ -76,8 +76,8 @@ def turned_priors(priors: Poses, poses: Poses) -> list[Turned]:
     """
     wrong = rotation_angle_deg(priors.rotation, poses.rotation) > _WRONG_DEG
     explained = {
-        what: wrong & (rotation_angle_deg(mended, poses.rotation) < _EXPLAINED_DEG)
-        for what, mended in _mended(priors).items()
+        what: wrong & (rotation_angle_deg(corrected, poses.rotation) < _EXPLAINED_DEG)
+        for what, corrected in _corrected(priors).items()
     }
     least, found = wrong.sum() / 3, []
     while wrong.any():
@@ -91,7 +91,7 @@ def turned_priors(priors: Poses, poses: Poses) -> list[Turned]:
     return found
 
 
-def _mended(priors: Poses) -> dict[str, Floats]:
+def _corrected(priors: Poses) -> dict[str, Floats]:
     """Rotations of the priors without each mistake, by what the mistake is."""
     yaw, pitch, roll = rotations_to_angles(priors.rotation, convergence_deg=0.0).T
     angles = {

@@ -57,7 +57,7 @@ def check_map(path: Path) -> RasterInfo:
             f"reaches from {y.min():.4f} to {y.max():.4f} degrees of latitude",
             where=path,
             expected=f"latitudes of {describe_crs(info.crs)} from -90 to 90",
-            mend="look at its geotransform, and whether its CRS is in degrees at all",
+            fix="look at its geotransform, and whether its CRS is in degrees at all",
         )
     return info
 
@@ -73,7 +73,7 @@ def surveyed(path: Path) -> HeightSurvey:
     _check_pixels(open_info(path))
     found = survey_heights(path, _LOWEST_M, _HIGHEST_M)
     if not found.valid:
-        raise RasterError("no valid height", where=path, mend="check its nodata value")
+        raise RasterError("no valid height", where=path, fix="check its nodata value")
     if found.beyond:
         odd = found.low if found.low < _LOWEST_M else found.high
         raise RasterError(
@@ -81,7 +81,7 @@ def surveyed(path: Path) -> HeightSurvey:
             f"go from {found.low:.10g} to {found.high:.10g} m",
             where=path,
             expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
-            mend="look at their unit: they must be in metres or feet"
+            fix="look at their unit: they must be in metres or feet"
             if found.beyond == found.valid
             else f"where {odd:.10g} means that there is no height, tag it: "
             f"gdal_edit.py -a_nodata {odd:.10g}",
@@ -108,7 +108,7 @@ def check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
             f"{info.width} x {info.height} px make {count:,} tiles",
             where=info.path,
             expected=f"at most {_MOST_TILES:,}",
-            mend="choose a larger --tile-size, or cut the map to the photos: "
+            fix="choose a larger --tile-size, or cut the map to the photos: "
             "gdal_translate -projwin",
         )
 
@@ -119,7 +119,7 @@ def _check_pixels(info: RasterInfo) -> None:
             f"is {info.width:,} x {info.height:,} px",
             where=info.path,
             expected=f"at most {_MOST_PIXELS:,} pixels",
-            mend="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
+            fix="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
         )
 
 
@@ -148,7 +148,7 @@ def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
         f"surface below them is at {surface:.1f} m (medians)",
         where=dsm,
         expected="cameras above the surface model, both in the same vertical unit and datum",
-        mend=hint,
+        fix=hint,
     )
 
 
@@ -166,7 +166,7 @@ def check_map_scale(inputs: SceneInputs) -> None:
             f"a pixel is {pixel:,.1f} m wide on the ground, and a photo sees {footprint:,.1f} m",
             where=inputs.dom.path,
             expected="a map of about the photos' resolution",
-            mend="look at the geotransform and the CRS of the map",
+            fix="look at the geotransform and the CRS of the map",
         )
 
 

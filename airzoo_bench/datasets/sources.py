@@ -82,7 +82,7 @@ def check_target(sources: PhotoSources, folder: Path, *, replace: bool) -> None:
             raise UsageError(
                 f"the folder to make holds {source}, which it is made from",
                 where=folder,
-                mend="name another --out",
+                fix="name another --out",
             )
 
 
@@ -98,7 +98,7 @@ def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
             f"a pipe, a device or a link to nothing: {first_of(map(repr, special), len(paths))}",
             where=folder,
             expected="photos that are files",
-            mend="remove them, or put the photos there",
+            fix="remove them, or put the photos there",
         )
     if not paths:
         raise BenchmarkError(
@@ -116,7 +116,7 @@ def check_names(names: tuple[str, ...], folder: Path) -> None:
             f"names that cannot become ids: {first_of(odd, len(names))}",
             where=folder,
             expected=f"printable characters, at most {_LONGEST_PATH}",
-            mend="rename these photos",
+            fix="rename these photos",
         )
     stems = [Path(name).with_suffix("").as_posix() for name in names]
     twice = sorted(stem for stem, count in Counter(stems).items() if count > 1)
@@ -124,7 +124,7 @@ def check_names(names: tuple[str, ...], folder: Path) -> None:
         raise BenchmarkError(
             f"photos that differ in their ending only: {first_of(twice, len(names))}",
             where=folder,
-            mend="keep one of each; ids are names without the ending",
+            fix="keep one of each; ids are names without the ending",
         )
 
 
@@ -143,7 +143,7 @@ def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
             "the CRS of the poses is not known",
             where=sources.poses,
             expected="a projected CRS in metres",
-            mend="add the key 'crs' to the file, or give --crs EPSG:...",
+            fix="add the key 'crs' to the file, or give --crs EPSG:...",
         )
     crs = _in_metres(named, sources)
     check_true_metres(crs, to_lonlat(crs, photos.poses.centres[:, :2]), _place_of_crs(sources))
@@ -154,7 +154,7 @@ def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
             f"has {dsm.bands} bands",
             where=sources.dsm,
             expected="one band of heights",
-            mend="look whether --dom and --dsm are the wrong way round",
+            fix="look whether --dom and --dsm are the wrong way round",
         )
     return crs
 
@@ -170,7 +170,7 @@ def _in_metres(named: str, sources: PhotoSources) -> CRS:
             f"poses are in {describe_crs(crs)}, which is not in metres",
             where=place,
             expected="a projected CRS in metres, such as UTM",
-            mend="transform the camera centres, rotations and the DSM to one",
+            fix="transform the camera centres, rotations and the DSM to one",
         )
     return crs
 

@@ -101,7 +101,7 @@ def track_of(path: Path, protocol: str | None, data: Path, resources: Resources)
             f"no kind of file that predictions come in: {path.suffix[:20]!r}",
             where=path,
             expected="; ".join(f"{track.name}: {track.kinds}" for track in tracks),
-            mend="`airzoo-bench template` writes an example",
+            fix="`airzoo-bench template` writes an example",
         )
     if path.is_file() and len(fitting) == 1:
         return fitting[0]

@@ -18,7 +18,7 @@ __all__ = ["check_npz", "write_predictions"]
 def check_npz(out: Path) -> None:
     """Refuse, before any work, a name that does not say what the file is."""
     if out.suffix != ".npz":
-        raise UsageError("predictions are written as .npz", where=out, mend=f"name it {out}.npz")
+        raise UsageError("predictions are written as .npz", where=out, fix=f"name it {out}.npz")
 
 
 def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any]]) -> None:

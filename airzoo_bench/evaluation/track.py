@@ -54,7 +54,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     folders : bool
         Whether predictions can be a folder.
     says_protocol : tuple of str
-        Where predictions say which protocol they are for, and how to mend that they do not.
+        Where predictions say which protocol they are for, and how to fix that they do not.
     argument : str
         What predictions are, for the help.
     example : str
@@ -196,12 +196,12 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     def check_template_path(self, out: Path, *, force: bool) -> None:
         """Refuse, before any work, a path that a template cannot be written to."""
         if out.suffix != ".npz":
-            raise UsageError("templates are written as .npz", where=out, mend=f"name it {out}.npz")
+            raise UsageError("templates are written as .npz", where=out, fix=f"name it {out}.npz")
         if out.exists() and not out.is_dir() and not force:
             raise UsageError(
                 "is there already, and could be a prediction",
                 where=out,
-                mend="name another file with --out, or add --force",
+                fix="name another file with --out, or add --force",
             )
 
     def write_template(

@@ -76,7 +76,7 @@ class Bundle:
             if shutil.disk_usage(folder).free < member.size:
                 raise self._fault(
                     f"no room on disk to unpack {member.name!r} of {member.size:,} bytes",
-                    mend="set TMPDIR to a folder on a larger disk",
+                    fix="set TMPDIR to a folder on a larger disk",
                 )
             self._unpack(member, target)
             yield target
@@ -90,7 +90,7 @@ class Bundle:
             It is larger than the limit, or not UTF-8.
         """
         if member.size > limit_bytes:
-            raise self._fault(f"{member.name!r} has {member.size:,} bytes", mend="shorten it")
+            raise self._fault(f"{member.name!r} has {member.size:,} bytes", fix="shorten it")
         with self.file(member) as path:
             try:
                 return path.read_text(encoding="utf-8")
@@ -112,16 +112,16 @@ class Bundle:
         except (*_DAMAGE, OSError) as error:
             raise self._fault(
                 f"{member.name!r} cannot be unpacked: {str(error)[:100]}",
-                mend="write or copy the archive again",
+                fix="write or copy the archive again",
             ) from error
         if done != member.size:
             raise self._fault(
                 f"{member.name!r} unpacks to another size than the archive says",
-                mend="write or copy the archive again",
+                fix="write or copy the archive again",
             )
 
-    def _fault(self, what: str, mend: str | None = None) -> PredictionError:
-        return PredictionError(what, where=self.path, mend=mend)
+    def _fault(self, what: str, fix: str | None = None) -> PredictionError:
+        return PredictionError(what, where=self.path, fix=fix)
 
 
 def open_bundle(path: Path, limit_bytes: int) -> Bundle:
@@ -282,5 +282,5 @@ def _refused(path: Path, what: str) -> UnreadableError:
         what,
         where=path,
         expected="plain files only, such as school.ply, each name once",
-        mend="pack the files again, or give the folder",
+        fix="pack the files again, or give the folder",
     )

@@ -84,7 +84,7 @@ class _Parquet:
                 f"column 'protocol' names {first_of([repr(str(one)[:80]) for one in named])}",
                 where=self.path,
                 expected="the same protocol in every row",
-                mend="write a file for each protocol",
+                fix="write a file for each protocol",
             )
         return named.reshape(-1)[:1].reshape(()) if named.size else np.array("")
 
@@ -118,7 +118,7 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
         f"unknown kind of prediction file {path.suffix!r}",
         where=path,
         expected=kinds,
-        mend="`airzoo-bench template` writes an example",
+        fix="`airzoo-bench template` writes an example",
     )
 
 
@@ -140,7 +140,7 @@ def check_fields(
             f"lacks the field{'s' * (len(missing) > 1)} {', '.join(missing)} (it has: {there})",
             where=arrays.path,
             expected=expected,
-            mend="`airzoo-bench template` writes an example",
+            fix="`airzoo-bench template` writes an example",
         )
     unknown = {name for name in names if name not in allowed}
     if unknown:
@@ -148,7 +148,7 @@ def check_fields(
             f"has fields that are not read here: {_listed(unknown, allowed)}",
             where=arrays.path,
             expected="only " + ", ".join(allowed),
-            mend="rename or leave them out; a misspelt field would otherwise be passed over",
+            fix="rename or leave them out; a misspelt field would otherwise be passed over",
         )
 
 
@@ -174,7 +174,7 @@ def protocol_name(arrays: Arrays) -> str | None:
             f"field 'protocol' is {name[:80]!r}, which is no protocol's name",
             where=arrays.path,
             expected="a name, such as 'uav-visloc-retrieval'",
-            mend="name a protocol's file with --protocol",
+            fix="name a protocol's file with --protocol",
         )
     return name
 
@@ -188,7 +188,7 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
             name,
             values,
             expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
-            mend=f"np.array({name}, dtype=str), with {_EXAMPLES.get(name, _EXAMPLE)}",
+            fix=f"np.array({name}, dtype=str), with {_EXAMPLES.get(name, _EXAMPLE)}",
         )
     copies = f"field '{name}' while its ids are compared"
     arrays.budget.hold(arrays.path, copies, values.nbytes * _COPIES_OF_TEXT)
@@ -215,7 +215,7 @@ def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
                 f"ids with {what} in {first_of(rows, len(ids), noun='row')}, counted from 0",
                 where=f"{path}, field '{name}'",
                 expected=expected,
-                mend="take the ids from the benchmark; `airzoo-bench template` writes them",
+                fix="take the ids from the benchmark; `airzoo-bench template` writes them",
             )
 
 
@@ -245,7 +245,7 @@ def numbers(
             name,
             values,
             expected=f"floating point of 16, 32 or 64 bits, of shape ({sides})",
-            mend=f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape",
+            fix=f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape",
         )
     if not mapped and values.dtype.itemsize < _BYTES_OF_DOUBLE:
         what = f"field '{name}' in double precision"
@@ -254,14 +254,14 @@ def numbers(
 
 
 def wrong_type(
-    path: Path, name: str, values: NDArray[Any], *, expected: str, mend: str
+    path: Path, name: str, values: NDArray[Any], *, expected: str, fix: str
 ) -> PredictionError:
     """Make the fault of a field of another type or shape."""
     return PredictionError(
         f"field '{name}' is {values.dtype} of shape {values.shape}",
         where=path,
         expected=expected,
-        mend=mend,
+        fix=fix,
     )
 
 
@@ -273,5 +273,5 @@ def check_length(arrays: Arrays, name: str, values: NDArray[Any], rows: int) -> 
             f"field '{name}' has {counted(len(values), 'row')}, '{ids}' has {rows:,}",
             where=arrays.path,
             expected="a row an id, in the same order",
-            mend="write the rows and their ids together",
+            fix="write the rows and their ids together",
         )

@@ -27,7 +27,7 @@ class Budget:
     limit_bytes: int
     held: dict[str, int] = field(default_factory=dict)
 
-    def hold(self, path: Path, part: str, nbytes: int, mend: str | None = None) -> None:
+    def hold(self, path: Path, part: str, nbytes: int, fix: str | None = None) -> None:
         """Count a part; one that is named again counts once, with the more that it takes.
 
         Parameters
@@ -38,7 +38,7 @@ class Budget:
             Such as ``"field 'depth'"``.
         nbytes : int
             What it takes in memory, exact however large.
-        mend : str, optional
+        fix : str, optional
             What to do beside raising the limit.
 
         Raises
@@ -54,5 +54,5 @@ class Budget:
                 f"{part}: {self.held[part]:,} bytes of memory{beside}, more than the limit",
                 where=path,
                 expected=f"at most {self.limit_bytes:,} bytes, all together",
-                mend="raise --max-memory" + (f"; {mend}" if mend else ""),
+                fix="raise --max-memory" + (f"; {fix}" if fix else ""),
             )

@@ -40,7 +40,7 @@ def read_header(stream: IO[bytes]) -> NpyHeader:
     if version not in readers:
         raise ValueError(f"version {version} of the npy format is not for plain arrays")
     try:
-        with warnings.catch_warnings(action="ignore"):  # of headers that NumPy needs to mend
+        with warnings.catch_warnings(action="ignore"):  # of headers that NumPy needs to fix
             return NpyHeader(*readers[version](stream))
     except _FAULTS as error:
         raise ValueError(str(error) or type(error).__name__) from error

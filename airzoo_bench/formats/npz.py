@@ -120,7 +120,7 @@ def _entries(path: Path) -> list[ArrayEntry]:
             "no such prediction file",
             where=path,
             expected=".npz or .parquet",
-            mend="`airzoo-bench template` writes an example",
+            fix="`airzoo-bench template` writes an example",
         )
     try:
         with zipfile.ZipFile(path) as archive:
@@ -165,14 +165,14 @@ def _check_header(path: Path, entry: ArrayEntry) -> None:
             f"field '{entry.name}' holds pickled Python objects, which are never loaded",
             where=path,
             expected="arrays of numbers or of fixed-width text",
-            mend=f"save it as text: np.array({entry.name}, dtype=str)",
+            fix=f"save it as text: np.array({entry.name}, dtype=str)",
         )
     if entry.dtype.kind not in _KINDS:
         raise PredictionError(
             f"field '{entry.name}' has dtype {entry.dtype}",
             where=path,
             expected="numbers or text",
-            mend="save each part under its own name: `airzoo-bench template` writes an example",
+            fix="save each part under its own name: `airzoo-bench template` writes an example",
         )
     sound = len(entry.shape) <= _MAX_DIMENSIONS and all(0 <= n < 1 << 62 for n in entry.shape)
     if not sound or entry.dtype.itemsize == 0:
@@ -214,7 +214,7 @@ def _checked_text(array: NDArray[Any], path: Path, name: str) -> NDArray[Any]:
                 f"field '{name}' holds bytes that are not UTF-8",
                 where=path,
                 expected="text",
-                mend=f"save it as text: np.array({name}, dtype=str)",
+                fix=f"save it as text: np.array({name}, dtype=str)",
             ) from error
     if array.dtype.kind == "U" and array.size and array.dtype.itemsize:
         native = array.astype(array.dtype.newbyteorder("="), order="C", copy=False)
@@ -254,7 +254,7 @@ def _not_npz(path: Path, impression: str) -> UnreadableError:
         f"not an npz file: {impression}",
         where=path,
         expected="a file written by numpy.savez or numpy.savez_compressed",
-        mend="`airzoo-bench template` writes an example",
+        fix="`airzoo-bench template` writes an example",
     )
 
 
@@ -262,5 +262,5 @@ def _damaged(path: Path, name: str, reason: str) -> PredictionError:
     return PredictionError(
         f"field '{name}' is damaged or cut off: {reason}",
         where=path,
-        mend="write or copy the file again",
+        fix="write or copy the file again",
     )

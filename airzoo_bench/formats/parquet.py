@@ -55,7 +55,7 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
             "no such prediction file",
             where=path,
             expected=".npz or .parquet",
-            mend="`airzoo-bench template` writes an example",
+            fix="`airzoo-bench template` writes an example",
         )
     try:
         return _read(path, columns, budget)
@@ -64,7 +64,7 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
             f"not a readable parquet file: {(str(error) or type(error).__name__).splitlines()[0]}",
             where=path,
             expected="parquet with one row a query",
-            mend="write or copy the file again",
+            fix="write or copy the file again",
         ) from error
 
 
@@ -104,7 +104,7 @@ def _check_columns(path: Path, names: list[str], columns: tuple[str, ...]) -> No
             f"has unknown columns: {first_of(unknown)}",
             where=path,
             expected="only " + ", ".join(columns),
-            mend="rename or leave them out (pandas: to_parquet(..., index=False)); descriptors "
+            fix="rename or leave them out (pandas: to_parquet(..., index=False)); descriptors "
             "go into an .npz",
         )
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -152,7 +152,7 @@ class _Piece:
                 f"{first_of(rows.tolist())}",
                 where=self.path,
                 expected="a value in every place",
-                mend="leave such rows out; fill the end of a shorter list with ''",
+                fix="leave such rows out; fill the end of a shorter list with ''",
             )
 
     def _as_vector(self, values: Any) -> NDArray[Any]:
@@ -198,7 +198,7 @@ def _ragged(lengths: NDArray[Any], name: str, path: Path) -> PredictionError:
         f"column '{name}' has lists of {lengths[0]} to {lengths[-1]} entries",
         where=path,
         expected="lists of one length",
-        mend="fill shorter ones with '' (scores: with 0) at the end",
+        fix="fill shorter ones with '' (scores: with 0) at the end",
     )
 
 

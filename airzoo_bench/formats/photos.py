@@ -20,14 +20,14 @@ __all__ = ["opened_photo"]
 
 @contextmanager
 def opened_photo(
-    path: Path, mend: str = "copy it again, or take it out of the folder"
+    path: Path, fix: str = "copy it again, or take it out of the folder"
 ) -> Iterator[Image]:
     """Open a photo; what Pillow makes of a bad one inside the block becomes BenchmarkError.
 
     Parameters
     ----------
     path : Path
-    mend : str
+    fix : str
         What to do about a bad one.
 
     Raises
@@ -48,7 +48,7 @@ def opened_photo(
             f"not a readable photo: {_brief(error, path)}",
             where=path,
             expected="a complete " + ", ".join(PHOTO_SUFFIXES) + " file",
-            mend=mend,
+            fix=fix,
         ) from error
 
 

@@ -62,7 +62,7 @@ def refuse_cameras(
     details: Sequence[str] | None = None,
     where: object = None,
     expected: str | None = None,
-    mend: str | None = None,
+    fix: str | None = None,
 ) -> None:
     """Raise CameraError where any camera is bad: how many of how many, the first three by name.
 
@@ -88,5 +88,5 @@ def refuse_cameras(
     if details is not None:
         labels = [f"{label} ({details[row]})" for label, row in zip(labels, rows, strict=True)]
     raise CameraError(
-        f"{what} in {first_of(labels, total=bad.size)}", where=where, expected=expected, mend=mend
+        f"{what} in {first_of(labels, total=bad.size)}", where=where, expected=expected, fix=fix
     )

@@ -220,7 +220,7 @@ def check_same_crs(a: Any, b: Any, what: str) -> None:
     raise RasterError(
         f"{what} differ in CRS: {describe_crs(first)} and {describe_crs(second)}",
         expected="one CRS",
-        mend="reproject one of them, e.g. with gdalwarp",
+        fix="reproject one of them, e.g. with gdalwarp",
     )
 
 

@@ -275,7 +275,7 @@ def _window(info: RasterInfo, bounds: tuple[float, float, float, float] | None) 
             f"bounds {bounds} miss the raster",
             where=info.path,
             expected=f"left, bottom, right, top that meet {extent}",
-            mend="check that the bounds are in the raster's CRS",
+            fix="check that the bounds are in the raster's CRS",
         )
     return Window(*low.astype(int).tolist(), *(high - low).astype(int).tolist())
 
@@ -287,5 +287,5 @@ def _check_size(info: RasterInfo, window: Window, itemsize: int, limit_bytes: in
             f"heights of {window.width} x {window.height} px need {size / _GIB:.2f} GiB",
             where=info.path,
             expected=f"at most {limit_bytes / _GIB:.2f} GiB",
-            mend="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
+            fix="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
         )

@@ -51,7 +51,7 @@ def _middle(dataset: Any, dtype: np.dtype[Any], path: str | Path) -> tuple[float
         if shift == bits - _DIGIT_BITS:
             total = int(counts[0].sum())
             if not total:
-                raise RasterError("no valid height", where=path, mend="check its nodata value")
+                raise RasterError("no valid height", where=path, fix="check its nodata value")
             ranks = [(total - 1) // 2, total // 2]
         for which, count in enumerate(counts):
             below = np.cumsum(count)

@@ -184,7 +184,7 @@ def check_rotations(
         details=[f"det = {value:.3g}" for value in determinant],
         where=where,
         expected="det = +1",
-        mend="check the axes: exactly one of them points the wrong way",
+        fix="check the axes: exactly one of them points the wrong way",
     )
     for _ in range(_NEWTON_STEPS):
         matrices = (

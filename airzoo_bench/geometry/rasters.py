@@ -146,7 +146,7 @@ def gsd_m(info: RasterInfo) -> tuple[float, float]:
         raise RasterError(
             f"its centre is no place on the earth in {describe_crs(info.crs)}",
             where=info.path,
-            mend="check the geotransform and the CRS of the file",
+            fix="check the geotransform and the CRS of the file",
         )
     return x, y
 
@@ -212,7 +212,7 @@ def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:
             f"no colours: {len(kinds)} bands ({', '.join(kind.name for kind in kinds)})",
             where=path,
             expected="grey or RGB, with or without alpha",
-            mend="gdal_translate -b for the bands, -expand rgb for a palette",
+            fix="gdal_translate -b for the bands, -expand rgb for a palette",
         )
     dtypes = {dataset.dtypes[band - 1] for band in bands}
     if dtypes != {"uint8"}:
@@ -220,7 +220,7 @@ def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:
             f"colours are {', '.join(sorted(dtypes))}",
             where=path,
             expected="8 bit (uint8)",
-            mend="gdal_translate -ot Byte -scale",
+            fix="gdal_translate -ot Byte -scale",
         )
     return bands
 
@@ -233,7 +233,7 @@ def _georeference(dataset: Any, path: str | Path) -> Any:
             f"no georeference: {missing}",
             where=path,
             expected="a raster with a CRS and a geotransform",
-            mend="gdal_translate -a_srs and -a_ullr, or export it as GeoTIFF again",
+            fix="gdal_translate -a_srs and -a_ullr, or export it as GeoTIFF again",
         )
     if not (np.isfinite(transform[:6]).all() and transform.determinant != 0.0):
         raise RasterError(

@@ -181,5 +181,5 @@ def _require_metres(field: HeightField) -> None:
         raise RasterError(
             f"the height field is in {describe_crs(crs)}, not in metres",
             expected="a projected CRS in metres",
-            mend="reproject the DSM and the poses, e.g. to the local UTM zone",
+            fix="reproject the DSM and the poses, e.g. to the local UTM zone",
         )

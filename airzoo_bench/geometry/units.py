@@ -75,7 +75,7 @@ def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
             where=where,
             expected=f"a projected CRS whose scale at the scene is within {MOST_SCALE_ERROR:.1%} "
             "of 1, such as the UTM zone",
-            mend="transform poses, DSM and cloud to such a CRS",
+            fix="transform poses, DSM and cloud to such a CRS",
         )
 
 
@@ -127,13 +127,13 @@ def _height_unit_m(band: str, wkt: str, where: str) -> float:
             f"heights are in {band[:40]!r}, which is no known unit of length",
             where=where,
             expected="m, ft, US survey foot, or another unit that PROJ knows",
-            mend="name the unit of the heights: gdal_edit.py -units m",
+            fix="name the unit of the heights: gdal_edit.py -units m",
         )
     if by_crs and by_band and abs(by_band / by_crs - 1.0) > _SAME_UNIT:
         raise RasterError(
             f"two units of height: the band's is {band} ({by_band:g} m), the CRS's {by_crs:g} m",
             where=where,
-            mend="make the two agree: gdal_edit.py -units, or -a_srs",
+            fix="make the two agree: gdal_edit.py -units, or -a_srs",
         )
     return by_band or by_crs or 1.0
 

@@ -147,7 +147,7 @@ def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: Matchi
                 f"{error * metres:.2g} m of ground are lost",
                 where=f"field '{name}'",
                 expected="float32 or float64",
-                mend="keep pixels in float32 from the method to the file",
+                fix="keep pixels in float32 from the method to the file",
             )
 
 
@@ -175,7 +175,7 @@ def _refuse_other_frame(
             "say map_frame='crop', or map_frame='map' if they are pixels of the map all the same",
         ),
     }
-    for what, (local, mend) in list(suspicions.items())[: 1 if stated else 2]:
+    for what, (local, fix) in list(suspicions.items())[: 1 if stated else 2]:
         inside = _share_inside(local, crop)
         if inside >= _NEARLY_ALL:
             raise PredictionError(
@@ -183,7 +183,7 @@ def _refuse_other_frame(
                 f"query; as pixels (x, y) of the whole map, {as_map:.0%}",
                 where="field 'map_xy'",
                 expected="pixels (x, y) of the whole map, or of the crop with map_frame='crop'",
-                mend=mend,
+                fix=fix,
             )
 
 
@@ -206,7 +206,7 @@ def _check_image_size(claim: Correspondences, truth: MatchingTruth, rows: NDArra
             f"first is {true[first, 0]}x{true[first, 1]} px, its matches are for "
             f"{said[first, 0]}x{said[first, 1]}",
             where="field 'image_size'",
-            mend="write x, the column, before y, and width before height"
+            fix="write x, the column, before y, and width before height"
             if (said[bad] == true[bad, ::-1]).all()
             else "multiply x and y by the ratio of the widths and of the heights",
         )
@@ -227,7 +227,7 @@ def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[n
             f"{width}x{height} px",
             where="field 'query_xy'",
             expected="pixels of the photo at its full size, the corner being (0, 0)",
-            mend="write x, the column, before y: the other way round all lie inside"
+            fix="write x, the column, before y: the other way round all lie inside"
             if swapped
             else "scale them from the size that the method worked in",
         )
@@ -245,7 +245,7 @@ def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.i
             f"{width}x{height} px",
             where="field 'map_xy'",
             expected="pixels of the query's crop, the corner being (0, 0)",
-            mend="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
+            fix="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
         )
 
 

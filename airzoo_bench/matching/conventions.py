@@ -49,7 +49,7 @@ def refuse_other_conventions(given: Poses, priors: Poses) -> None:
             f"from their GPS positions; as world-to-camera, {np.median(as_given):.1f} m",
             where="field 'poses'",
             expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
-            mend=_way_back(given, priors),
+            fix=_way_back(given, priors),
         )
     _refuse_turned(given, priors)
 
@@ -114,7 +114,7 @@ def _refuse_turned(given: Poses, priors: Poses) -> None:
                 where="the poses",
                 expected="world-to-camera rotations, x_cam = R X + t, camera axes x right, y down, "
                 "z forward, quaternions as w x y z",
-                mend="convert them before you write the file; OpenGL's w2c becomes "
+                fix="convert them before you write the file; OpenGL's w2c becomes "
                 "diag(1, -1, -1) @ R"
                 if "OpenGL" in way
                 else "convert them before you write the file",

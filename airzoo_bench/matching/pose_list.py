@@ -121,7 +121,7 @@ def _check_unit(quaternions: NDArray[np.float64], names: NDArray[np.str_], path:
             f"first has length {length[bad[0]]:.4g}",
             where=path,
             expected=_expected(),
-            mend="normalise them (q / |q|), or put the columns into this order",
+            fix="normalise them (q / |q|), or put the columns into this order",
         )
 
 

@@ -158,7 +158,7 @@ def check_digits(claim: PoseClaim, query_ids: NDArray[np.str_]) -> None:
             f"leave out moves a camera by {error:.2g} m on average, since its centre is -R^T t",
             where="the poses",
             expected=f"digits that fix camera centres to {COARSEST_M:g} m",
-            mend="compute in float64 and write all digits (%.17g in text), or write an .npz with "
+            fix="compute in float64 and write all digits (%.17g in text), or write an .npz with "
             "rotations and centres, which lose nothing",
         )
 
@@ -177,7 +177,7 @@ def _check_offsets(predictions: MatchingPredictions, claim: Correspondences) -> 
             f"the offsets do not add up: {ends}{first}",
             where=f"{predictions.path}, field 'offsets'",
             expected=f"rising from 0 to {rows}, the number of rows of query_xy",
-            mend="np.concatenate([[0], np.cumsum(number of matches of each query)])",
+            fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
         )
 
 
@@ -197,7 +197,7 @@ def _check_finite(predictions: MatchingPredictions, claim: Correspondences) -> N
                 f"{rows} NaN or infinite, in {named}",
                 where=f"{predictions.path}, field '{name}'",
                 expected="finite coordinates",
-                mend="leave out what was not matched",
+                fix="leave out what was not matched",
             )
 
 

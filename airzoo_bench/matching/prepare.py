@@ -93,7 +93,7 @@ def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
             f"the prior poses equal the ground truth in {same} of {len(photos)} photos "
             f"(to {_SAME_M * 100:g} cm and {_SAME_DEG:g} degrees)",
             expected="priors from the photos' own metadata",
-            mend="a protocol that means this says prior.source = 'truth'",
+            fix="a protocol that means this says prior.source = 'truth'",
         )
 
 

@@ -64,7 +64,7 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
             f"holds {' and '.join(kinds)}, and they could disagree",
             where=path,
             expected=_EXPECTED,
-            mend="keep one of them",
+            fix="keep one of them",
         )
     claim: Correspondences | PoseClaim
     fields: tuple[str, ...]
@@ -90,7 +90,7 @@ def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
             f"for {counted(n_queries, 'query')}",
             where=arrays.path,
             expected=f"{n_queries + 1:,}, one more than there are queries",
-            mend="np.concatenate([[0], np.cumsum(number of matches of each query)])",
+            fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
         )
     query_xy = numbers(arrays, "query_xy", (None, 2)).astype(np.float64)
     map_xy = points = None
@@ -105,7 +105,7 @@ def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
                 f"'query_xy' has {len(query_xy):,}",
                 where=arrays.path,
                 expected="a row a match in both",
-                mend="write the two together",
+                fix="write the two together",
             )
     size = None
     if "image_size" in arrays.names():
@@ -181,7 +181,7 @@ def _rotations(
             error.what,
             where=where,
             expected=error.expected,
-            mend=error.mend or "write the rotation matrix R, world-to-camera",
+            fix=error.fix or "write the rotation matrix R, world-to-camera",
         ) from error
 
 
@@ -204,7 +204,7 @@ def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArra
             f"keeps coordinates such as {largest:.0f} to {step:.2g} m only",
             where=arrays.path,
             expected="float64",
-            mend=f"compute and write {name} as float64",
+            fix=f"compute and write {name} as float64",
         )
     return values
 
@@ -219,6 +219,6 @@ def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArr
             name,
             values,
             expected=f"integers of shape ({sides})",
-            mend=f"np.asarray({name}, dtype=np.int64)",
+            fix=f"np.asarray({name}, dtype=np.int64)",
         )
     return values.astype(np.int64)

@@ -152,7 +152,7 @@ def _poselib(camera: Cameras, query_xy: Floats, points: Floats, ransac: Ransac) 
     except ImportError as error:
         raise UsageError(
             "the solver 'poselib' needs PoseLib, which is not installed",
-            mend="pip install poselib, or choose the solver 'colmap' or 'colmap+refine'",
+            fix="pip install poselib, or choose the solver 'colmap' or 'colmap+refine'",
         ) from error
     options = {
         "max_reproj_error": ransac.max_error_px,

@@ -143,7 +143,7 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
         raise BenchmarkError(
             "the crops are not those of queries.csv",
             where=home / "crops.csv",
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         )
     dsm = benchmark.resolve(entry.dsm or "")
     found = _dsm_checksum(dsm)
@@ -152,7 +152,7 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
             "the surface model is not the one that the benchmark was prepared with",
             where=dsm,
             expected=f"SHA-256 {(entry.dsm_sha256 or 'none')[:12]}…",
-            mend="put it back, or prepare the benchmark again",
+            fix="put it back, or prepare the benchmark again",
         )
     dom = open_info(benchmark.resolve(entry.dom))
     _check_map(home / "map.json", dom)
@@ -173,7 +173,7 @@ def _check_map(path: Path, dom: RasterInfo) -> None:
         prepared = json.loads(text)
     except ValueError as error:
         raise BenchmarkError(
-            f"not JSON: {error}", where=path, mend="prepare the benchmark again"
+            f"not JSON: {error}", where=path, fix="prepare the benchmark again"
         ) from error
     if not isinstance(prepared, dict):
         prepared = {}
@@ -185,7 +185,7 @@ def _check_map(path: Path, dom: RasterInfo) -> None:
             f"{json.dumps(found)}",
             where=dom.path,
             expected=json.dumps(prepared),
-            mend="put the map back, or prepare the benchmark again",
+            fix="put the map back, or prepare the benchmark again",
         )
     check_same_crs(dom.crs, prepared.get("crs"), f"{dom.path} and the map that was prepared")
 
@@ -210,7 +210,7 @@ def _refuse_cells(bad: NDArray[np.bool_], crops: pd.DataFrame, what: str, path: 
         f"{str(crops[name].iloc[row])[:40]!r} is {what}",
         where=path,
         expected="a window of whole pixels, inside the map",
-        mend="prepare the benchmark again",
+        fix="prepare the benchmark again",
     )
 
 
@@ -220,6 +220,6 @@ def _dsm_checksum(dsm: Path) -> str:
             "the surface model is not there",
             where=dsm,
             expected="the DSM that matches are lifted by",
-            mend="put it back where benchmark.toml says, or prepare with --copy",
+            fix="put it back where benchmark.toml says, or prepare with --copy",
         )
     return sha256_of(dsm)

@@ -23,7 +23,7 @@ IN_A_FIELD = (
     "a field 'protocol' with the name of one",
     "name it with --protocol, or add the field; `airzoo-bench protocols` lists them",
 )
-"""Where a file says which protocol it is for, and how to mend that it does not."""
+"""Where a file says which protocol it is for, and how to fix that it does not."""
 
 
 def choose_protocol(
@@ -57,14 +57,14 @@ def choose_protocol(
             "does not say which protocol it is for",
             where=path,
             expected=says[0],
-            mend=says[1],
+            fix=says[1],
         )
     if not isinstance(chosen, model):
         raise PredictionError(
             f"protocol {chosen.name} is of the {chosen.track} track",
             where=path,
             expected="a protocol of the track that was asked for",
-            mend=f"airzoo-bench eval {chosen.track} {path}",
+            fix=f"airzoo-bench eval {chosen.track} {path}",
         )
     return chosen
 
@@ -103,7 +103,7 @@ def other_benchmark(
         + (f"; {guess}" if guess else ""),
         where=f"{path}, field 'query_ids'",
         expected=f"ids such as {expected}",
-        mend="leave out the file's ending: ids are names without it"
+        fix="leave out the file's ending: ids are names without it"
         if ending
         else "name the right protocol with --protocol; `airzoo-bench template` writes the ids",
     )

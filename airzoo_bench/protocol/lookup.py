@@ -41,7 +41,7 @@ def load_protocol(path: Path) -> Protocol:
             "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
             where=path,
             expected="one of " + ", ".join(TRACKS.names()),
-            mend="correct the protocol file",
+            fix="correct the protocol file",
         )
     model: type[Protocol] = TRACKS.get(track).protocol
     return validated(data, model, ProtocolError, path, "protocol file")
@@ -83,7 +83,7 @@ def find_protocol(name: str, data_root: Path) -> Protocol:
     raise ProtocolError(
         f"unknown protocol {name[:80]!r}{nearest(name[:80], list(known))}",
         expected="a .toml file or one of: " + ", ".join(known),
-        mend=f"protocols of prepared benchmarks were sought in {data_root}: is that the right "
+        fix=f"protocols of prepared benchmarks were sought in {data_root}: is that the right "
         "folder (--data, AIRZOO_BENCH_DATA)? `airzoo-bench protocols` lists what is known",
     )
 
@@ -102,7 +102,7 @@ def protocol_of_track(name: str, data_root: Path, model: type[P]) -> P:
         raise ProtocolError(
             f"protocol {chosen.name} is of the {chosen.track} track",
             expected=f"one of the {wanted} track",
-            mend="`airzoo-bench protocols` lists them with their tracks",
+            fix="`airzoo-bench protocols` lists them with their tracks",
         )
     return chosen
 
@@ -143,7 +143,7 @@ def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -
         raise ProtocolError(
             f"the name {name!r} would make a second protocol {values['name']}",
             expected="a name that no shipped protocol has",
-            mend="choose another --name",
+            fix="choose another --name",
         )
     for section, keys in changes.items():
         values[section] |= keys
@@ -154,5 +154,5 @@ def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -
         raise ProtocolError(
             validation_message(error, model),
             where=f"the protocol for {name[:80]!r}",
-            mend="correct the option, or the protocol that --protocol names",
+            fix="correct the option, or the protocol that --protocol names",
         ) from error

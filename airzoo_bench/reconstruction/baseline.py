@@ -191,7 +191,7 @@ def _check(
     if len(names) < _LEAST_PHOTOS:
         raise UsageError(
             f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(names)}",
-            mend="name a folder with photos that overlap",
+            fix="name a folder with photos that overlap",
         )
     repeated = sorted(name for name, times in Counter(names).items() if times > 1)
     if repeated:
@@ -200,7 +200,7 @@ def _check(
         )
     if alignment is not None and priors is None:
         raise UsageError(
-            "there are no positions to align to", mend="give positions, or take the frame as it is"
+            "there are no positions to align to", fix="give positions, or take the frame as it is"
         )
 
 

@@ -138,7 +138,7 @@ def _nameless(what: str, place: str) -> PredictionError:
         what,
         where=place,
         expected="a field image_names (N,) that says which photo each view is of",
-        mend="np.savez('SCENE.npz', **np.load('results.npz'), image_names=names), with the names "
+        fix="np.savez('SCENE.npz', **np.load('results.npz'), image_names=names), with the names "
         "of the photos in the order in which the method was given them",
     )
 
@@ -159,7 +159,7 @@ def _true_names(names: list[str], truth: ReconstructionTruth, place: str) -> lis
             f"image names that the benchmark lacks: {first_of([*shown, *odd[3:]], len(names))}",
             where=f"{place}, field 'image_names'",
             expected=f"names such as {photos[0]!r}, with or without their ending",
-            mend="name images as the photos of the scene are named, relative to their folder",
+            fix="name images as the photos of the scene are named, relative to their folder",
         )
     found = [known[name] for name in names]
     twice = [repr(name) for name, uses in Counter(found).items() if uses > 1]

@@ -117,7 +117,7 @@ def occupied_cells(
         raise BenchmarkError(
             f"the true cloud spans {' x '.join(f'{s:.4g}' for s in box.high - box.low)} m",
             expected="a scene, without points far away from it",
-            mend="leave stray points out of the cloud, and prepare the benchmark again",
+            fix="leave stray points out of the cloud, and prepare the benchmark again",
         )
     found = CellSet(sides, low, extent, np.zeros(0, np.int64))
     keys = found.keys

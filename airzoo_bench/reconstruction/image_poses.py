@@ -155,7 +155,7 @@ def camera_fault(arrays: Arrays, name: str, error: CameraError) -> PredictionErr
         error.what,
         where=f"{arrays.path}, field '{name}'",
         expected=error.expected,
-        mend=error.mend,
+        fix=error.fix,
     )
 
 

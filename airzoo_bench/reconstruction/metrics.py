@@ -142,7 +142,7 @@ def score_distances(
         raise BenchmarkError(
             "the true cloud holds no point",
             expected="at least one point, after cropping too",
-            mend="check the benchmark's cloud and the protocol's crop",
+            fix="check the benchmark's cloud and the protocol's crop",
         )
     limit = math.inf if max_distance is None or len(to_truth) == 0 else max_distance
     accuracy, completeness = exact_mean(to_truth, limit), exact_mean(to_prediction, limit)

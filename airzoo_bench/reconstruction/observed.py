@@ -64,7 +64,7 @@ def observed_cells(
         raise BenchmarkError(
             f"no point of the true cloud is seen by {counted(photos, 'photo')}",
             expected="a cloud of what the photos show, in the same coordinates",
-            mend='check poses and cloud, or choose region = "all" in the protocol',
+            fix='check poses and cloud, or choose region = "all" in the protocol',
         )
     return CellSet(occupied.size, occupied.low, occupied.extent, keys)
 

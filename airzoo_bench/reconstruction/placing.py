@@ -161,7 +161,7 @@ def _require_cameras(claim: MatchedPrediction, settings: AlignmentSettings) -> N
         raise PredictionError(
             "holds no cameras, and the protocol requires them",
             expected="cameras, by which all methods are aligned alike",
-            mend="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
+            fix="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
         )
 
 
@@ -237,5 +237,5 @@ def _refuse_nothing_finite(cloud: PreparedCloud) -> None:
             f"all {counted(cloud.not_finite, 'point has', 'points have')} a coordinate that is "
             "NaN, infinite or too large to compute with",
             expected="finite coordinates",
-            mend="write the cloud again, without points that were not reconstructed",
+            fix="write the cloud again, without points that were not reconstructed",
         )

@@ -127,7 +127,7 @@ def box_of(source: CloudSource, points: int = 1 << 20) -> Box:
         raise BenchmarkError(
             "the true cloud holds no finite point",
             expected="at least one point",
-            mend="check the benchmark's cloud",
+            fix="check the benchmark's cloud",
         )
     return box
 

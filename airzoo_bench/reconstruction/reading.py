@@ -127,7 +127,7 @@ class ReconstructionPredictions:
                 raise PredictionError(
                     f"holds extrinsics, and so does {entry.cameras.name if entry.cameras else ''}",
                     where=f"{self.path}, {entry.geometry.name}",
-                    mend="keep one of the two",
+                    fix="keep one of the two",
                 )
             yield ScenePrediction(views, views.images or images)
 
@@ -202,7 +202,7 @@ def _add(path: Path, members: dict[str, Member], scene: str, member: Member) -> 
             f"scene {scene!r} has two entries: {members[scene].name} and {member.name}",
             where=path,
             expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
-            mend="keep one of the two",
+            fix="keep one of the two",
         )
     members[scene] = member
 
@@ -216,7 +216,7 @@ def _protocol(bundle: Bundle, member: Member) -> str:
             f"the protocol {name[:80]!r} is no protocol's name",
             where=f"{bundle.path}, {member.name}",
             expected="a line with a name, such as airzoo-real-reconstruction",
-            mend="name a protocol's file with --protocol",
+            fix="name a protocol's file with --protocol",
         )
     return name
 
@@ -230,5 +230,5 @@ def _no_entries(path: Path, extra: list[str]) -> UnreadableError:
         where=path,
         expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
         f"{', '.join(SUFFIXES)}, archives {', '.join(ARCHIVE_SUFFIXES)}",
-        mend=unread[0] if unread else "name the files by their scenes",
+        fix=unread[0] if unread else "name the files by their scenes",
     )

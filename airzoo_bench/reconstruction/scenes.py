@@ -69,7 +69,7 @@ class _TrueCloud:
                 f"the true cloud cannot be read: {fault.what}",
                 where=self._path,
                 expected=fault.expected,
-                mend="prepare the benchmark with a cloud that is whole",
+                fix="prepare the benchmark with a cloud that is whole",
             ) from fault
 
 
@@ -123,7 +123,7 @@ def _entry(
             raise
         # A file of an archive lies somewhere else while it is read.
         raise PredictionError(
-            fault.what, where=f"{place}, {unpacked}", expected=fault.expected, mend=fault.mend
+            fault.what, where=f"{place}, {unpacked}", expected=fault.expected, fix=fault.fix
         ) from fault
 
 

@@ -118,7 +118,7 @@ class ReconstructionTrack(
                 where=path,
                 expected=f"a folder with an entry a scene, an archive of it "
                 f"({', '.join(ARCHIVE_SUFFIXES)}), or one scene's {', '.join(SUFFIXES)}",
-                mend="`airzoo-bench template` writes an example",
+                fix="`airzoo-bench template` writes an example",
             )
         predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
         if path.is_file() and path.suffix == ".npz":
@@ -144,7 +144,7 @@ class ReconstructionTrack(
                 + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
                 where=predictions.path,
                 expected=f"an entry a scene: {first_of(known)}",
-                mend="name files or folders by their scenes, or the right protocol with --protocol",
+                fix="name files or folders by their scenes, or the right protocol with --protocol",
             )
         return _Listed(predictions, known)
 
@@ -242,7 +242,7 @@ class ReconstructionTrack(
                 f"templates of reconstruction are written as a folder, and this {what}",
                 where=out,
                 expected="a new folder, such as preds",
-                mend="name another with --out",
+                fix="name another with --out",
             )
 
     def write_template(

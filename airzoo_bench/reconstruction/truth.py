@@ -95,7 +95,7 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
         raise BenchmarkError(
             "the photos are not those of queries.csv",
             where=home / "photos.csv",
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         )
     cloud = benchmark.resolve(entry.cloud or "")
     if not entry.cloud or not cloud.is_file():
@@ -103,7 +103,7 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
             "the true cloud is not there",
             where=cloud,
             expected="the cloud that benchmark.toml names",
-            mend="put it back where benchmark.toml says, or prepare with --copy",
+            fix="put it back where benchmark.toml says, or prepare with --copy",
         )
     found = sha256_of(cloud)
     if found != entry.cloud_sha256:
@@ -111,6 +111,6 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
             "the cloud is not the one that the benchmark was prepared with",
             where=cloud,
             expected=f"SHA-256 {(entry.cloud_sha256 or 'none')[:12]}…",
-            mend="put it back, or prepare the benchmark again",
+            fix="put it back, or prepare the benchmark again",
         )
     return ReconstructionTruth(scene, photos, cloud, found, excluded)

@@ -167,7 +167,7 @@ class _Volume:
                 f"the fused surface takes more than {self._settings.max_voxels:,} voxels of "
                 f"{self._settings.voxel:g}",
                 expected="depths and poses of one scene, in one scale",
-                mend="check the scale of the depth maps against that of the poses",
+                fix="check the scale of the depth maps against that of the poses",
             )
 
 
@@ -225,5 +225,5 @@ def _check(maps: DepthMaps, settings: TsdfSettings) -> None:
         raise PredictionError(
             "depth maps of cameras with lens distortion cannot be fused by TSDF",
             expected="pinhole cameras",
-            mend="undistort the maps, or fuse by back-projection",
+            fix="undistort the maps, or fuse by back-projection",
         )

@@ -73,7 +73,7 @@ def refuse_other_resolution(
             f"look {likely}",
             where=where,
             expected=f"intrinsics of the maps' own size, {size[0, 0]} x {size[0, 1]}",
-            mend="scale fx, cx by the ratio of widths and fy, cy by the ratio of heights",
+            fix="scale fx, cx by the ratio of widths and fy, cy by the ratio of heights",
         )
     off = np.flatnonzero((np.abs(ratio - 1.0) > 2.0 * _OFF_CENTRE).any(axis=1)).tolist()
     if not off:

@@ -179,14 +179,14 @@ def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
             f"field 'depth' has shape {values.shape}, with an axis of 1 before the pixels",
             where=arrays.path,
             expected="shape (N, H, W), or (N, H, W, 1)",
-            mend="depth[:, 0] (depth.squeeze(1))",
+            fix="depth[:, 0] (depth.squeeze(1))",
         )
     if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
         raise PredictionError(
             f"field '{name}' is {values.dtype} of shape {values.shape}",
             where=arrays.path,
             expected=f"floating point of shape ({', '.join(('N', 'H', 'W', *map(str, shape)))})",
-            mend=f"{name}.astype(np.float32), in the units of the poses"
+            fix=f"{name}.astype(np.float32), in the units of the poses"
             + (
                 ": whole numbers are often millimetres, / 1000" if values.dtype.kind in "iu" else ""
             ),
@@ -205,7 +205,7 @@ def _pixel_centres(arrays: Arrays) -> str | None:
             where=f"{arrays.path}, field '{_CENTRES}'",
             expected="'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' "
             "(it is (0, 0))",
-            mend="np.savez(..., pixel_centres='integer') for Depth Anything 3, VGGT, CUT3R, "
+            fix="np.savez(..., pixel_centres='integer') for Depth Anything 3, VGGT, CUT3R, "
             "MapAnything, DUSt3R",
         )
     return stated
@@ -264,7 +264,7 @@ def _optional(
             f"field '{given[0]}' has shape {values.shape}",
             where=arrays.path,
             expected=f"{shape}: the size of the maps and of '{given[0]}' must be the same",
-            mend=f"write '{given[0]}' at the size of the maps, or leave it out",
+            fix=f"write '{given[0]}' at the size of the maps, or leave it out",
         )
     return values
 

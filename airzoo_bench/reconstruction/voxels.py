@@ -120,7 +120,7 @@ class VoxelGrid:
                 raise UsageError(
                     f"a cloud occupies more than {self._most:,} voxels of {self._size:g} m, "
                     "which is all that memory may hold",
-                    mend="give --max-memory more, or choose larger voxels in the protocol",
+                    fix="give --max-memory more, or choose larger voxels in the protocol",
                 )
             self._join_last_two()
 

@@ -103,7 +103,7 @@ def _check_truth(section: Section, benchmark: Benchmark, prints: dict[str, str])
             "its truth is not the one that the results were made with",
             where=benchmark.folder,
             expected=f"fingerprint {section.first.truth.fingerprint[:12]}",
-            mend="name the right benchmark folder with --data, or score again",
+            fix="name the right benchmark folder with --data, or score again",
         )
 
 
@@ -176,7 +176,7 @@ def _footprints(truth: MatchingTruth, benchmark: Benchmark) -> Floats:
             "it has not four corners, as numbers, of each footprint once",
             where=path,
             expected="id, " + ", ".join(ANCHOR_COLUMNS),
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         )
     corners = anchors.reindex(truth.queries["id"]).to_numpy(np.float64)
     return _on_map(truth.dom, corners.reshape(-1, 4, 2))

@@ -161,7 +161,7 @@ def _make_room(
         raise UsageError(
             f"--height: {height:g} inches leave no room for the picture",
             expected=f"at least {below + above + gap + _LEAST_PICTURE_IN:.1f}in",
-            mend="give a larger --height, or leave out the small print by --bare",
+            fix="give a larger --height, or leave out the small print by --bare",
         )
     figure.set_figheight(height)
     bottom = (below + gap) / height
@@ -198,7 +198,7 @@ def check_room(figure: Figure) -> None:
         raise UsageError(
             f"{figure.get_figwidth():g} by {figure.get_figheight():.2g} inches are too little for "
             "this picture's labels",
-            mend="give a larger --width or --height, or fewer results",
+            fix="give a larger --width or --height, or fewer results",
         )
 
 

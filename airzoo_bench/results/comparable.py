@@ -55,7 +55,7 @@ def _check_meanings(names: Sequence[str], results: Sequence[Result]) -> None:
                 raise ResultError(
                     f"{whose} and {name} mean different things by the score {column.key}",
                     expected="the same title, unit, direction and average, as one protocol gives",
-                    mend="score all predictions again with the same version",
+                    fix="score all predictions again with the same version",
                 )
 
 
@@ -109,7 +109,7 @@ def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
     return {score.key: score for score in listed} | {score.title: score for score in listed}
 
 
-def check_score(name: str, scores: Sequence[ScoreColumn], option: str, mend: str = "") -> None:
+def check_score(name: str, scores: Sequence[ScoreColumn], option: str, fix: str = "") -> None:
     """Refuse the name of a score that is none of these.
 
     Parameters
@@ -120,7 +120,7 @@ def check_score(name: str, scores: Sequence[ScoreColumn], option: str, mend: str
         Those that there are.
     option : str
         The one that named it.
-    mend : str
+    fix : str
         How it can be had, if it can.
 
     Raises
@@ -136,7 +136,7 @@ def check_score(name: str, scores: Sequence[ScoreColumn], option: str, mend: str
             f"no score here is called {name[:80]!r}{nearest(name[:80], list(known))}",
             where=option,
             expected=f"one of: {titles}",
-            mend=mend or None,
+            fix=fix or None,
         )
 
 
@@ -164,11 +164,11 @@ def _check(
             "protocol": "one protocol: a difference would be its doing as well as the methods'",
             "truth": "one truth: the same queries with the same answers",
         }[what],
-        mend=_mend(results[0], results[second], what),
+        fix=_fix(results[0], results[second], what),
     )
 
 
-def _mend(first: Result, other: Result, what: Literal["protocol", "truth"]) -> str:
+def _fix(first: Result, other: Result, what: Literal["protocol", "truth"]) -> str:
     if what == "truth":
         return "score all predictions again with the same benchmark folder"
     if first.protocol.name != other.protocol.name:

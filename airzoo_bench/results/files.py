@@ -36,11 +36,11 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
                 f"a folder, not a result file, and without a {_FILE}",
                 where=folder,
                 expected=f"a {_FILE}, or the folder that holds it",
-                mend=f"name {folder}/*/{_FILE} (there are {len(inside)})" if inside else None,
+                fix=f"name {folder}/*/{_FILE} (there are {len(inside)})" if inside else None,
             )
     for path, times in Counter(path.resolve() for path in paths).items():
         if times > 1:
-            raise UsageError("named twice", where=path, mend="name each result once")
+            raise UsageError("named twice", where=path, fix="name each result once")
     return paths
 
 

@@ -114,13 +114,13 @@ def read_records(
     result = read_result(path) if result is None else result
     file = records_path(path)
     if not result.records_sha256:
-        raise ResultError("does not say which records belong to it", where=path, mend=_SCORE_AGAIN)
+        raise ResultError("does not say which records belong to it", where=path, fix=_SCORE_AGAIN)
     if not file.is_file():
         raise ResultError(
             "no such file",
             where=file,
             expected="the records that were written beside result.json",
-            mend="keep both in one folder (records of a.json may be called a.records.csv), or "
+            fix="keep both in one folder (records of a.json may be called a.records.csv), or "
             + _SCORE_AGAIN,
         )
     content = file.read_bytes()
@@ -129,7 +129,7 @@ def read_records(
             "not the records of the result beside it: the checksum does not fit",
             where=file,
             expected="the file as `airzoo-bench eval` wrote it together with result.json",
-            mend=_SCORE_AGAIN,
+            fix=_SCORE_AGAIN,
         )
     scores = [column.key for column in result.columns]
     wanted = _wanted(_heads(content, file), scores, columns, file)
@@ -142,10 +142,10 @@ def _heads(content: bytes, file: Path) -> list[str]:
         stream = io.TextIOWrapper(io.BytesIO(content), "utf-8", newline="")
         heads = next(csv.reader(stream), [])
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ResultError(f"not a table: {error}", where=file, mend=_SCORE_AGAIN) from error
+        raise ResultError(f"not a table: {error}", where=file, fix=_SCORE_AGAIN) from error
     for head, times in Counter(heads).items():
         if times > 1:
-            raise ResultError(f"has {times} columns {head}", where=file, mend=_SCORE_AGAIN)
+            raise ResultError(f"has {times} columns {head}", where=file, fix=_SCORE_AGAIN)
     return heads
 
 
@@ -155,7 +155,7 @@ def _wanted(
     """Return the columns to read, in their order; those that every result has must be there."""
     lacking = [name for name in ("scene", *scores) if name not in heads]
     if lacking:
-        raise ResultError(f"has no column {', '.join(lacking)}", where=file, mend=_SCORE_AGAIN)
+        raise ResultError(f"has no column {', '.join(lacking)}", where=file, fix=_SCORE_AGAIN)
     if columns is None:
         return heads
     return [head for head in heads if head in ("scene", "query") or head in columns]
@@ -209,11 +209,11 @@ def _refusal(content: bytes, scores: list[str], error: Exception, file: Path) ->
             if "conversion error" in str(fault):
                 return _no_number(name, file)
             break
-    return ResultError(f"not a table: {error}", where=file, mend=_SCORE_AGAIN)
+    return ResultError(f"not a table: {error}", where=file, fix=_SCORE_AGAIN)
 
 
 def _no_number(key: str, file: object) -> ResultError:
-    return ResultError("a score is not a number", where=f"{file}, {key}", mend=_SCORE_AGAIN)
+    return ResultError("a score is not a number", where=f"{file}, {key}", fix=_SCORE_AGAIN)
 
 
 def _with_type(texts: Any) -> Any:
@@ -259,7 +259,7 @@ def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
             f"a score is {wrong[0]:g}",
             where=f"{file}, {column.key}",
             expected="0 to 1" if column.unit == "share" else "0 or more",
-            mend=_SCORE_AGAIN,
+            fix=_SCORE_AGAIN,
         )
 
 
@@ -274,7 +274,7 @@ def _check_sums(
         raise ResultError(
             "its scenes are not those of the result, or a query stands twice",
             where=file,
-            mend=_SCORE_AGAIN,
+            fix=_SCORE_AGAIN,
         )
     for scene, count in zip(found, np.bincount(rows).tolist(), strict=True):
         expected = result.counts[scene]["queries"]
@@ -303,5 +303,5 @@ def _unlike(what: str, expected: float, file: object) -> ResultError:
         f"does not fit the result beside it: {what}",
         where=file,
         expected=f"{expected!r}, as the result has it",
-        mend=_SCORE_AGAIN,
+        fix=_SCORE_AGAIN,
     )

@@ -287,13 +287,13 @@ def read_result(path: Path) -> Result:
             f"{what}{validation_message(error, Result)}",
             where=path,
             expected=_EXPECTED,
-            mend=_MEND,
+            fix=_MEND,
         ) from error
     if not result.is_intact():
         raise ResultError(
             "its content was changed after it was written: the checksum does not fit",
             where=path,
             expected="a result as `airzoo-bench eval` wrote it",
-            mend=_MEND,
+            fix=_MEND,
         )
     return result

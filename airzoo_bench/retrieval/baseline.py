@@ -118,7 +118,7 @@ def learn_words(features: Sequence[Floats], settings: VladSettings) -> Floats:
     if len(everything) < settings.words:
         raise BenchmarkError(
             f"the gallery has {len(everything)} SIFT features, fewer than {settings.words} words",
-            mend="look at the map: is it blank?",
+            fix="look at the map: is it blank?",
         )
     size = min(settings.training_features, len(everything))
     rows = np.random.default_rng(settings.seed).choice(len(everything), size, replace=False)

@@ -239,13 +239,13 @@ def _tile_indices(
             + nearest(tile, truth.tiles["id"].tolist(), 1),
             where="field 'ranked_ids'",
             expected=f"ids such as {truth.tiles['id'].iloc[0]}",
-            mend=_mend_strange_tile(tile, truth),
+            fix=_fix_for_strange_tile(tile, truth),
         )
     tiles: NDArray[np.int32] = found.astype(np.int32)
     return tiles
 
 
-def _mend_strange_tile(tile: str, truth: RetrievalTruth) -> str:
+def _fix_for_strange_tile(tile: str, truth: RetrievalTruth) -> str:
     scene = str(scene_of(np.array([tile]))[0])
     if "/" not in tile:
         return f"put the scene before each tile: {truth.scene}/{tile}"
@@ -271,7 +271,7 @@ def _scene_gallery(
             f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
             f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
             where="field 'gallery_descriptors'",
-            mend="save the rows in the order of tiles.parquet, or raise --max-memory",
+            fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
     return claim.gallery[rows]
 
@@ -288,7 +288,7 @@ def _gallery_rows(claim: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]
             f"{first_of(lacking, len(truth.tiles))}{_meant(str(lacking[0]), claim, truth)}",
             where="field 'gallery_ids'",
             expected="every tile of the gallery: leaving some out would make the task easier",
-            mend="describe all tiles of tiles.parquet",
+            fix="describe all tiles of tiles.parquet",
         )
     return rows
 

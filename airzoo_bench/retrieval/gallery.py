@@ -132,7 +132,7 @@ def check_gsd(info: RasterInfo, gallery: Gallery) -> None:
             f"has {found[0]:.3f} x {found[1]:.3f} m per pixel on the ground",
             where=info.path,
             expected=f"{gallery.gsd_m} m, give or take {gallery.gsd_tolerance:.0%}",
-            mend="resample the map (gdalwarp -tr), or choose a protocol of this resolution",
+            fix="resample the map (gdalwarp -tr), or choose a protocol of this resolution",
         )
 
 
@@ -190,12 +190,12 @@ def _check_on_earth(info: RasterInfo, ring: NDArray[np.float64]) -> None:
             where=info.path,
             expected=f"coordinates that {describe_crs(info.crs)} is defined for, latitudes from "
             "-90 to 90",
-            mend="look at the geotransform and the CRS of the map, or cut it",
+            fix="look at the geotransform and the CRS of the map, or cut it",
         )
     if (np.ptp(ring[..., 0], axis=1) >= 180).any():
         raise RasterError(
             "holds a pole, or tiles half as wide as the earth: no box in degrees describes them",
             where=info.path,
             expected="a map beside the pole",
-            mend="cut the map so that the pole is outside",
+            fix="cut the map so that the pole is outside",
         )

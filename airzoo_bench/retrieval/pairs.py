@@ -59,7 +59,7 @@ class Positives:
                 f"the positives are damaged: {fault[0]}",
                 where=where,
                 expected=fault[1],
-                mend="run `airzoo-bench prepare` again",
+                fix="run `airzoo-bench prepare` again",
             )
         ratio = None if overlap is None else overlap.astype(np.float64)
         return cls(offsets.astype(np.int64), tiles.astype(np.int32), ratio)

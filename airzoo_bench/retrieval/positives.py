@@ -252,7 +252,7 @@ def _check_boxes(boxes: NDArray[np.floating]) -> Floats:
             f"tiles without a valid extent: {first_of(rows, len(boxes))}",
             where="tiles",
             expected="finite lon_min <= lon_max and lat_min <= lat_max, in degrees",
-            mend="mend those rows of the gallery table, or run `airzoo-bench prepare` again",
+            fix="correct those rows of the gallery table, or run `airzoo-bench prepare` again",
         )
     return extents
 

@@ -161,7 +161,7 @@ def _check_depth(predictions: RetrievalPredictions, claim: RankedIds, needed: in
             where=f"{predictions.path}, field 'ranked_ids'",
             expected=f"at least {needed}, the deepest rank that the protocol scores; where the "
             "gallery is smaller, fill with empty ids",
-            mend="write more of the ranked list",
+            fix="write more of the ranked list",
         )
 
 
@@ -177,7 +177,7 @@ def _check_gaps(predictions: RetrievalPredictions, claim: RankedIds) -> None:
             f"an empty id before a tile in the lists of {_rows(predictions, gaps)}",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected="empty ids only at the end of a list that is shorter than the others",
-            mend="close the gaps",
+            fix="close the gaps",
         )
 
 
@@ -195,7 +195,7 @@ def _check_repeats(predictions: RetrievalPredictions, claim: RankedIds) -> None:
             f"the first repeats {twice[twice != ''][0]}",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected="each tile once a query",
-            mend="keep each tile's best rank",
+            fix="keep each tile's best rank",
         )
 
 
@@ -212,7 +212,7 @@ def _check_scores(predictions: RetrievalPredictions, claim: RankedIds) -> None:
             f"NaN or infinite scores in the rows of {_rows(predictions, rows)}",
             where=f"{predictions.path}, field 'scores'",
             expected="a finite number for each ranked tile",
-            mend="look for a division by zero or half precision, or leave the scores out",
+            fix="look for a division by zero or half precision, or leave the scores out",
         )
 
 
@@ -235,7 +235,7 @@ def _check_scenes(
             f"{tile!r}",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected=f"tiles of the query's own scene, such as {scene}/...",
-            mend="rank each query against the gallery of its own scene only"
+            fix="rank each query against the gallery of its own scene only"
             if "/" in tile
             else f"put the scene before each tile: {scene}/{tile}",
         )
@@ -261,7 +261,7 @@ def _check_order(predictions: RetrievalPredictions, claim: RankedIds) -> None:
         where=f"{predictions.path}, field 'scores'",
         expected="similarities that never rise along a row, or distances that never fall, in all "
         "rows alike",
-        mend="sort each query's tiles by its scores, best first",
+        fix="sort each query's tiles by its scores, best first",
     )
 
 
@@ -290,7 +290,7 @@ def _check_descriptors(predictions: RetrievalPredictions, claim: Descriptors) ->
             f"{claim.gallery.shape[1]}",
             where=f"{predictions.path}, fields 'query_descriptors' and 'gallery_descriptors'",
             expected="the same number",
-            mend="describe photos and tiles with the same model",
+            fix="describe photos and tiles with the same model",
         )
 
 

@@ -117,7 +117,7 @@ def _without_empty(
             f"{tiles['valid_share'].max():.0%} of valid pixels",
             where=info.path,
             expected=f"tiles of which {gallery.least_valid_share:.0%} are valid, and more than 0",
-            mend="look at the nodata value and the alpha band of the map",
+            fix="look at the nodata value and the alpha band of the map",
         )
     return tiles[kept].reset_index(drop=True), tiles[~kept].reset_index(drop=True)
 

@@ -233,5 +233,5 @@ def _refuse_rows(wrong: Any, what: str, expected: str, names: Names | None) -> N
             f"{what}: {first_of(named, len(wrong))}",
             where="ranked_ids, scores",
             expected=expected,
-            mend="sort each query's tiles by its scores, best first, and write the file again",
+            fix="sort each query's tiles by its scores, best first, and write the file again",
         )

@@ -47,7 +47,7 @@ def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
         raise PredictionError(
             "holds both ranked_ids and query_descriptors, and they could disagree",
             where=path,
-            mend="keep one of the two",
+            fix="keep one of the two",
         )
     needed = ("query_ids", *(_DESCRIPTORS if described else ("ranked_ids",)))
     allowed = (*_COMMON, *(_DESCRIPTORS if described else _RANKED))
@@ -70,7 +70,7 @@ def _read_ranked(arrays: Arrays, rows: int) -> RankedIds:
             f"field 'scores' has shape {scores.shape}",
             where=arrays.path,
             expected=f"the shape of ranked_ids, {ids.shape}",
-            mend="give a score for each ranked tile",
+            fix="give a score for each ranked tile",
         )
     return RankedIds(ids, scores.astype(np.float64))
 

@@ -247,7 +247,7 @@ def _refusal(
         f"{what}: {first_of(named, total)}",
         where=f"field '{which}'",
         expected=expected,
-        mend="export these descriptors again, and look for a division by zero or half precision",
+        fix="export these descriptors again, and look for a division by zero or half precision",
     )
 
 

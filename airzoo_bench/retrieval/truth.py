@@ -156,14 +156,14 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
         raise BenchmarkError(
             "the footprints are not those of queries.csv",
             where=home / "footprints.csv",
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         )
     if queries.empty:
         raise BenchmarkError(
             f"scene {scene} has no query: {counted(len(excluded), 'photo')} excluded",
             where=home / "excluded.csv",
             expected="at least one photo that a tile answers",
-            mend="prepare the benchmark again with other photos, or leave the scene out of the "
+            fix="prepare the benchmark again with other photos, or leave the scene out of the "
             "protocol",
         )
     positives = _load_sparse(home / "positives.npz", len(queries), len(tiles))
@@ -186,7 +186,7 @@ def read_tiles(home: Path) -> pd.DataFrame:
             f"row {small[0] + 1}, column size_m: {tiles['size_m'].iloc[small[0]]}",
             where=home / "tiles.parquet",
             expected="sides of tiles above 0, in metres",
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         )
     return tiles
 
@@ -202,7 +202,7 @@ def _check_boxes(boxes: NDArray[np.float64], where: Path) -> None:
             where=where,
             expected="lon_min <= lon_max less than 180 apart (unwrapped: 179.9 to 180.1 across "
             "the 180th meridian), lat_min <= lat_max between -90 and 90",
-            mend="prepare the benchmark again",
+            fix="prepare the benchmark again",
         )
 
 
@@ -218,7 +218,7 @@ def _load_sparse(path: Path, n_queries: int, n_tiles: int) -> Positives:
         raise BenchmarkError(
             "the benchmark folder has no truth here",
             where=path,
-            mend="prepare the benchmark again; `check` needs no truth, `eval` does",
+            fix="prepare the benchmark again; `check` needs no truth, `eval` does",
         )
     pairs = n_queries * n_tiles
     try:
@@ -244,5 +244,5 @@ def _damaged(path: Path, what: str) -> BenchmarkError:
         f"the positives are damaged: {what}",
         where=path,
         expected="offsets and tiles, as `airzoo-bench prepare` wrote them",
-        mend="prepare the benchmark again",
+        fix="prepare the benchmark again",
     )

@@ -38,7 +38,7 @@ def _check_queries(first: Scored, other: Scored) -> None:
     raise ResultError(
         f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
         expected="results on the same queries",
-        mend="score all predictions again with the same benchmark folder",
+        fix="score all predictions again with the same benchmark folder",
     )
 
 
@@ -72,7 +72,7 @@ def choose_scores(
             raise ResultError(
                 "the results have no score in common",
                 expected="results of one track, with the same scores",
-                mend="score all predictions again with the same version and protocol",
+                fix="score all predictions again with the same version and protocol",
             )
         return found
     some = named_scores(column for method in methods for column in method.result.columns)

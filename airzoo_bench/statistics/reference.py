@@ -82,7 +82,7 @@ def find_one(
             "--method and --reference exclude each other",
             expected="--method for what NAME is against each other, --reference for what they "
             "are against NAME",
-            mend="leave one of them out",
+            fix="leave one of them out",
         )
     return find_reference(methods, method, score, scene, option="--method")
 

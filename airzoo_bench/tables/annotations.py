@@ -228,7 +228,7 @@ def row_named(table: Table, name: str, option: str) -> int:
             f"{len(own)} rows are called {name[:80]!r}",
             where=option,
             expected="a name that one row has",
-            mend="give results different names with `airzoo-bench eval ... --method NAME`",
+            fix="give results different names with `airzoo-bench eval ... --method NAME`",
         )
     return own[0]
 

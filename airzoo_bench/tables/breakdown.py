@@ -194,7 +194,7 @@ def _checked_bins(by: str, column: pd.Series[str], bins: Sequence[float]) -> tup
         raise UsageError(
             f"--bins: {by} is no number",
             expected="a column of numbers, such as altitude_m",
-            mend="leave --bins out: every value is then a group",
+            fix="leave --bins out: every value is then a group",
         )
     if not all(map(math.isfinite, edges)) or list(edges) != sorted(set(edges)) or not edges:
         given = ",".join(f"{edge:.15g}" for edge in edges)
@@ -251,7 +251,7 @@ def _by_category(by: str, column: pd.Series[str]) -> Grouping:
     values = sorted(set(shown[~missing].tolist()))
     if len(values) > _MOST_GROUPS:
         many = f"--by {by}: {len(values)} different values are no groups"
-        raise UsageError(many, mend="choose a column with fewer values")
+        raise UsageError(many, fix="choose a column with fewer values")
     places = {value: place for place, value in enumerate(values)}
     codes = np.full(len(column), len(values), np.int64)
     codes[~missing] = [places[value] for value in shown[~missing].tolist()]

@@ -152,7 +152,7 @@ def _check_shared(methods: Sequence[Scored], by: str) -> None:
             raise UsageError(
                 f"--by {by}: the column of {other.name} is not that of {methods[0].name}",
                 expected="what is the same for all methods, such as a condition of the queries",
-                mend="name one result at a time",
+                fix="name one result at a time",
             )
 
 

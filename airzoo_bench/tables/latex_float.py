@@ -68,7 +68,7 @@ def check_style(style: LatexStyle) -> None:
     if style.standalone and (style.caption or style.fit):
         raise UsageError(
             "--standalone makes pages, which fit by themselves, and no float",
-            mend="leave out --standalone, or --caption, --label and --fit",
+            fix="leave out --standalone, or --caption, --label and --fit",
         )
 
 

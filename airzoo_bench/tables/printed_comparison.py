@@ -99,12 +99,12 @@ def hits_that_print(text: str, queries: int) -> range:
         raise UsageError(
             f"no number of hits among {counted(queries, 'query')} is {text} %: the nearest are "
             f"{count_text(number, queries, digits=4)}",
-            mend=_mend(number),
+            fix=_fix(number),
         )
     return counts
 
 
-def _mend(number: Rounded) -> str:
+def _fix(number: Rounded) -> str:
     if 0 < number.value <= 1 and number.decimals > 1:
         percent = decimal_text(100 * number.value, number.decimals - 2)
         return f"{number.text} looks like a share from 0 to 1: give percent, {percent}"

@@ -165,6 +165,6 @@ def _known(names: Mapping[str, V], name: str, what: str, where: str) -> V:
             f"the {what} {name[:80]!r} is not explained{nearest(name, sorted(names))}",
             where=f"{where} {what!r}",
             expected="one of " + ", ".join(names),
-            mend="add it to the TOML file",
+            fix="add it to the TOML file",
         )
     return names[name]

@@ -141,6 +141,6 @@ def _one_cell(name: str, column: Column, cells: Sequence[Cell]) -> Cell:
             f"{len(filled)} rows that would become one, {name[:80]!r}, have {where}",
             where="--rename",
             expected="one name for methods of different benchmarks, which then share a row",
-            mend="give them different names, or name one result of each benchmark",
+            fix="give them different names, or name one result of each benchmark",
         )
     return filled[0] if filled else cells[0]

@@ -17,5 +17,5 @@ def refused(call: Callable[..., Any], *arguments: Any, where: str, **options: An
     assert isinstance(caught.value, ValueError)
     assert caught.value.where is not None
     assert where in caught.value.where
-    assert caught.value.expected or caught.value.mend
+    assert caught.value.expected or caught.value.fix
     return str(caught.value)

@@ -1,7 +1,7 @@
 """What a user's mistake gets: one message, exit code 2, and nothing half-written.
 
 Each case makes a bad file, runs a command as its entry point does, and names the fragments that
-the message must hold: which file, which field, which rows, what was expected and how to mend it.
+the message must hold: which file, which field, which rows, what was expected and how to fix it.
 """
 
 from __future__ import annotations
@@ -387,7 +387,7 @@ def test_bad_predictions(
     assert out == ""
     assert "Traceback" not in message
     assert "\x1b" not in message
-    assert "\n  expected: " in message or "\n  to mend:  " in message
+    assert "\n  expected: " in message or "\n  fix:      " in message
     assert len(message) < 2000
     for fragment in fragments:
         assert fragment in message

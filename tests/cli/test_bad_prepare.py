@@ -316,7 +316,7 @@ def test_bad_sources(
     assert "\x1b" not in message
     for fragment in fragments:
         assert fragment in message
-    assert "\n  expected: " in message or "\n  to mend:  " in message or "no such" in message
+    assert "\n  expected: " in message or "\n  fix:      " in message or "no such" in message
     assert files_below(tmp_path) == before
 
 

@@ -50,7 +50,7 @@ def test_what_is_read_is_never_written(
     [
         (
             "x.txt",
-            "the file's ending is '.txt'\n  expected: .html or .htm\n  to mend:  name it x.h",
+            "the file's ending is '.txt'\n  expected: .html or .htm\n  fix:      name it x.h",
         ),
         ("x", "the file has no ending"),
         ("in/result.json/x.html", "in/result.json: a file, not a folder"),

@@ -163,9 +163,9 @@ def test_the_longest_names_that_a_system_takes(name: str, tmp_path: Path) -> Non
         check_output_file(tmp_path / f"{name}{name}")
 
 
-def test_a_full_disk_is_the_user_s_to_mend(tmp_path: Path) -> None:
+def test_a_full_disk_is_the_user_s_to_fix(tmp_path: Path) -> None:
     with (
-        pytest.raises(UserError, match="cannot be written: No space left on device\n  to mend"),
+        pytest.raises(UserError, match="cannot be written: No space left on device\n  fix"),
         atomic_write(tmp_path / "a"),
     ):
         raise OSError(28, "No space left on device")

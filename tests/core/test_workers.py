@@ -16,7 +16,7 @@ import sys, time
 from functools import partial
 from pathlib import Path
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 
 def slow(folder, number):
     with atomic_write(folder / f"{number}.bin") as stream:
@@ -26,7 +26,7 @@ def slow(folder, number):
     return number
 
 if __name__ == "__main__":
-    for number in spread(partial(slow, Path(sys.argv[1])), list(range(40)), 2):
+    for number in parallel_map(partial(slow, Path(sys.argv[1])), list(range(40)), 2):
         print(number, flush=True)
 """
 
@@ -53,13 +53,13 @@ def test_an_error_of_a_worker_is_the_parents() -> None:
 
 LARGE = """
 import sys
-from airzoo_bench.core.workers import spread
+from airzoo_bench.core.workers import parallel_map
 
 def large(number):
     return bytes(1 << 20)
 
 if __name__ == "__main__":
-    for number, _ in enumerate(spread(large, list(range(2_000)), 2)):
+    for number, _ in enumerate(parallel_map(large, list(range(2_000)), 2)):
         print(number, flush=True)
 """
 

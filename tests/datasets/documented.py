@@ -60,10 +60,10 @@ def refusals(module: str) -> Iterator[str]:
     for call in sorted(calls, key=lambda node: node.lineno):
         assert isinstance(call.func, ast.Name)
         what = text_of(call.args[MESSAGE.get(call.func.id, 0)])
-        mends = [text_of(given.value) for given in call.keywords if given.arg == "mend"]
-        mend = next((text for text in mends if text.strip("… ")), "")
+        fixes = [text_of(given.value) for given in call.keywords if given.arg == "fix"]
+        fix = next((text for text in fixes if text.strip("… ")), "")
         if sum(map(str.isalpha, what)) > 2 and not any(word in what for word in INTERNAL):
-            yield f"- {what}" + f". To mend: {mend}" * bool(mend)
+            yield f"- {what}" + f". To fix: {fix}" * bool(fix)
 
 
 def lists() -> dict[str, str]:

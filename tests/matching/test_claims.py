@@ -330,7 +330,7 @@ def test_pixels_that_went_through_float16(
     claimed(world, tmp_path, fields)
 
 
-def test_the_mend_of_swapped_sides(world: World, tmp_path: Path) -> None:
+def test_the_fix_for_of_swapped_sides(world: World, tmp_path: Path) -> None:
     swapped = [xy[:, ::-1] for xy in world.query_xy]
     message = refused(world, tmp_path, world.correspondences(swapped, map_xy=world.map_xy))
     assert "x, the column, before y" in message

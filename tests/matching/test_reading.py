@@ -166,7 +166,7 @@ UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
         ["2 poses are NaN or infinite in part", "NaN in all of it"],
     ),
     "infinite": (POSES | {"poses": np.full((2, 3, 4), np.inf)}, []),
-    "scaled": (POSES | {"poses": SCALED}, ["not orthonormal", "hills/a", "field 'poses'", "mend"]),
+    "scaled": (POSES | {"poses": SCALED}, ["not orthonormal", "hills/a", "field 'poses'", "fix"]),
     "no rotations": (without(CENTRED, "rotations"), ["lacks the field rotations"]),
     "poses twice": (CENTRED | {"poses": RT}, ["holds poses and centres", "disagree"]),
     "few centres": (CENTRED | {"centres": CENTRES[:1]}, ["'centres' has 1 row"]),

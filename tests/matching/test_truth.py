@@ -98,7 +98,7 @@ def test_another_surface_model_is_refused(copied: Path) -> None:
         read_truth(benchmark, SCENE)
     for caught in (changed, lost):
         assert caught.value.where == str(dsm)
-        assert caught.value.mend
+        assert caught.value.fix
 
 
 def test_crops_of_other_queries_are_refused(copied: Path) -> None:

@@ -112,7 +112,7 @@ def test_refused(case: str, tmp_path: Path) -> None:
         load_protocol(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
-    assert "to mend:  correct the protocol file" in message
+    assert "fix:      correct the protocol file" in message
     for fragment in fragments:
         assert fragment in message
 

@@ -306,7 +306,7 @@ def test_icp_without_scale_keeps_it() -> None:
     assert report.after.cost < report.before.cost
 
 
-def test_icp_leaves_what_it_cannot_mend() -> None:
+def test_icp_leaves_what_it_cannot_fix() -> None:
     cloud = terrain(np.random.default_rng(14), 2000)
     found, report = icp(cloud, cloud)
     np.testing.assert_array_equal(found.matrix, np.eye(4))

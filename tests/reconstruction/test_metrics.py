@@ -109,7 +109,7 @@ def test_empty_truth_is_an_error() -> None:
     assert str(caught.value).splitlines() == [
         "the true cloud holds no point",
         "  expected: at least one point, after cropping too",
-        "  to mend:  check the benchmark's cloud and the protocol's crop",
+        "  fix:      check the benchmark's cloud and the protocol's crop",
     ]
 
 

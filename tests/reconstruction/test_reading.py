@@ -276,7 +276,7 @@ def test_endings_that_are_not_read_are_named(tmp_path: Path) -> None:
     (tmp_path / "small.xyz").write_text("0 0 0\n")
     with refused("small.xyz") as caught:
         listed(tmp_path)
-    assert caught.value.mend == "endings such as '.xyz' are not read: write a cloud as .ply"
+    assert caught.value.fix == "endings such as '.xyz' are not read: write a cloud as .ply"
 
 
 def test_nothing_there(tmp_path: Path) -> None:

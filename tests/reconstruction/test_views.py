@@ -102,7 +102,7 @@ def test_other_pixel_centres_are_refused(value: object, tmp_path: Path) -> None:
 def test_an_axis_before_the_pixels_is_told_how_to_go(tmp_path: Path) -> None:
     with refused("axis of 1 before the pixels") as caught:
         read_views(written(tmp_path, depth=made()["depth"][:, None]), LIMIT)
-    assert "depth[:, 0]" in str(caught.value.mend)
+    assert "depth[:, 0]" in str(caught.value.fix)
 
 
 def test_views_without_names_are_numbered(tmp_path: Path) -> None:

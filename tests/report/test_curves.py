@@ -416,7 +416,7 @@ def test_dots_per_inch(tmp_path: Path) -> None:
     assert "--dpi is for .png" in str(done.exception)
 
 
-def test_a_kind_left_out_is_told_how_to_mend(tmp_path: Path) -> None:
+def test_a_kind_left_out_is_told_how_to_fix(tmp_path: Path) -> None:
     [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
     done = run("plot", path, path, "-o", tmp_path / "x.png")
     assert "name the kind before the results" in str(done.exception)

@@ -34,7 +34,7 @@ def test_settings_that_differ_are_named() -> None:
         "m0 and m1 were made with different protocols (pppppppppppp and qqqqqqqqqqqq): "
         "scores.k is [1, 3] against [1]; more is absent against True"
     )
-    assert "--protocol" in (found.mend or "")
+    assert "--protocol" in (found.fix or "")
 
 
 def test_many_settings_are_counted() -> None:
@@ -58,7 +58,7 @@ def test_other_names_say_enough() -> None:
     found = refusal(one, two.model_copy(update={"protocol": other}))
     assert found.what.endswith(": made v1 against else v1")
     # Nothing that was scored by one name can be scored again to be of the other.
-    assert found.mend == "name results of one protocol only; `airzoo-bench table` takes several"
+    assert found.fix == "name results of one protocol only; `airzoo-bench table` takes several"
 
 
 def test_truth() -> None:

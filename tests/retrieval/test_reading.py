@@ -148,7 +148,7 @@ def test_every_field_of_a_wrong_type(field: str, value: Any, tmp_path: Path) -> 
     with pytest.raises(PredictionError, match=f"field '{field}'") as caught:
         read_retrieval(saved(tmp_path, **(arrays | {field: value})), LIMIT)
     assert caught.value.expected
-    assert caught.value.mend
+    assert caught.value.fix
 
 
 def test_descriptors_of_128_bits_are_refused(tmp_path: Path) -> None:

@@ -310,10 +310,10 @@ def printed(threads: str) -> str:
     code = (
         "import numpy as np\n"
         "from airzoo_bench.statistics.intervals import bootstrap\n"
-        "from airzoo_bench.statistics.samples import Plan, Sample\n"
+        "from airzoo_bench.statistics.samples import ResamplingConfig, Sample\n"
         "v = np.random.default_rng(0).random((40, 700)) ** 3\n"
         "s = Sample('query', ('a', 'b'), (v[:, :600], v[:, 600:]), np.arange(40) % 4 == 0)\n"
-        "print(bootstrap(s, Plan(500), [(0, 4), (1, 2)]))\n"
+        "print(bootstrap(s, ResamplingConfig(500), [(0, 4), (1, 2)]))\n"
     )
     more = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), threads)
     root = str(Path(__file__).resolve().parents[2])

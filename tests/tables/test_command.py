@@ -267,7 +267,7 @@ def test_a_folder_stands_for_the_result_in_it(
     assert run_main("table", folder) == 2
     message = capsys.readouterr().err
     assert f"{folder}: a folder, not a result file, and without a result.json" in message
-    assert "to mend" not in message
+    assert "fix:" not in message
     (folder / "result.json").write_bytes(files[0].read_bytes())
     assert show(folder) == show(files[0])
     assert run_main("table", folder.parent) == 2

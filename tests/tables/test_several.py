@@ -178,7 +178,7 @@ def test_one_name_and_different_protocols(
     assert f"Cat ({files[0]}) and Cat ({tmp_path / 'other0.json'})" in message
     assert "different protocols (f and z0)" in message
     assert "20 of 21 results differ from the first" in message
-    assert "to mend" in message
+    assert "fix:" in message
     assert message.count(".json") < 8
 
 

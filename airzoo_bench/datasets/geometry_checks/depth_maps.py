@@ -68,7 +68,7 @@ def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
         There is no such folder.
     """
     if not folder.is_dir():
-        raise UsageError("no such folder of depth maps", where=folder, mend="name it with --depth")
+        raise UsageError("no such folder of depth maps", where=folder, fix="name it with --depth")
     there: dict[str, list[Path]] = {}
     for path in sorted(folder.rglob("*")):
         if path.suffix.lower() in SUFFIXES and path.is_file():
@@ -80,7 +80,7 @@ def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
         raise BenchmarkError(
             f"photos with more than one depth map: {first_of(twice, len(images))}",
             where=folder,
-            mend="keep one of each",
+            fix="keep one of each",
         )
     if not any(found):
         raise BenchmarkError(
@@ -121,7 +121,7 @@ def read_depth(path: Path, width: int, height: int, scale_m: float | None = None
             f"holds whole numbers ({stored.dtype}) of unknown unit",
             where=path,
             expected="metres as float32, or a scale",
-            mend="add --depth-scale, such as 0.001 for millimetres",
+            fix="add --depth-scale, such as 0.001 for millimetres",
         )
     scale = 1.0 if scale_m is None else scale_m
     with np.errstate(over="ignore", invalid="ignore"):
@@ -192,7 +192,7 @@ def _check_type(dtype: np.dtype[Any], path: Path) -> None:
             f"depths are {dtype}",
             where=path,
             expected="float32 metres, or 16-bit whole numbers with a scale",
-            mend="8 bits, and colours, are pictures of depth, not depth",
+            fix="8 bits, and colours, are pictures of depth, not depth",
         )
 
 
@@ -205,7 +205,7 @@ def _check_size(have: tuple[int, ...], want: tuple[int, int], path: Path) -> Non
             f"the depth map is {size} px, the camera {want[1]} x {want[0]} px",
             where=path,
             expected="a depth for each pixel of the photo, rows before columns",
-            mend="transpose it: rows and columns are swapped"
+            fix="transpose it: rows and columns are swapped"
             if turned
             else "render it at the photo's size, or use the photos that it belongs to",
         )
@@ -216,5 +216,5 @@ def _damaged(path: Path, what: str) -> BenchmarkError:
         what,
         where=path,
         expected="a depth map: " + ", ".join(SUFFIXES),
-        mend="write or copy the file again",
+        fix="write or copy the file again",
     )

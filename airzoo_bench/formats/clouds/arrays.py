@@ -53,7 +53,7 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
     check_fields(arrays, ("points",), _ALLOWED, _EXPECTED)
     for names in (_COLOURS, _CONFIDENCE):
         if len(arrays.names() & set(names)) > 1:
-            raise fault(path, f"holds both {' and '.join(names)}", mend="keep one of the two")
+            raise fault(path, f"holds both {' and '.join(names)}", fix="keep one of the two")
     points = _column(arrays, "points", 3)
     colours, confidence = _optional(arrays, _COLOURS, 3), _optional(arrays, _CONFIDENCE, 1)
     for name, values in (("colours", colours), ("confidence", confidence)):
@@ -80,7 +80,7 @@ def open_npy(path: Path) -> FileCloud:
             shape, fortran, dtype = read_header(stream)
             start = stream.tell()
     except ValueError as error:
-        raise fault(path, "the npy header is damaged", mend=MEND_COPY) from error
+        raise fault(path, "the npy header is damaged", fix=MEND_COPY) from error
     plain = dtype.kind in _NUMBERS and not dtype.hasobject and dtype.itemsize <= 8
     if not plain or len(shape) != 2 or shape[1] != 3 or shape[0] < 0 or fortran:
         raise fault(
@@ -88,11 +88,11 @@ def open_npy(path: Path) -> FileCloud:
             f"an array of {str(dtype)[:40]} and shape {str(shape)[:40]}"
             + (" in Fortran's order" if fortran else ""),
             expected="points (N, 3), numbers of at most 64 bits",
-            mend="np.save(file, np.ascontiguousarray(points, dtype=np.float64))",
+            fix="np.save(file, np.ascontiguousarray(points, dtype=np.float64))",
         )
     left = path.stat().st_size - start - math.prod(shape) * dtype.itemsize
     if left < 0:
-        raise fault(path, f"ends before {counted(shape[0], 'point')}", mend=MEND_COPY)
+        raise fault(path, f"ends before {counted(shape[0], 'point')}", fix=MEND_COPY)
     read = partial(_stream, path, dtype, start, shape[0])
     notes = uncounted(left, "bytes", shape[0])
     return FileCloud(path, "npy", shape[0], read, dtype, notes)
@@ -114,7 +114,7 @@ def _column(arrays: Arrays, name: str, width: int) -> NDArray[Any]:
             name,
             values,
             expected=_EXPECTED,
-            mend=f"np.asarray({name}, dtype=np.float64) of that shape",
+            fix=f"np.asarray({name}, dtype=np.float64) of that shape",
         )
     return values
 

@@ -79,7 +79,7 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
             path,
             "is a mesh, and the protocol does not say how meshes are sampled",
             expected="points",
-            mend="sample the mesh and give the points",
+            fix="sample the mesh and give the points",
         )
     return sampled(opened, sampling)
 
@@ -109,7 +109,7 @@ def _kind(path: Path) -> str:
     with path.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
     if not head:
-        raise fault(path, "is empty", mend=MEND_COPY)
+        raise fault(path, "is empty", fix=MEND_COPY)
     suffix = path.suffix.lower()
     for magic, kind, suffixes in _MAGIC:
         if head.startswith(magic):
@@ -133,7 +133,7 @@ def _misnamed(path: Path, kind: str, expected: str) -> PredictionError:
         path,
         f"is named {path.suffix[:20]!r} but its content is that of {kind}",
         expected=expected,
-        mend="give it the ending of what it is",
+        fix="give it the ending of what it is",
     )
 
 
@@ -147,7 +147,7 @@ def _unknown(path: Path, head: bytes) -> PredictionError:
         path,
         f"is no cloud that can be read: it looks like {impression}",
         expected=f"the content of one of {', '.join(SUFFIXES)}",
-        mend="write the points as binary PLY, LAZ or npz",
+        fix="write the points as binary PLY, LAZ or npz",
     )
 
 

@@ -54,7 +54,7 @@ def open_glb(path: Path, limit_bytes: int) -> Mesh:
             path,
             f"is compressed by {', '.join(used)}, which is not read here",
             expected="GLB without compression of meshes",
-            mend="export it again without compression, or as PLY",
+            fix="export it again without compression, or as PLY",
         )
     try:
         accessors = Accessors(path, document, body)
@@ -89,7 +89,7 @@ def _chunks(path: Path, limit_bytes: int) -> tuple[dict[str, Any], bytes]:
             path,
             f"a GLB file of {size:,} bytes cannot be read in pieces",
             expected=f"at most {limit_bytes:,} bytes",
-            mend="raise --max-memory, or give points as PLY",
+            fix="raise --max-memory, or give points as PLY",
         )
     raw = path.read_bytes()
     words = np.frombuffer(raw[:20].ljust(20, b"\0"), "<u4").tolist()
@@ -98,7 +98,7 @@ def _chunks(path: Path, limit_bytes: int) -> tuple[dict[str, Any], bytes]:
             path,
             f"its JSON part has {words[3]:,} bytes",
             expected=f"at most {_LARGEST_JSON:,}, with the numbers in the binary part",
-            mend="export it with a binary buffer, or give a PLY",
+            fix="export it with a binary buffer, or give a PLY",
         )
     if words[1] != 2 or words[2] > size or words[4] != _JSON or words[3] > size:
         raise _damaged(path, "its head is not of glTF 2, or it is cut off")
@@ -206,4 +206,4 @@ def _faces(indices: Ints, mode: int) -> Ints:
 
 def _damaged(path: Path, reason: str) -> PredictionError:
     readable = "".join(letter for letter in reason if letter.isprintable())
-    return fault(path, f"the GLB file is damaged: {readable}", mend=MEND_COPY)
+    return fault(path, f"the GLB file is damaged: {readable}", fix=MEND_COPY)

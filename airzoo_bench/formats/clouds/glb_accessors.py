@@ -68,7 +68,7 @@ class Accessors:
                 path,
                 "its data lie in another file or address (uri), which is never opened",
                 expected="a GLB file that holds everything itself",
-                mend="export it as one binary file",
+                fix="export it as one binary file",
             )
 
     def read(self, index: Any, *shapes: str) -> NDArray[Any]:

@@ -109,7 +109,7 @@ def read_header(path: Path) -> LasHeader:
     with path.open("rb") as stream:
         raw = stream.read(375)
         if len(raw) < _SHORTEST or raw[:4] != b"LASF":
-            raise fault(path, "the LAS header is cut off", mend=MEND_COPY)
+            raise fault(path, "the LAS header is cut off", fix=MEND_COPY)
         header_bytes, start, n_vlrs, form, record_bytes, count = struct.unpack_from(
             "<HIIBHI", raw, 94
         )
@@ -183,7 +183,7 @@ def _check_header(
             path,
             f"the LAS header contradicts itself: points of {record_bytes} bytes from byte {start:,}"
             f" of {size:,}",
-            mend=MEND_COPY,
+            fix=MEND_COPY,
         )
 
 
@@ -194,10 +194,10 @@ def _check_body(path: Path, header: LasHeader, size: int) -> None:
             path,
             f"its header promises {counted(header.count, 'point')}, the file has room for {held:,}",
             expected="all points that the header promises",
-            mend=MEND_COPY,
+            fix=MEND_COPY,
         )
     if header.compressed and header.laszip is None:
-        raise fault(path, "its points are compressed, but how is not said", mend=MEND_COPY)
+        raise fault(path, "its points are compressed, but how is not said", fix=MEND_COPY)
 
 
 def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> bytes | None:
@@ -207,7 +207,7 @@ def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> byte
         room -= len(head)
         length = int.from_bytes(head[20:22], "little")
         if len(head) < _VLR_HEADER or room < length:
-            raise fault(path, "its variable length records are cut off", mend=MEND_COPY)
+            raise fault(path, "its variable length records are cut off", fix=MEND_COPY)
         data = stream.read(length)
         room -= length
         user, number = head[2:18].split(b"\0")[0], int.from_bytes(head[18:20], "little")

@@ -207,7 +207,7 @@ def _check_items(path: Path, laszip: bytes, record_bytes: int) -> None:
             path,
             f"LAZ compressed in the way number {compressor}",
             expected="chunks (2 or 3), as LASzip writes since version 2",
-            mend="write it again with a newer tool, or give LAS or PLY",
+            fix="write it again with a newer tool, or give LAS or PLY",
         )
     total = sum(size for _, size in _items(laszip))
     if total != record_bytes:
@@ -251,7 +251,7 @@ def _check_chunks(
             path,
             f"chunks of {largest:,} bytes cannot be read in pieces",
             expected=f"at most {_MOST_CHUNK_BYTES:,} bytes, usually 50,000 points",
-            mend="write it again with the usual size of chunks",
+            fix="write it again with the usual size of chunks",
         )
     if struct.unpack_from("<H", laszip)[0] == _LAYERED:
         _check_layers(path, stream, _items(laszip), chunks, start + 8, record_bytes)
@@ -277,4 +277,4 @@ def _check_layers(
 
 
 def _damaged(path: Path, reason: str) -> PredictionError:
-    return fault(path, f"the LAZ file is damaged or cut off: {reason[:200]}", mend=MEND_COPY)
+    return fault(path, f"the LAZ file is damaged or cut off: {reason[:200]}", fix=MEND_COPY)

@@ -90,7 +90,7 @@ def check_memory(path: Path, vertices: int, faces: int, limit_bytes: int) -> Non
             path,
             f"a mesh of {vertices:,} vertices and {faces:,} faces takes {needed:,} bytes of memory",
             expected=f"at most {limit_bytes:,} bytes",
-            mend="raise --max-memory, or sample the mesh and give the points",
+            fix="raise --max-memory, or sample the mesh and give the points",
         )
 
 
@@ -176,7 +176,7 @@ def _checked_ends(mesh: Mesh) -> Floats:
             f"faces with a corner that is NaN, infinite or absurdly far: "
             f"{first_of(np.flatnonzero(endless).tolist(), len(areas))}, counted from 0",
             expected="finite corners",
-            mend="leave these faces out",
+            fix="leave these faces out",
         )
     with np.errstate(over="ignore"):
         ends: Floats = np.cumsum(areas)
@@ -192,7 +192,7 @@ def _allowed(mesh: Mesh, wanted: int, area: float, most: int) -> int:
             f"its surface of {area:.4g} square units would take {wanted:.4g} points",
             where=mesh.path,
             expected=f"at most {most:,}",
-            mend="check its unit: a mesh in millimetres has a million times the area; or give "
+            fix="check its unit: a mesh in millimetres has a million times the area; or give "
             "points instead of a mesh",
         )
     return wanted

@@ -177,7 +177,7 @@ def _refuse_short(path: Path, header: _Header) -> None:
             path,
             f"its header promises {counted(header.points, 'point')}, and {room:,} bytes are left",
             expected="all points that the header promises",
-            mend=MEND_COPY,
+            fix=MEND_COPY,
         )
 
 
@@ -194,13 +194,13 @@ def _compressed_sizes(path: Path, header: _Header, limit_bytes: int) -> int:
             path,
             f"binary_compressed of {plain:,} bytes cannot be read in pieces",
             expected=f"at most {limit_bytes // 3:,} bytes",
-            mend="raise --max-memory, or write DATA binary",
+            fix="raise --max-memory, or write DATA binary",
         )
     return packed
 
 
 def _damaged(path: Path) -> PredictionError:
-    return fault(path, "its compressed points are damaged or cut off", mend=MEND_COPY)
+    return fault(path, "its compressed points are damaged or cut off", fix=MEND_COPY)
 
 
 def _read_text(path: Path, header: _Header, points: int) -> Iterator[Cloud]:

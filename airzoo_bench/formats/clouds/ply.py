@@ -122,7 +122,7 @@ def _too_few(path: Path, promised: int | str, held: str) -> PredictionError:
         path,
         f"its header promises {count}, the file has {held}",
         expected="all that the header promises",
-        mend=MEND_COPY,
+        fix=MEND_COPY,
     )
 
 

@@ -113,7 +113,7 @@ def read_header(path: Path) -> PlyHeader:
     names = [one.name for one in elements]
     if order is None or len(set(names)) < len(names):
         what = "no format line" if order is None else "an element twice"
-        raise fault(path, f"the header has {what}", expected="a PLY header", mend=MEND_COPY)
+        raise fault(path, f"the header has {what}", expected="a PLY header", fix=MEND_COPY)
     return PlyHeader(order, tuple(elements), size, len(lines))
 
 
@@ -127,7 +127,7 @@ def _header_lines(path: Path) -> tuple[list[str], int]:
                 return lines, stream.tell()
             if not line:
                 break
-    raise fault(path, "the PLY header has no line end_header", mend=MEND_COPY)
+    raise fault(path, "the PLY header has no line end_header", fix=MEND_COPY)
 
 
 def _order(path: Path, words: list[str]) -> str:

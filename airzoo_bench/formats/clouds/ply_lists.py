@@ -165,5 +165,5 @@ def _cut_off(path: Path, element: Element) -> PredictionError:
         f"the file ends within its element {element.name[:20]!r}, or a list in it claims an absurd "
         "length",
         expected=f"{element.count:,} rows, as its header says",
-        mend=MEND_COPY,
+        fix=MEND_COPY,
     )

@@ -66,10 +66,10 @@ class FileCloud:
 
 
 def fault(
-    path: Path, what: str, *, expected: str | None = None, mend: str | None = None
+    path: Path, what: str, *, expected: str | None = None, fix: str | None = None
 ) -> PredictionError:
     """Make the fault of a file."""
-    return PredictionError(what, where=path, expected=expected, mend=mend)
+    return PredictionError(what, where=path, expected=expected, fix=fix)
 
 
 def columns_to_points(*columns: NDArray[Any]) -> Floats:
@@ -124,6 +124,6 @@ def read_block(stream: IO[bytes], dtype: np.dtype[Any], count: int, path: Path) 
     while done < len(view):
         got = stream.readinto(view[done:])  # type: ignore[attr-defined]
         if not got:
-            raise fault(path, "the file ends before its data does", mend=MEND_COPY)
+            raise fault(path, "the file ends before its data does", fix=MEND_COPY)
         done += got
     return block

@@ -49,7 +49,7 @@ class TextLines:
                     self.path,
                     f"the file ends at line {self.number - 1}",
                     expected=f"{of:,} {what}, as its header says",
-                    mend=MEND_COPY,
+                    fix=MEND_COPY,
                 )
             lines.append(line)
             numbers.append(self.number)

@@ -152,6 +152,6 @@ def _no_orientations(of_truth: bool) -> AlignmentError:
         "the camera centres lie on a line, which leaves the turn about it free, "
         f"and the {'truth' if of_truth else 'prediction'} has no orientations",
         expected="centres that span a plane, or orientations of the cameras",
-        mend="add photos beside the line, give camera poses, or predict in the truth's frame "
+        fix="add photos beside the line, give camera poses, or predict in the truth's frame "
         "and align by 'none'",
     )

@@ -175,7 +175,7 @@ def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
         raise AlignmentError(
             f"the truth lacks the images {first_of(unknown, len(place))}",
             expected=f"names such as {first_of(truth.names)}",
-            mend="name the cameras as the images of the scene are named, and leave out others",
+            fix="name the cameras as the images of the scene are named, and leave out others",
         )
     placed, known = _placed(predicted), _placed(truth)
     pairs = [(place[name], row) for row, name in enumerate(truth.names) if name in place]
@@ -233,5 +233,5 @@ def _require_cameras(count: int, predicted: int) -> None:
             f"a similarity needs {LEAST_CAMERAS} cameras, and {count} of {predicted} predicted "
             "ones have a position and a partner in the truth",
             expected=f"at least {LEAST_CAMERAS} cameras",
-            mend="give poses of more images, or predict in the truth's frame and align by 'none'",
+            fix="give poses of more images, or predict in the truth's frame and align by 'none'",
         )

@@ -222,5 +222,5 @@ def _contradiction() -> AlignmentError:
     return AlignmentError(
         "the cameras' orientations contradict their centres",
         expected="a path that runs as the true one does once the orientations agree",
-        mend="check whether rotations are world-to-camera, with x right, y down, z forward",
+        fix="check whether rotations are world-to-camera, with x right, y down, z forward",
     )

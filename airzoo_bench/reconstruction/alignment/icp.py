@@ -243,5 +243,5 @@ def _require_overlap(distances: Floats, limit: float) -> None:
         raise AlignmentError(
             f"ICP has {near} of {len(distances)} predicted points within {limit:g} of the truth",
             expected="clouds that overlap after the alignment by cameras",
-            mend="check the poses, or choose an alignment without ICP",
+            fix="check the poses, or choose an alignment without ICP",
         )

@@ -112,5 +112,5 @@ def _require_truth(there: bool) -> None:
         raise BenchmarkError(
             "the true cloud holds no finite point",
             expected="at least one point, after cropping too",
-            mend="check the benchmark's cloud and the protocol's crop",
+            fix="check the benchmark's cloud and the protocol's crop",
         )

@@ -220,7 +220,7 @@ def _disk_faults(folder: Path | None) -> Iterator[None]:
             f"clouds cannot be kept on disk: {error.strerror or error}",
             where=folder or tempfile.gettempdir(),
             expected=f"{_ROW_BYTES} bytes of room for each point of both clouds",
-            mend=f"make room, or set {setting} to another folder",
+            fix=f"make room, or set {setting} to another folder",
         ) from error
 
 

@@ -62,7 +62,7 @@ def fields_of(path: Path, grid: Grid) -> Layout:
                 f"no column of methods and no known score (found: {_shown(grid)})",
                 where=path,
                 expected=_EXPECTED,
-                mend=_MENDS[grid.kind] + " (docs/audit.md)",
+                fix=_MENDS[grid.kind] + " (docs/audit.md)",
             )
         if "method" not in folded:
             _refuse_mistyped(path, [name for name in folded if name not in _KNOWN])
@@ -70,7 +70,7 @@ def fields_of(path: Path, grid: Grid) -> Layout:
             f"no column {', '.join(map(repr, missing))} (found: {_shown(grid)})",
             where=path,
             expected=_EXPECTED,
-            mend=_MENDS[grid.kind] + " (docs/audit.md)",
+            fix=_MENDS[grid.kind] + " (docs/audit.md)",
         )
     unused = [name for name in folded if name not in _KNOWN]
     _refuse_mistyped(path, unused)
@@ -146,7 +146,7 @@ def _check_once(path: Path, grid: Grid, columns: Sequence[str]) -> None:
     both = [name for name in ("gain", "printed_delta") if name in columns]
     if twice or len(both) > 1:
         names = " and ".join(repr(name[:80]) for name in twice or both)
-        raise ResultError(f"{names}: one thing in two columns", where=path, mend="keep one")
+        raise ResultError(f"{names}: one thing in two columns", where=path, fix="keep one")
 
 
 def _refuse_mistyped(path: Path, names: Sequence[str]) -> None:

@@ -76,7 +76,7 @@ def check_width(path: Path, kind: str, line: int, fields: int, columns: int) -> 
         raise ResultError(
             f"the line has not as many fields ({fields}) as the first ({columns})",
             where=f"{path}, line {line}",
-            mend=_MENDS[kind],
+            fix=_MENDS[kind],
         )
 
 

@@ -204,7 +204,7 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
         raise ResultError(
             f"not valid CSV: {error}",
             where=f"{path}, line {reader.line_num}",
-            mend="close every double quote, and write one inside a field twice",
+            fix="close every double quote, and write one inside a field twice",
         ) from error
 
 

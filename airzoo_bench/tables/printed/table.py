@@ -97,7 +97,7 @@ def _published(path: Path, tables: Sequence[_Table], notes: Sequence[str]) -> Pu
 
 def _too_many(path: Path) -> ResultError:
     return ResultError(
-        f"more than {_MOST_NUMBERS:,} numbers", where=path, mend="audit a table at a time"
+        f"more than {_MOST_NUMBERS:,} numbers", where=path, fix="audit a table at a time"
     )
 
 
@@ -154,7 +154,7 @@ def _check_cells(path: Path, cells: tuple[PrintedValue, ...]) -> None:
                 f"{cell.score.name} of {cell.method} on {cell.place} again",
                 where=f"{path}, line {cell.line}",
                 expected=f"once in a table; line {first[names]} has it",
-                mend="tell tables apart by a column 'table'",
+                fix="tell tables apart by a column 'table'",
             )
         first[names] = cell.line
 

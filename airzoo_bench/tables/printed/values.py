@@ -141,7 +141,7 @@ def _marked(field: Field, name: str = "value") -> Marked:
             marked,
             where=field.where(name),
             expected="a number as printed, such as 96.21, 96.21%, **96.21** or 96.21 (+1.73)",
-            mend="leave deviations and footnotes out; a dash stands for no number",
+            fix="leave deviations and footnotes out; a dash stands for no number",
         )
     return marked
 
@@ -154,7 +154,7 @@ def _gain(field: Field, marked: Marked) -> Rounded | None:
         raise ResultError(
             f"gain {beside.text} here and {marked.gain.text} beside the value",
             where=field.where("gain"),
-            mend="keep one",
+            fix="keep one",
         )
     return beside
 

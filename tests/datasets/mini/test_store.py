@@ -1,4 +1,4 @@
-"""Worlds on disk: what is saved is loaded, and damage is found and mended."""
+"""Worlds on disk: what is saved is loaded, and damage is found and corrected."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def test_a_byte_order_mark_and_quoted_names(tmp_path: Path) -> None:
 
 
 BAD = {
-    "empty": ("", ["no column 'method'", "found: none", "to mend"]),
+    "empty": ("", ["no column 'method'", "found: none", "fix:"]),
     "no rows": (HEAD, ["no printed number"]),
     "only dashes": (HEAD + "A,East,R@1,-\n", ["no printed number"]),
     "missing column": ("method,scene,value\nA,E,5\n", ["no column 'metric'", "docs/audit.md"]),

@@ -88,7 +88,7 @@ def survey(airspace: Airspace, *, side_m: float = 240.0, spacing_m: float = 40.0
         raise UsageError(
             f"a square of {side_m:g} m with lines {spacing_m:g} m apart cannot be surveyed here",
             expected=f"within the region of {2 * half:g} m less {MARGIN_M:g} m each side",
-            mend="make it smaller",
+            fix="make it smaller",
         )
     down, inwards = _SURVEY_PITCHES_DEG
     height = airspace.floor_m - airspace.ground_m
@@ -225,7 +225,7 @@ def fly(
         raise UsageError(
             f"the flight leaves the region {region.name}",
             expected=f"a flight within {region.side_m:g} m",
-            mend="make it smaller",
+            fix="make it smaller",
         )
     yaw_at_frames = np.interp(time_s, knots, np.unwrap(yaw_deg, period=360.0))
     grid_yaw = gaussian_filter1d(yaw_at_frames, _TURN_S * FPS, mode="nearest", truncate=4.0)

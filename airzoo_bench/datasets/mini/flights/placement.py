@@ -80,7 +80,7 @@ def check_inside(
         details=[f"{lon:.6f}, {lat:.6f}" for lon, lat in trajectory.lonlat],
         where=where,
         expected=f"longitude {west:.6f} to {east:.6f}, latitude {south:.6f} to {north:.6f}",
-        mend="longitude and latitude look swapped: exchange them"
+        fix="longitude and latitude look swapped: exchange them"
         if swapped[outside].all()
         else "move the flight into the region",
     )
@@ -99,14 +99,14 @@ def check_inside(
         ],
         where=where,
         expected=f"at least {_ABOVE_SURFACE_M:g} m above the surface",
-        mend="fly higher; altitude is above the WGS84 ellipsoid, as the surface's heights are",
+        fix="fly higher; altitude is above the WGS84 ellipsoid, as the surface's heights are",
     )
     if (trajectory.pitch_deg > 0.0).all():
         raise CameraError(
             "every frame looks above the horizon",
             where=where,
             expected="pitch 0 at the horizon, -90 straight down",
-            mend="change the sign of pitch",
+            fix="change the sign of pitch",
         )
 
 

@@ -90,7 +90,7 @@ def trajectory_poses(trajectory: Trajectory) -> Poses:
         ~np.isfinite(xy).all(axis=-1),
         "the position has no place in the CRS",
         names=trajectory.names,
-        mend="check longitude and latitude",
+        fix="check longitude and latitude",
     )
     rotation = angles_to_rotations(
         trajectory.yaw_deg,

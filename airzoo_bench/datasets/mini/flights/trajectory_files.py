@@ -80,14 +80,14 @@ class _Table:
         """Return a column as finite numbers within its bounds."""
         cells, (low, high) = self.columns[column], _BOUNDS[column]
         values = np.array([_number(cell) for cell in cells], dtype=np.float64)
-        mend = "write it in digits, as in 113.25"
-        self.refuse(~np.isfinite(values), f"{column} is not a finite number", cells, mend=mend)
+        fix = "write it in digits, as in 113.25"
+        self.refuse(~np.isfinite(values), f"{column} is not a finite number", cells, fix=fix)
         self.refuse(
             (values < low) | (values > high),
             f"{column} is out of bounds",
             [f"{value:g}" for value in values],
             expected=f"degrees from {low:g} to {high:g}",
-            mend=_MENDS.get(column),
+            fix=_MENDS.get(column),
         )
         return values
 
@@ -95,7 +95,7 @@ class _Table:
         """Return a column as text."""
         cells = self.columns[column]
         bad = [not isinstance(cell, str) for cell in cells]
-        self.refuse(bad, f"{column} is not text", cells, mend='put it in quotes, as in "sunny"')
+        self.refuse(bad, f"{column} is not text", cells, fix='put it in quotes, as in "sunny"')
         return tuple(cells)
 
 
@@ -125,7 +125,7 @@ def read_trajectory(path: Path) -> Trajectory:
         "time does not ascend",
         [f"{value:.15g}" for value in time_s],
         expected="seconds, each later than the one before",
-        mend="sort the frames by time, and keep one of each time",
+        fix="sort the frames by time, and keep one of each time",
     )
     return Trajectory(
         names=_names(table),
@@ -167,7 +167,7 @@ def _is_json(path: Path) -> bool:
             f"{found}, so that its format is not known",
             where=path,
             expected="a trajectory in .csv or .json",
-            mend="name it by its format",
+            fix="name it by its format",
         )
     return ending == ".json"
 
@@ -192,7 +192,7 @@ def _read_csv(path: Path, text: str) -> _Table:
         "another number of cells than the header's",
         [f"{len(row)} cells" for row in rows],
         expected=f"{len(header)} cells a row",
-        mend="a decimal comma must be a point",
+        fix="a decimal comma must be a point",
     )
     return _Table(path, labels, {name: [row[k] for row in rows] for k, name in enumerate(header)})
 
@@ -217,7 +217,7 @@ def _read_json(path: Path, text: str) -> _Table:
     known = [name for name in (*_BOUNDS, *_TEXTS) if name in given]
     for name in known:
         lacking = [name not in frame for frame in frames]
-        table.refuse(lacking, f"{name} is missing", mend="give it in every frame, or in none")
+        table.refuse(lacking, f"{name} is missing", fix="give it in every frame, or in none")
     return _Table(path, table.labels, {name: [frame[name] for frame in frames] for name in known})
 
 
@@ -231,7 +231,7 @@ def _check_columns(table: _Table, given: list[str]) -> None:
         raise table.fault(
             f"no column {', '.join(missing)}",
             expected=_COLUMNS,
-            mend="name the columns so in the first line, or the keys of the frames",
+            fix="name the columns so in the first line, or the keys of the frames",
         )
     doubled = sorted(name for name, count in Counter(filter(None, given)).items() if count > 1)
     if doubled:
@@ -246,8 +246,8 @@ def _check_columns(table: _Table, given: list[str]) -> None:
 def _check_count(table: _Table, count: int) -> None:
     if count > _MOST_ROWS:
         expected = f"at most {_MOST_ROWS:,}"
-        what, mend = f"more than {_MOST_ROWS:,} frames", "thin it, or split it into several files"
-        raise table.fault(what, expected=expected, mend=mend)
+        what, fix = f"more than {_MOST_ROWS:,} frames", "thin it, or split it into several files"
+        raise table.fault(what, expected=expected, fix=fix)
 
 
 def _names(table: _Table) -> tuple[str, ...]:

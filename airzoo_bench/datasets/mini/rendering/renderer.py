@@ -66,7 +66,7 @@ def check_size(camera: Cameras) -> tuple[int, int]:
             f"a photo of {width} x {height} pixels would not fit memory",
             where="resolution",
             expected=f"at most {_MOST_PIXELS:,} pixels, such as 8000 x 6000",
-            mend="ask for a smaller photo",
+            fix="ask for a smaller photo",
         )
     return width, height
 

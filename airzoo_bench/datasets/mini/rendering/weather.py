@@ -168,7 +168,7 @@ _OVERCAST: dict[str, _Overcast] = {
 def _require(what: str, given: str, known: tuple[str, ...]) -> None:
     if given not in known:
         raise UsageError(
-            f"unknown {what} {given!r}", expected=", ".join(known), mend="take one of these"
+            f"unknown {what} {given!r}", expected=", ".join(known), fix="take one of these"
         )
 
 

@@ -119,7 +119,7 @@ def save_world(folder: Path, world: World) -> None:
                 np.save(staged / f"{name}.npy", attrgetter(name)(world), allow_pickle=False)
             _write_index(staged, world)
     except UserError as fault:
-        raise UsageError(fault.what, where=folder, mend=_MEND) from fault
+        raise UsageError(fault.what, where=folder, fix=_MEND) from fault
 
 
 def load_world(folder: Path) -> World:
@@ -211,7 +211,7 @@ def _damage(folder: Path, region: Region, seed: int) -> str | None:
 
 
 def _damaged(folder: Path, what: str) -> BenchmarkError:
-    return BenchmarkError(what, where=folder, mend="remove the folder: it is made again when asked")
+    return BenchmarkError(what, where=folder, fix="remove the folder: it is made again when asked")
 
 
 def _read_array(path: Path) -> NDArray[Any]:
@@ -236,7 +236,7 @@ def _sole_maker(folder: Path) -> Iterator[None]:
                 pass
         except OSError as error:
             reason = f"cannot be written: {error.strerror or error}"
-            raise UsageError(reason, where=folder.parent, mend=_MEND) from error
+            raise UsageError(reason, where=folder.parent, fix=_MEND) from error
         yield  # closing the file gives the lock back
 
 
@@ -262,7 +262,7 @@ def _check_ours(folder: Path) -> None:
             "is not a kept world, and so is not replaced",
             where=folder,
             expected=f"a folder with {_INDEX}, or none",
-            mend="move it elsewhere, or " + _MEND,
+            fix="move it elsewhere, or " + _MEND,
         )
 
 
@@ -276,4 +276,4 @@ def _clear(folder: Path) -> None:
                 folder.replace(away / "old")
     except OSError as error:
         reason = f"cannot be replaced: {error.strerror or error}"
-        raise UsageError(reason, where=folder, mend=_MEND) from error
+        raise UsageError(reason, where=folder, fix=_MEND) from error
