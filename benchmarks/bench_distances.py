@@ -21,13 +21,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.reconstruction.distances.blocks import block_distances
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.reconstruction.distances.clouds import block_distances
 from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 
 Floats = NDArray[np.float64]
@@ -58,6 +60,20 @@ def pieces(count: int, seed: int) -> Iterator[Floats]:
         yield points
 
 
+@dataclass(frozen=True)
+class Made:
+    """A cloud that is made again whenever it is read."""
+
+    count: int
+    seed: int
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, at most so many at a time."""
+        for piece in pieces(self.count, self.seed):
+            for start in range(0, len(piece), points):
+                yield Cloud(piece[start : start + points])
+
+
 def made(count: int, seed: int) -> Floats:
     """Make a cloud whole."""
     points = np.empty((count, 3))
@@ -70,7 +86,7 @@ def made(count: int, seed: int) -> Floats:
 
 def ours(first: Floats, second: Floats, threads: int) -> Search:
     """Both ways by the library of this repository."""
-    return partial(mutual_distances, first, second, threads=threads)
+    return partial(mutual_distances, first, second, jobs=threads)
 
 
 def open3d(first: Floats, second: Floats, threads: int) -> Search:
@@ -100,20 +116,8 @@ def scipy(first: Floats, second: Floats, threads: int) -> Search:
 
 def in_blocks(count: int, block_points: int, threads: int) -> Both:
     """Both ways without the clouds in memory."""
-
-    def made_again(seed: int) -> Iterator[Floats]:
-        for piece in pieces(count, seed):
-            for start in range(0, len(piece), block_points):
-                yield piece[start : start + block_points]
-
-    return block_distances(
-        partial(made_again, 0),
-        partial(made_again, 1),
-        counts=(count, count),
-        block_points=block_points,
-        threads=threads,
-        folder=None,
-    )
+    found = block_distances(Made(count, 0), Made(count, 1), block_points=block_points, jobs=threads)
+    return found.to_truth, found.to_prediction
 
 
 CONTENDERS: dict[str, Callable[[Floats, Floats, int], Search]] = {

@@ -21,13 +21,13 @@ from airzoo_bench.api.arrays import (
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.reconstruction.alignment.consensus import (
+from airzoo_bench.reconstruction.alignment.camera_sets import (
     LEAST_CAMERAS,
     PosedCameras,
     RansacSettings,
     distances,
-    fit_cameras,
 )
+from airzoo_bench.reconstruction.alignment.consensus import fit_cameras
 from airzoo_bench.reconstruction.alignment.similarity import Similarity, umeyama
 
 __all__ = ["CameraAlignment", "align_cameras"]

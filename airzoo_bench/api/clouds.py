@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api.arrays import choice, floats, positive, refused, whole
@@ -14,11 +15,12 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.distances.both_ways import cloud_distances
+from airzoo_bench.reconstruction.distances.clouds import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
-from airzoo_bench.reconstruction.prepared import InMemoryCloud, box_of, cropped_region, prepared
-from airzoo_bench.reconstruction.regions import finite_rows
+from airzoo_bench.reconstruction.prepared import cropped_region, prepared
+from airzoo_bench.reconstruction.regions import box_of
 from airzoo_bench.reconstruction.settings import Preparation
+from airzoo_bench.reconstruction.sources import InMemoryCloud, finite_rows
 
 __all__ = ["CloudComparison", "cloud_scores"]
 
@@ -166,22 +168,20 @@ def cloud_scores(
             kept.source,
             known.source,
             block_points=block,
-            threads=min(whole("threads", threads), _MOST_THREADS),
-            folder=None,
+            jobs=min(whole("threads", threads), _MOST_THREADS),
         )
     scores = score_distances(
         distances.to_truth,
         distances.to_prediction,
-        thresholds=(limit,),
-        percentiles=(),
+        thresholds=np.array([limit]),
         max_distance=clip,
     )
-    at = scores.at[0]
+    at = scores.curve
     return CloudComparison(
         threshold=limit,
-        precision=at.precision,
-        recall=at.recall,
-        f1=at.f1,
+        precision=float(at.precision[0]),
+        recall=float(at.recall[0]),
+        f1=float(at.f1[0]),
         chamfer=scores.chamfer,
         accuracy=scores.accuracy,
         completeness=scores.completeness,

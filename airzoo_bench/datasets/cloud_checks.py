@@ -21,8 +21,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.frames import check_same_crs
 from airzoo_bench.geometry.units import vertical_m
-from airzoo_bench.reconstruction.prepared import box_of
-from airzoo_bench.reconstruction.regions import Box
+from airzoo_bench.reconstruction.regions import Box, box_of
 
 __all__ = ["check_cloud", "check_cloud_crs"]
 

@@ -53,8 +53,8 @@ from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 

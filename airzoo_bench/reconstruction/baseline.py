@@ -7,149 +7,146 @@ where it was, and one with other photos or settings does not take what is not it
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import shutil
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.errors import UsageError, first_of
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import atomic_write, check_output_folder, write_npz
 from airzoo_bench.core.workers import parallel_map
+from airzoo_bench.evaluation.baseline import Baseline
+from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
-from airzoo_bench.reconstruction.alignment.consensus import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.sfm.model import (
-    Lens,
-    Model,
-    assumed_lenses,
-    empty_model,
-    known_lenses,
-)
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.sfm.colmap import Model, lenses_of
 from airzoo_bench.reconstruction.sfm.steps import (
-    Reader,
     SfmSettings,
-    build_models,
+    build_model,
     extract_features,
-    focal_from_exif,
     list_photo,
     match_batch,
     plan_batches,
 )
+from airzoo_bench.reconstruction.truth import read_truth
 
-__all__ = ["Reader", "SfmResult", "SfmSettings", "photo_pairs", "sparse_reconstruction"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["STRUCTURE_FROM_MOTION", "photo_pairs", "sparse_reconstruction"]
 
 _LEAST_PHOTOS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class SfmResult:
-    """A sparse model of the photos that could be placed.
+def _predict(
+    protocol: ReconstructionProtocol,
+    benchmark: Benchmark,
+    settings: SfmSettings,
+    out: Path,
+    resources: Resources,
+    note: Callable[[str], None],
+) -> None:
+    """Reconstruct every scene, and write a cloud and cameras of each.
 
-    Attributes
-    ----------
-    cloud : Cloud
-        With colours; empty where nothing could be placed.
-    names : tuple of str
-        File names of the photos that were placed.
-    cameras, poses : Cameras, Poses
-        Of these.
-    photos : int
-        Photos that there were.
-    reprojection_px : float
-        Mean error in pixels of the photos at full size; NaN where there are no points.
-    alignment : Alignment or None
-        To the priors; None where the frame is COLMAP's own.
+    The frame is COLMAP's own: scoring aligns it by the cameras. What a run that was stopped has
+    made is kept next to `out` and taken up by the next.
     """
+    check_output_folder(out, ("protocol.txt",))
+    kept = out.with_name(f".{out.name}.unfinished")
+    for scene in protocol.scenes:
+        truth = read_truth(benchmark, scene.id)
+        images = benchmark.resolve(benchmark.scene(scene.id).images)
+        names = truth.photos["image"].to_numpy(str)
+        paths, positions = [images / name for name in names], _positions(truth.photos)
+        found = sparse_reconstruction(
+            paths, truth.cameras, positions, settings, kept / scene.id, resources
+        )
+        placed = f"{len(found.rows)} of {len(names)} photos, {len(found.points):,} points"
+        note(f"{scene.id}: {placed}")
+        _write_model(out, scene.id, found, names[found.rows].tolist())
+    with atomic_write(out / "protocol.txt", "w") as stream:
+        stream.write(protocol.name + "\n")
+    shutil.rmtree(kept, ignore_errors=True)
 
-    cloud: Cloud
-    names: tuple[str, ...]
-    cameras: Cameras
-    poses: Poses
-    photos: int
-    reprojection_px: float
-    alignment: Alignment | None
 
-    @property
-    def posed(self) -> PosedCameras:
-        """The placed cameras by name, as alignment takes them."""
-        return PosedCameras(self.names, self.poses.centres, self.poses.rotation)
+def _positions(photos: pd.DataFrame) -> Floats | None:
+    """Return where GPS has the photos (N, 3), for finding neighbours; never the true positions."""
+    if not set(PRIOR_COLUMNS) <= set(photos.columns):
+        return None
+    known = photos[list(PRIOR_COLUMNS)].notna().all(axis=1).to_numpy()
+    positions = np.full((len(photos), 3), np.nan)
+    positions[known] = poses_of(photos[known], PRIOR_COLUMNS).centres
+    return positions
+
+
+def _write_model(out: Path, scene: str, found: Model, names: list[str]) -> None:
+    write_ply(out / f"{scene}.ply", Cloud(found.points, found.colours))
+    poses = found.poses
+    extrinsics = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
+    with atomic_write(out / f"{scene}.cameras.npz") as stream:
+        write_npz(stream, {"image_names": np.array(names, dtype=str), "extrinsics": extrinsics})
 
 
 def sparse_reconstruction(
     photos: Sequence[Path],
-    sizes: Ints,
-    read: Reader,
+    cameras: Cameras,
+    positions: Floats | None,
     settings: SfmSettings,
     folder: Path,
-    *,
-    cameras: Cameras | None,
-    priors: PosedCameras | None,
-    alignment: RansacSettings | None,
-    workers: int,
-    progress: Progress = silent,
-) -> SfmResult:
+    resources: Resources,
+) -> Model:
     """Reconstruct photos by structure from motion.
 
     Parameters
     ----------
     photos : sequence of N Path
-        No two of one file name.
-    sizes : (N, 2) int64 array
-        Width and height of the photos, as stored.
-    read : Reader
-        Such as `airzoo_bench.benchmark.images.read_rgb_photo`; must be picklable.
+    cameras : Cameras
+        Of the photos as stored; they stay as they are.
+    positions : (N, 3) array or None
+        Such as GPS, for finding neighbours; NaN where not known.
     settings : SfmSettings
     folder : Path
         Keeps what steps have made; a second run takes it up.
-    cameras : Cameras or None
-        N known cameras, which stay as they are. None: one for each size and focal length of
-        photos is estimated, with one coefficient of distortion. A focal length that EXIF states
-        is kept; where any photo states none, all are estimated.
-    priors : PosedCameras or None
-        Positions of photos by file name, such as GPS, for finding neighbours and for the frame.
-    alignment : RansacSettings or None
-        How the result is brought into the frame of the priors; None leaves it in COLMAP's.
-    workers : int
-        Processes; the result does not depend on it.
-    progress : Progress
-
-    Returns
-    -------
-    SfmResult
+    resources : Resources
+        The result does not depend on it.
 
     Raises
     ------
     UsageError
-        Fewer than 3 photos, two of one name, or an alignment is asked for without priors.
-    AlignmentError
-        The cameras cannot be aligned to the priors; see `alignment.align`.
+        Fewer than 3 photos.
     UserError
         A photo is not readable, or the folder cannot be written to.
     """
-    names = tuple(path.name for path in photos)
-    _check(names, priors, alignment)
-    lenses = _guessed(photos, sizes) if cameras is None else known_lenses(cameras)
+    if len(photos) < _LEAST_PHOTOS:
+        raise UsageError(
+            f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}",
+            fix="name a folder with photos that overlap",
+        )
+    jobs, progress = resources.jobs, resources.progress
+    lenses = lenses_of(cameras)
     listed = [
-        list_photo(path, size, settings, folder) for path, size in zip(photos, sizes, strict=True)
+        list_photo(path, lens, settings, folder) for path, lens in zip(photos, lenses, strict=True)
     ]
     missing = [photo for photo in listed if not photo.features.is_file()]
-    extracted = parallel_map(partial(extract_features, settings, read), missing, workers)
+    extracted = parallel_map(partial(extract_features, settings), missing, jobs)
     for _ in progress(extracted, "features", len(missing)):
         pass
-    pairs = photo_pairs(len(photos), _positions(names, priors), settings.neighbours)
+    pairs = photo_pairs(len(photos), positions, settings.neighbours)
     batches = plan_batches(listed, lenses, pairs, settings, folder)
     unmatched = [batch for batch in batches if not batch.matches.is_file()]
-    matched = parallel_map(partial(match_batch, settings, listed, lenses), unmatched, workers)
+    matched = parallel_map(partial(match_batch, settings, listed, lenses), unmatched, jobs)
     for _ in progress(matched, "matches", len(unmatched)):
         pass
-    (model,) = progress(build_models(listed, lenses, batches, settings, folder), "model", 1)
-    return _result(names, model, priors, alignment)
+    (model,) = progress(build_model(listed, lenses, batches, settings, folder), "model", 1)
+    return model
 
 
 def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) -> Ints:
@@ -185,62 +182,14 @@ def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) ->
     return np.stack((first[chosen], second[chosen]), axis=1)
 
 
-def _check(
-    names: tuple[str, ...], priors: PosedCameras | None, alignment: RansacSettings | None
-) -> None:
-    if len(names) < _LEAST_PHOTOS:
-        raise UsageError(
-            f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(names)}",
-            fix="name a folder with photos that overlap",
-        )
-    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
-    if repeated:
-        raise UsageError(
-            f"photos of one name: {first_of(repeated)}", expected="file names that differ"
-        )
-    if alignment is not None and priors is None:
-        raise UsageError(
-            "there are no positions to align to", fix="give positions, or take the frame as it is"
-        )
-
-
-def _guessed(photos: Sequence[Path], sizes: Ints) -> list[Lens]:
-    given = [focal_from_exif(path, size) for path, size in zip(photos, sizes, strict=True)]
-    return assumed_lenses(sizes, np.array(given, np.float64))
-
-
-def _positions(names: tuple[str, ...], priors: PosedCameras | None) -> Floats | None:
-    if priors is None:
-        return None
-    place = dict(zip(priors.names, priors.centres, strict=True))
-    return np.array([place.get(name, np.full(3, np.nan)) for name in names]).reshape(-1, 3)
-
-
-def _result(
-    names: tuple[str, ...],
-    model: Model | None,
-    priors: PosedCameras | None,
-    alignment: RansacSettings | None,
-) -> SfmResult:
-    found = empty_model() if model is None else model
-    result = SfmResult(
-        cloud=Cloud(found.points, found.colours),
-        names=tuple(names[row] for row in found.rows),
-        cameras=found.cameras,
-        poses=found.poses,
-        photos=len(names),
-        reprojection_px=found.reprojection_px,
-        alignment=None,
-    )
-    if model is None or priors is None or alignment is None:
-        return result
-    # Photos without a prior are placed by the others.
-    rows = [row for row, name in enumerate(result.names) if name in priors.names]
-    known = result.posed.take(np.array(rows, np.int64))
-    aligned = align("sim3", known, priors, ransac=alignment)
-    return replace(
-        result,
-        cloud=Cloud(aligned.transform.apply(found.points), found.colours),
-        poses=aligned.transform.apply_poses(found.poses),
-        alignment=aligned,
-    )
+STRUCTURE_FROM_MOTION = Baseline(
+    method="Structure from motion",
+    summary="Reconstruct scenes by structure from motion (pycolmap): a sparse cloud and cameras.\n"
+    "\nA run that was stopped goes on.",
+    settings=SfmSettings(),
+    demo=SfmSettings(long_side_px=640, max_features=1500, doubled=False, neighbours=8),
+    out="sfm",
+    out_help="The folder to write.",
+    example="airzoo-mini-reconstruction --out sfm",
+    predict=_predict,
+)

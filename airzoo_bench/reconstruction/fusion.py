@@ -20,7 +20,14 @@ from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
 
-__all__ = ["DepthCloud", "DepthMaps", "PointCloudOfMaps", "PointMaps", "surface_depth"]
+__all__ = [
+    "DepthCloud",
+    "DepthMaps",
+    "FloatMaps",
+    "PointMapCloud",
+    "PointMaps",
+    "surface_depth",
+]
 
 FloatMaps = NDArray[np.floating[Any]]
 Colours = NDArray[np.uint8]
@@ -51,12 +58,15 @@ class DepthMaps:
     confidence: FloatMaps | None = None
     colours: Colours | None = None
 
-    def __post_init__(self) -> None:
-        _check_shapes(self.depth.shape[:3], self.depth.ndim == 3, self.confidence, self.colours)
-        if not len(self.depth) == len(self.cameras) == len(self.poses):
-            raise ValueError(
-                f"{len(self.depth)} maps, {len(self.cameras)} cameras, {len(self.poses)} poses"
-            )
+    def take(self, rows: Ints) -> DepthMaps:
+        """Return the maps of some views."""
+        return DepthMaps(
+            self.depth[rows],
+            self.cameras.take(rows),
+            self.poses.take(rows),
+            None if self.confidence is None else self.confidence[rows],
+            None if self.colours is None else self.colours[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +84,6 @@ class PointMaps:
     points: FloatMaps
     confidence: FloatMaps | None = None
     colours: Colours | None = None
-
-    def __post_init__(self) -> None:
-        whole = self.points.ndim == 4 and self.points.shape[3] == 3
-        _check_shapes(self.points.shape[:3], whole, self.confidence, self.colours)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +137,7 @@ class DepthCloud:
 
 
 @dataclass(frozen=True, eq=False)
-class PointCloudOfMaps:
+class PointMapCloud:
     """The cloud of all pixels of point maps that have a surface; a `CloudSource`.
 
     Attributes
@@ -218,15 +224,3 @@ def _cloud(
         None if colours is None else colours[row].reshape(-1, 3)[pixels],
         None if confidence is None else confidence[row].ravel()[pixels].astype(np.float32),
     )
-
-
-def _check_shapes(
-    shape: tuple[int, ...],
-    whole: bool,
-    confidence: FloatMaps | None,
-    colours: Colours | None,
-) -> None:
-    fits = whole and (confidence is None or confidence.shape == shape)
-    if not fits or not (colours is None or colours.shape == (*shape, 3)):
-        found = [None if a is None else a.shape for a in (confidence, colours)]
-        raise ValueError(f"maps {shape}, confidence and colours {found}")

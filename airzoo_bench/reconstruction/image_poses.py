@@ -1,18 +1,25 @@
-"""Cameras that a prediction names: poses by image, in npz files."""
+"""Cameras of a prediction: poses by image, read from npz files and matched to the photos."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError, first_of
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import pose_errors_m
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
+from airzoo_bench.reconstruction.pose_metrics import pair_errors
+from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.view_plausibility import suspect_camera_to_world
 
 __all__ = [
     "BYTES_A_CAMERA",
@@ -22,6 +29,7 @@ __all__ = [
     "check_count",
     "field_fault",
     "image_poses",
+    "match_cameras",
     "read_image_poses",
 ]
 
@@ -32,6 +40,8 @@ CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
 _EXPECTED = "image_names (N,) and extrinsics (N, 3, 4) or (N, 4, 4), world-to-camera"
 _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 _ROW_TOLERANCE = 1e-6
+_ORDER_FITS_DEG = 15.0
+_MOST_CAMERAS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +51,7 @@ class ImagePoses:
     Attributes
     ----------
     names : (N,) str
-        As the file writes them.
+        As the file writes them; numbers where it does not.
     found : (N,) bool
         False where the method found no pose: NaN in all of it, or a place beyond all measure.
     poses : Poses
@@ -49,12 +59,15 @@ class ImagePoses:
     errors : (N,) float64
         By how much digits that the file lacks have moved each camera, in the unit of its
         translation, as `pose_errors_m` estimates; 0 where there is no pose.
+    named : bool
+        False where the file does not name its images, as Depth Anything 3 writes it.
     """
 
     names: NDArray[np.str_]
     found: Bools
     poses: Poses
     errors: Floats
+    named: bool = True
 
 
 def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
@@ -71,18 +84,19 @@ def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
 
 
 def image_poses(arrays: Arrays, count: int) -> ImagePoses:
-    """Read ``image_names`` and ``extrinsics`` of so many images.
+    """Read ``extrinsics`` and, where there are any, ``image_names`` of so many images.
 
     Raises
     ------
     PredictionError
-        A field is missing or has another length; names that are empty or doubled; matrices that
-        are no poses.
+        A field of another length; names that are empty or doubled; matrices that are no poses.
     """
-    check_fields(arrays, ("image_names",), tuple(arrays.names()), _EXPECTED)
     arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
-    names = texts(arrays, "image_names", 1)
-    _check_names(arrays, names, count)
+    named = "image_names" in arrays.names()
+    names = np.array([f"view {row}" for row in range(count)])
+    if named:
+        names = texts(arrays, "image_names", 1)
+        _check_names(arrays, names, count)
     values = arrays.read("extrinsics")
     rows = 4 if values.ndim == 3 and values.shape[1] == 4 else 3
     matrices = numbers(arrays, "extrinsics", (None, rows, 4)).astype(np.float64)
@@ -99,7 +113,7 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
     errors = np.zeros(count)
     errors[found] = pose_errors_m(matrices[found, :3, :3], translation[found], None)
     poses = Poses.from_translations(rotation, translation)
-    return ImagePoses(names, found, poses, errors)
+    return ImagePoses(names, found, poses, errors, named)
 
 
 def _check_names(arrays: Arrays, names: NDArray[np.str_], count: int) -> None:
@@ -165,3 +179,107 @@ def field_fault(
     """Make the fault of a file, or of a field in it."""
     where = arrays.path if name is None else f"{arrays.path}, field '{name}'"
     return PredictionError(what, where=where, expected=expected)
+
+
+def match_cameras(
+    images: ImagePoses | None, truth: ReconstructionTruth, place: str
+) -> PosedCameras | None:
+    """Name the cameras of a prediction as the truth names them.
+
+    Parameters
+    ----------
+    images : ImagePoses or None
+        None where the prediction holds no cameras.
+    truth : ReconstructionTruth
+    place : str
+        The file, for messages.
+
+    Returns
+    -------
+    PosedCameras or None
+        NaN where there is no pose.
+
+    Raises
+    ------
+    PredictionError
+        An image name that the truth lacks, or that stands for two images; no names, where it is not
+        clear which view is which photo's.
+    """
+    if images is None:
+        return None
+    names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
+    rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
+    centres = np.where(images.found[:, None], images.poses.centres, np.nan)
+    return PosedCameras(tuple(names), centres, rotation)
+
+
+def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+    """Take views without names for the photos in the order of their names, where cameras agree.
+
+    Compared is what no choice of the world changes; a wrong order would else be scored as a bad
+    method.
+    """
+    photos = sorted(truth.photos["image"])
+    if len(images.names) != len(photos):
+        raise _nameless(
+            f"has no image_names, and {counted(len(images.names), 'view')} for "
+            f"{counted(len(photos), 'photo')} of the scene",
+            place,
+        )
+    rows = np.flatnonzero(images.found)
+    if len(rows) < 2:
+        raise _nameless("has no image_names, and too few poses to tell which view is which", place)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_CAMERAS).astype(int))]
+    places = {name: row for row, name in enumerate(truth.photos["image"])}
+    true = truth.poses.take(np.array([places[photos[row]] for row in rows]))
+    given = images.poses.take(rows)
+    off = float(np.median(pair_errors(given, true, least_baseline=0.0).worse_deg))
+    if off > _ORDER_FITS_DEG:
+        turned = suspect_camera_to_world(given, true)
+        raise _nameless(
+            "has no image_names, and its cameras do not fit the photos in the order of their "
+            f"names: between two cameras they are {off:.0f} degrees off"
+            + (f"; {turned}" if turned else ""),
+            place,
+        )
+    return photos
+
+
+def _nameless(what: str, place: str) -> PredictionError:
+    return PredictionError(
+        what,
+        where=place,
+        expected="a field image_names (N,) that says which photo each view is of",
+        fix="np.savez('SCENE.npz', **np.load('results.npz'), image_names=names), with the names "
+        "of the photos in the order in which the method was given them",
+    )
+
+
+def _true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+    """Return the truth's names of images; an ending may be left out."""
+    names = images.names.tolist()
+    photos = truth.photos["image"].tolist()
+    stems = [PurePosixPath(name).with_suffix("").as_posix() for name in photos]
+    times = Counter(stems)
+    known = {stem: name for stem, name in zip(stems, photos, strict=True) if times[stem] == 1}
+    known |= {name: name for name in photos}
+    odd = [name for name in names if name not in known]
+    if odd:
+        # What a mistyped name means is no image that is there already.
+        open_names = sorted(set(photos) - {known[name] for name in names if name in known})
+        shown = [repr(name[:80]) + nearest(name, open_names, 1) for name in odd[:3]]
+        raise PredictionError(
+            f"image names that the benchmark lacks: {first_of([*shown, *odd[3:]], len(names))}",
+            where=f"{place}, field 'image_names'",
+            expected=f"names such as {photos[0]!r}, with or without their ending",
+            fix="name images as the photos of the scene are named, relative to their folder",
+        )
+    found = [known[name] for name in names]
+    twice = [repr(name) for name, uses in Counter(found).items() if uses > 1]
+    if twice:
+        raise PredictionError(
+            f"images that are named with their ending and without: {first_of(twice, len(names))}",
+            where=f"{place}, field 'image_names'",
+            expected="each image once",
+        )
+    return found

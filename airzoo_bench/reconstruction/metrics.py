@@ -5,6 +5,9 @@ exact before they are rounded once, and order statistics are distances that occu
 
 References
 ----------
+Knapitsch, Park, Zhou, Koltun, Tanks and Temples: benchmarking large-scale scene reconstruction,
+ACM Transactions on Graphics 36(4), 2017, for precision, recall and F1, and curves of them.
+
 Seitz, Curless, Diebel, Scharstein, Szeliski, A comparison and evaluation of multi-view stereo
 reconstruction algorithms, CVPR 2006, for accuracy and completeness. The Chamfer distance is the
 mean of their two means, not the sum, and not of squares.
@@ -13,103 +16,71 @@ mean of their two means, not the sum, and not of squares.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.curves import counts_below, f1_score
+from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = [
     "CloudScores",
-    "DistanceSummary",
-    "ThresholdScores",
+    "Curve",
+    "counts_below",
+    "curve",
+    "even_thresholds",
     "exact_mean",
+    "f1_score",
     "score_distances",
-    "summarise_distances",
 ]
 
 _CHUNK = 1 << 18
 
 
-@dataclass(frozen=True)
-class DistanceSummary:
-    """Distances of all points of one cloud to the other.
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Shares of points nearer than each of K thresholds.
 
     Attributes
     ----------
-    count : int
-        Points; where there are none, all else is infinite.
-    mean : float
-        The exact sum, rounded once, over the count.
-    median : float
-        For an even count the mean of the two middle distances.
-    percentiles : dict of float to float
-        The least distance that this percentage of points does not exceed (nearest rank).
-    largest : float
-    """
-
-    count: int
-    mean: float
-    median: float
-    percentiles: dict[float, float]
-    largest: float
-
-
-@dataclass(frozen=True)
-class ThresholdScores:
-    """What counts as right below a distance, strictly.
-
-    Attributes
-    ----------
-    threshold : float
-    predicted_right, true_found : int
-        Predicted points near the truth, true points near the prediction.
-    precision, recall, f1 : float
+    thresholds : (K,) float64
+        Increasing.
+    precision, recall, f1 : (K,) float64
         0 to 1.
     """
 
-    threshold: float
-    predicted_right: int
-    true_found: int
-    precision: float
-    recall: float
-    f1: float
+    thresholds: Floats
+    precision: Floats
+    recall: Floats
+    f1: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CloudScores:
-    """All scores of one predicted cloud.
+    """All scores of one predicted cloud; distances are infinite where nothing is predicted.
 
     Attributes
     ----------
-    to_truth : DistanceSummary
-        Of the predicted points. Its mean is the accuracy, unless distances are clipped.
-    to_prediction : DistanceSummary
-        Of the true points. Its mean is the completeness, unless distances are clipped.
     accuracy, completeness, chamfer : float
-        Chamfer is the mean of the other two. All are infinite where nothing is predicted.
-    at : tuple of ThresholdScores
-        In the order of the thresholds.
+        Mean distance of predicted points to the truth, of true points to the prediction, and the
+        mean of the two.
+    accuracy_median, completeness_median : float
+        For an even count the mean of the two middle distances.
+    curve : Curve
+        Precision, recall and F1.
     """
 
-    to_truth: DistanceSummary
-    to_prediction: DistanceSummary
     accuracy: float
     completeness: float
     chamfer: float
-    at: tuple[ThresholdScores, ...]
+    accuracy_median: float
+    completeness_median: float
+    curve: Curve
 
 
 def score_distances(
-    to_truth: Floats,
-    to_prediction: Floats,
-    *,
-    thresholds: Sequence[float],
-    percentiles: Sequence[float],
-    max_distance: float | None,
+    to_truth: Floats, to_prediction: Floats, *, thresholds: Floats, max_distance: float | None
 ) -> CloudScores:
     """Score a prediction from the distances both ways.
 
@@ -119,24 +90,18 @@ def score_distances(
         Distance of each predicted point to the nearest true one; none where nothing is predicted.
     to_prediction : (T,) array
         Distance of each true point to the nearest predicted one, infinite where there is none.
-    thresholds : sequence of float
-        Positive, in any order.
-    percentiles : sequence of float
-        Above 0, at most 100.
+    thresholds : (K,) array
+        See `curve`.
     max_distance : float or None
         Where given, a larger distance counts as this in accuracy, completeness and Chamfer
         distance, and in nothing else; an empty prediction stays infinitely far.
-
-    Returns
-    -------
-    CloudScores
 
     Raises
     ------
     BenchmarkError
         No true point.
     ValueError
-        Distances that are negative or NaN; thresholds or percentiles out of range.
+        See `counts_below`.
     """
     if len(to_prediction) == 0:
         raise BenchmarkError(
@@ -147,66 +112,77 @@ def score_distances(
     limit = math.inf if max_distance is None or len(to_truth) == 0 else max_distance
     accuracy, completeness = exact_mean(to_truth, limit), exact_mean(to_prediction, limit)
     return CloudScores(
-        to_truth=summarise_distances(to_truth, percentiles),
-        to_prediction=summarise_distances(to_prediction, percentiles),
         accuracy=accuracy,
         completeness=completeness,
         chamfer=(accuracy + completeness) / 2.0,
-        at=_at_thresholds(to_truth, to_prediction, thresholds),
+        accuracy_median=float(np.median(to_truth)) if len(to_truth) else math.inf,
+        completeness_median=float(np.median(to_prediction)),
+        curve=curve(to_truth, to_prediction, thresholds),
     )
 
 
-def summarise_distances(distances: Floats, percentiles: Sequence[float]) -> DistanceSummary:
-    """Mean, median, percentiles and largest of distances.
+def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
+    """Precision, recall and F1 at each threshold.
 
     Parameters
     ----------
-    distances : (N,) array
-        Not negative; infinite ones are distances like all others.
-    percentiles : sequence of float
-        Above 0, at most 100.
-
-    Returns
-    -------
-    DistanceSummary
+    to_truth : (P,) array
+        Distance of each predicted point to the truth; none where nothing is predicted.
+    to_prediction : (T,) array
+        Distance of each true point to the prediction, at least one.
+    thresholds : (K,) array
+        Increasing.
 
     Raises
     ------
     ValueError
-        A percentile out of range.
+        See `counts_below`.
     """
-    if not all(0.0 < percentile <= 100.0 for percentile in percentiles):
-        raise ValueError(f"percentiles {list(percentiles)}, expected above 0 and at most 100")
-    count = len(distances)
-    if count == 0:
-        return DistanceSummary(
-            0, math.inf, math.inf, dict.fromkeys(percentiles, math.inf), math.inf
-        )
-    ranks = [max(math.ceil(percentile * count / 100.0), 1) - 1 for percentile in percentiles]
-    wanted = [*ranks, (count - 1) // 2, count // 2, count - 1]
-    *at_ranks, below, above, largest = np.partition(distances, sorted(set(wanted)))[wanted].tolist()
-    return DistanceSummary(
-        count=count,
-        mean=exact_mean(distances),
-        median=(below + above) / 2.0,
-        percentiles=dict(zip(percentiles, at_ranks, strict=True)),
-        largest=largest,
-    )
+    precision = counts_below(to_truth, thresholds) / max(len(to_truth), 1)
+    recall = counts_below(to_prediction, thresholds) / len(to_prediction)
+    return Curve(thresholds, precision, recall, f1_score(precision, recall))
+
+
+def counts_below(distances: Floats, thresholds: Floats) -> Ints:
+    """How many distances (N,) are strictly below each of the thresholds (K,); (K,) int64.
+
+    Infinite distances are below none.
+
+    Raises
+    ------
+    ValueError
+        Thresholds that do not increase or are not finite; distances that are negative or NaN.
+    """
+    if not (np.isfinite(thresholds).all() and (np.diff(thresholds) > 0.0).all()):
+        raise ValueError("thresholds must be finite and increase")
+    histogram = np.zeros(len(thresholds) + 1, dtype=np.int64)
+    for start in range(0, len(distances), _CHUNK):
+        part = distances[start : start + _CHUNK]
+        if not (part >= 0.0).all():
+            raise ValueError("distances that are negative or NaN")
+        # A distance equal to a threshold falls behind it, and so is not below it.
+        behind = np.searchsorted(thresholds, part, side="right")
+        histogram += np.bincount(behind, minlength=len(histogram))
+    counts: Ints = np.cumsum(histogram[:-1])
+    return counts
+
+
+def f1_score(precision: Floats, recall: Floats) -> Floats:
+    """Harmonic mean of precision and recall, ``2PR / (P + R)``; 0 where both are 0."""
+    total = precision + recall
+    score: Floats = 2.0 * precision * recall / np.where(total > 0.0, total, 1.0)
+    return score
+
+
+def even_thresholds(up_to: float, steps: int) -> Floats:
+    """Return `steps` thresholds, evenly spaced: ``up_to / steps``, ..., `up_to`."""
+    return up_to * np.arange(1, steps + 1) / steps
 
 
 def exact_mean(distances: Floats, limit: float = math.inf) -> float:
-    """Mean of distances: their exact sum, rounded once, over their number.
+    """Mean of distances (N,): their exact sum, rounded once, over their number.
 
-    Parameters
-    ----------
-    distances : (N,) array
-    limit : float
-        A larger distance counts as this.
-
-    Returns
-    -------
-    float
-        Infinite where there are none.
+    Distances above `limit` count as that. Infinite where there are none.
 
     References
     ----------
@@ -220,15 +196,3 @@ def exact_mean(distances: Floats, limit: float = math.inf) -> float:
 def _one_by_one(distances: Floats, limit: float) -> Iterator[float]:
     for start in range(0, len(distances), _CHUNK):
         yield from np.minimum(distances[start : start + _CHUNK], limit).tolist()
-
-
-def _at_thresholds(
-    to_truth: Floats, to_prediction: Floats, thresholds: Sequence[float]
-) -> tuple[ThresholdScores, ...]:
-    increasing = np.array(sorted(set(thresholds)), dtype=np.float64)
-    right, found = counts_below(to_truth, increasing), counts_below(to_prediction, increasing)
-    precision, recall = right / max(len(to_truth), 1), found / len(to_prediction)
-    columns = (increasing, right, found, precision, recall, f1_score(precision, recall))
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    scores = {row[0]: ThresholdScores(*row) for row in rows}
-    return tuple(scores[float(threshold)] for threshold in thresholds)

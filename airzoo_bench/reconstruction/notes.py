@@ -9,33 +9,30 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.cameras import Alignment
-from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.cloud_plausibility import (
     lost_digits,
     mirror_warning,
     plausibility_warnings,
 )
+from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import ImagePoses
-from airzoo_bench.reconstruction.placing import AlignedScene, MatchedPrediction
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions, ScenePrediction
+from airzoo_bench.reconstruction.reading import ReconstructionPredictions
 from airzoo_bench.reconstruction.scoring import ScoredScene
-from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
-from airzoo_bench.reconstruction.settings import Fusion, ReconstructionScores
+from airzoo_bench.reconstruction.settings import (
+    Fusion,
+    ReconstructionProtocol,
+    ReconstructionScores,
+)
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,
     suspect_image_size,
 )
-from airzoo_bench.reconstruction.views import Views
+from airzoo_bench.reconstruction.views import ScenePrediction
 
-__all__ = [
-    "listing_notes",
-    "notes_of_digits",
-    "notes_of_placed",
-    "notes_of_reading",
-    "notes_of_scored",
-]
+__all__ = ["listing_notes", "scene_notes"]
 
 _PIECE = 1 << 14
 _FEW, _LEAST, _SHARE = 1000, 20, 0.5
@@ -53,50 +50,47 @@ def listing_notes(predictions: ReconstructionPredictions, known: list[str]) -> l
         # What a mistyped name means is among the scenes that are missing.
         offered = [name[:80] + nearest(name[:80], list(missing), 1) for name in unknown]
         notes.append(f"scenes that the protocol lacks, left aside: {first_of(offered)}")
-    if predictions.extra:
-        notes.append(f"files that belong to no scene, left aside: {_named(predictions.extra)}")
+    if predictions.unknown_files:
+        files = _named(predictions.unknown_files)
+        notes.append(f"files that belong to no scene, left aside: {files}")
     return notes
 
 
-def notes_of_reading(
+def scene_notes(
     prediction: ScenePrediction,
+    cameras: PosedCameras | None,
     truth: ReconstructionTruth,
-    claim: MatchedPrediction,
-    alignment: AlignmentSettings,
-    fusion: Fusion,
+    scored: ScoredScene,
+    protocol: ReconstructionProtocol,
 ) -> list[str]:
-    """Say what looks odd about a prediction as it was read, and what was left open by it."""
-    geometry = prediction.geometry
-    if isinstance(geometry, FileCloud):
-        notes = [*geometry.notes]
-    else:
-        notes = [*geometry.notes, *_odd_views(geometry, truth, fusion)]
-    if claim.cameras is not None:
-        return [*notes, *_odd_cameras(claim.cameras, truth)]
-    if alignment.method != "none":
-        notes.append(
-            f"holds no cameras: taken as it stands, without alignment by {alignment.method}"
-        )
-    return notes
+    """Say what looks odd about a prediction, what was left out of it, and how it was aligned."""
+    return [
+        *prediction.notes,
+        *_odd_views(prediction, truth, protocol.fusion),
+        *_odd_cameras(cameras, truth, protocol),
+        *_notes_of_digits(prediction, scored, protocol.scores),
+        *_alignment_notes(scored.alignment),
+        *_cloud_notes(scored, protocol.scores),
+        *_mean_notes(scored, protocol.scores),
+    ]
 
 
-def notes_of_digits(
-    prediction: ScenePrediction, placed: AlignedScene, scores: ReconstructionScores
+def _notes_of_digits(
+    prediction: ScenePrediction, scored: ScoredScene, scores: ReconstructionScores
 ) -> list[str]:
     """Say where coordinates lost digits, or K may be half a pixel off, by how many metres."""
-    geometry, scale = prediction.geometry, placed.alignment.transform.scale
-    found = [_digits_of_cameras(prediction.images, scale, _finest_error(scores))]
+    geometry, finest = prediction.geometry, min(scores.finest_m / 20.0, 0.01)
+    scale = 1.0 if scored.alignment is None else scored.alignment.transform.scale
+    found = [_digits_of_cameras(prediction.images, scale, finest)]
     if isinstance(geometry, FileCloud):
         some = next(iter(geometry.pieces(_PIECE)), None)
         if some is not None:
-            stored = geometry.precision
-            found.append(lost_digits(some.points, stored, scale, _finest_error(scores)))
-    elif geometry.points is not None:
+            found.append(lost_digits(some.points, geometry.precision, scale, finest))
+    elif isinstance(geometry, PointMaps):
         some_points = geometry.points[0].reshape(-1, 3)[:_PIECE].astype(np.float64)
-        stored = geometry.points.dtype
-        found.append(lost_digits(some_points, stored, scale, _finest_error(scores)))
+        found.append(lost_digits(some_points, geometry.points.dtype, scale, finest))
     else:
-        found.append(_half_a_pixel(geometry, scale, scores))
+        found.append(_half_a_pixel(prediction, geometry, scale, scores))
     return [note for note in found if note]
 
 
@@ -112,23 +106,21 @@ def _digits_of_cameras(images: ImagePoses | None, scale: float, tolerance: float
     )
 
 
-def _finest_error(scores: ReconstructionScores) -> float:
-    return min(scores.finest_m / 20.0, 0.01)
-
-
-def _half_a_pixel(views: Views, scale: float, scores: ReconstructionScores) -> str | None:
+def _half_a_pixel(
+    prediction: ScenePrediction, maps: DepthMaps, scale: float, scores: ReconstructionScores
+) -> str | None:
     """Ask for the field `pixel_centres` where it is absent and would move points."""
-    if views.pixel_centres is not None or views.cameras is None or views.depth is None:
+    if prediction.pixel_centres is not None or prediction.images is None:
         return None
-    some = views.depth[: max(1, _LOOKED_AT // max(views.depth[0].size, 1))]
-    seen = some[np.isfinite(some) & (some > 0)]
+    seen = _some_depths(maps)
     if not seen.size:
         return None
-    aside = float(np.hypot(*(0.5 / np.median(views.cameras.focal, axis=0))))
-    error = aside * float(np.median(seen)) * scale
+    off = float(np.hypot(*(0.5 / np.median(maps.cameras.focal, axis=0))))
+    error = off * float(np.median(seen)) * scale
     if not error > scores.finest_m / 20.0:
         return None
-    taken = "half (the first pixel's is 0.5, 0.5)" if views.named else "integer (Depth Anything 3)"
+    named = prediction.images.named
+    taken = "half (the first pixel's is 0.5, 0.5)" if named else "integer (Depth Anything 3)"
     return (
         f"does not say where K has its pixel centres, taken as {taken}: if that is wrong, points "
         f"are {error:.2g} m off; add pixel_centres = 'integer' (Depth Anything 3, VGGT, CUT3R, "
@@ -136,7 +128,7 @@ def _half_a_pixel(views: Views, scale: float, scores: ReconstructionScores) -> s
     )
 
 
-def notes_of_scored(scored: ScoredScene, scores: ReconstructionScores) -> list[str]:
+def _mean_notes(scored: ScoredScene, scores: ReconstructionScores) -> list[str]:
     """Name the few points that decide a mean distance by themselves."""
     if scored.distances is None:
         return []
@@ -161,23 +153,24 @@ def notes_of_scored(scored: ScoredScene, scores: ReconstructionScores) -> list[s
     return notes
 
 
-def notes_of_placed(placed: AlignedScene, scores: ReconstructionScores) -> list[str]:
-    """Say what was left out of a claim, how it was aligned, and where it seems to be elsewhere."""
-    cloud = placed.cloud
-    notes = _alignment_notes(placed.alignment)
+def _cloud_notes(scored: ScoredScene, scores: ReconstructionScores) -> list[str]:
+    """Say what was left out of a cloud, and where it seems to lie elsewhere."""
+    if scored.clouds is None or scored.alignment is None:
+        return []
+    (cloud, true), distrusted = scored.clouds, scored.counts["distrusted"]
+    notes = []
     for count, what in (
-        (placed.distrusted, "of too little confidence"),
+        (distrusted, "of too little confidence"),
         (cloud.not_finite, "with coordinates that are NaN, infinite or too large to compute with"),
     ):
         if count:
             notes.append(f"left out: {counted(count, 'point')} {what}")
-    odd = plausibility_warnings(cloud.bounds, placed.truth.bounds)
-    mirrored = mirror_warning(
-        cloud.sample, placed.truth.sample, placed.alignment.transform, scores.f1_below_m
-    )
+    odd = plausibility_warnings(cloud.bounds, true.bounds)
+    transform = scored.alignment.transform
+    mirrored = mirror_warning(cloud.sample, true.sample, transform, scores.f1_below_m)
     notes += odd or ([mirrored] if mirrored else [])
     if not cloud.source.count:
-        if not cloud.outside and not cloud.not_finite and not placed.distrusted:
+        if not cloud.outside and not cloud.not_finite and not distrusted:
             notes.append("the prediction holds no point, or no depth within the protocol's range")
         cropped = f" ({counted(cloud.outside, 'point')} outside the crop)" if cloud.outside else ""
         notes.append(f"no point is left to compare{cropped}: it scores 0 and infinite distances")
@@ -188,40 +181,57 @@ def _named(names: tuple[str, ...]) -> str:
     return first_of([name[:80] for name in names])
 
 
-def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list[str]:
+def _odd_views(
+    prediction: ScenePrediction, truth: ReconstructionTruth, fusion: Fusion
+) -> list[str]:
+    maps, images = prediction.geometry, prediction.images
+    if isinstance(maps, FileCloud):
+        return []
+    height, width = (maps.depth if isinstance(maps, DepthMaps) else maps.points).shape[1:3]
     widths, heights = truth.photos["width"], truth.photos["height"]
-    odd = suspect_image_size(views.size, int(widths.median()), int(heights.median()))
+    odd = suspect_image_size((width, height), int(widths.median()), int(heights.median()))
     notes = [odd] if odd else []
-    if views.images is not None and not views.named:
+    if images is not None and not images.named:
         notes.append(
             "has no image_names: its views were taken for the photos in the order of their names, "
             "which their poses fit"
         )
-    notes += _far_depth(views, fusion)
-    if views.depth is not None and views.images is not None and not views.images.found.all():
-        lost = int(np.count_nonzero(~views.images.found))
-        maps = counted(len(views.images.found), "depth map")
-        notes.append(f"{lost} of {maps} {agreeing(lost, 'has', 'have')} no pose: left out")
-    if fusion.least_confidence is not None and views.confidence is None:
+    if isinstance(maps, DepthMaps):
+        notes += _odd_depth(maps, images, fusion)
+    if fusion.least_confidence is not None and maps.confidence is None:
         notes.append("has no confidence: all of it was taken")
     return notes
 
 
-def _far_depth(views: Views, fusion: Fusion) -> list[str]:
-    """Say where depth maps hold nothing nearer than the protocol looks."""
-    if views.depth is None or views.depth.size == 0:
-        return []
-    some = views.depth[: max(1, _LOOKED_AT // max(views.depth[0].size, 1))]
-    seen = some[np.isfinite(some) & (some > 0)]
+def _odd_depth(maps: DepthMaps, images: ImagePoses | None, fusion: Fusion) -> list[str]:
+    """Say where depth maps hold nothing nearer than the protocol looks, or have no pose."""
+    notes, seen = [], _some_depths(maps)
     if seen.size and (seen > fusion.max_depth_m).mean() > 0.5:
-        return [
+        notes.append(
             f"depths are {float(np.median(seen)):g} m (median), beyond the protocol's "
             f"{fusion.max_depth_m:g} m: are they in millimetres?"
-        ]
-    return []
+        )
+    if images is not None and not images.found.all():
+        lost = int(np.count_nonzero(~images.found))
+        all_maps = counted(len(images.found), "depth map")
+        notes.append(f"{lost} of {all_maps} {agreeing(lost, 'has', 'have')} no pose: left out")
+    return notes
 
 
-def _odd_cameras(cameras: PosedCameras, truth: ReconstructionTruth) -> list[str]:
+def _some_depths(maps: DepthMaps) -> FloatMaps:
+    """Return the depths of surfaces in the first views."""
+    some = maps.depth[: max(1, _LOOKED_AT // max(maps.depth[0].size, 1))]
+    seen: FloatMaps = some[np.isfinite(some) & (some > 0)]
+    return seen
+
+
+def _odd_cameras(
+    cameras: PosedCameras | None, truth: ReconstructionTruth, protocol: ReconstructionProtocol
+) -> list[str]:
+    method = protocol.alignment.method
+    if cameras is None:
+        found = f"holds no cameras: taken as it stands, without alignment by {method}"
+        return [found] if method != "none" else []
     if cameras.rotation is None:
         return []
     rows = {name: row for row, name in enumerate(truth.photos["image"])}
@@ -232,7 +242,9 @@ def _odd_cameras(cameras: PosedCameras, truth: ReconstructionTruth) -> list[str]
     return [turned] if turned else []
 
 
-def _alignment_notes(alignment: Alignment) -> list[str]:
+def _alignment_notes(alignment: Alignment | None) -> list[str]:
+    if alignment is None:
+        return []
     notes = []
     if alignment.used_orientations:
         notes.append("camera centres lie on a line: aligned by the cameras' orientations too")

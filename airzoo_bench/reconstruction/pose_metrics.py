@@ -14,7 +14,6 @@ from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
 __all__ = [
     "PairErrors",
-    "StepErrors",
     "auc_of_depth_anything_3",
     "centre_errors",
     "pair_errors",
@@ -24,7 +23,7 @@ __all__ = [
 ]
 
 _BLOCK_PAIRS = 1 << 17
-# A claimed baseline below this share of the largest coordinate is rounding, and has no direction.
+# A predicted baseline below this share of the largest coordinate is rounding, and has no direction.
 _NO_BASELINE = 1e-12
 
 
@@ -50,21 +49,6 @@ class PairErrors:
         return np.maximum(self.rotation_deg, self.direction_deg)
 
 
-@dataclass(frozen=True, eq=False)
-class StepErrors:
-    """Errors of N - 1 motions from each camera to the next, infinite for failures.
-
-    Attributes
-    ----------
-    translation : (N - 1,) array
-        In units of the truth.
-    rotation_deg : (N - 1,) array
-    """
-
-    translation: Floats
-    rotation_deg: Floats
-
-
 def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> PairErrors:
     """Compare the relative poses of all pairs of cameras.
 
@@ -79,7 +63,7 @@ def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> Pai
         N partners, row by row; NaN where the prediction has none.
     least_baseline : float
         Pairs whose true centres are at most so far apart, in units of the truth, count by their
-        rotation only. A claim without a baseline where the truth has one has failed.
+        rotation only. A prediction without a baseline where the truth has one has failed.
 
     Returns
     -------
@@ -185,12 +169,10 @@ def centre_errors(aligned: Poses, truth: Poses) -> Floats:
     Sturm, Engelhard, Endres, Burgard, Cremers, A benchmark for the evaluation of RGB-D SLAM
     systems, IROS 2012, section IV.
     """
-    offset = aligned.centres - truth.centres
-    away = np.sqrt((offset * offset).sum(axis=1))
-    return _infinite(away, _failed(aligned))
+    return _infinite(_lengths(aligned.centres - truth.centres), _failed(aligned))
 
 
-def step_errors(aligned: Poses, truth: Poses) -> StepErrors:
+def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
     """Compare the motions from each camera to the next, in the order given.
 
     The relative pose error (RPE) over steps of one: of the motion that is left once the true
@@ -203,7 +185,10 @@ def step_errors(aligned: Poses, truth: Poses) -> StepErrors:
 
     Returns
     -------
-    StepErrors
+    translation : (N - 1,) array
+        In units of the truth; infinite for failures.
+    rotation_deg : (N - 1,) array
+        Infinite for failures.
 
     References
     ----------
@@ -212,20 +197,18 @@ def step_errors(aligned: Poses, truth: Poses) -> StepErrors:
     # E = (true motion)^-1 (motion), each from camera i to camera i + 1, camera-to-world.
     turn, move = _motions(aligned)
     true_turn, true_move = _motions(truth)
-    left = move - true_move
     failed = _failed(aligned)
     lost = failed[:-1] | failed[1:]
-    length = np.sqrt((left * left).sum(axis=1))
-    return StepErrors(
-        translation=_infinite(length, lost),
-        rotation_deg=_infinite(rotation_angle_deg(turn, true_turn), lost),
+    return (
+        _infinite(_lengths(move - true_move), lost),
+        _infinite(rotation_angle_deg(turn, true_turn), lost),
     )
 
 
 def rms_of_placed(errors: Floats) -> float:
     """Root mean square of the finite errors, infinite where there are none.
 
-    What ATE and RPE mean in the literature; say beside it how many cameras were placed, and use
+    What ATE and RPE mean in the literature; state with it how many cameras were placed, and use
     the median of all errors where methods that place different cameras are compared.
     """
     placed = errors[np.isfinite(errors)]

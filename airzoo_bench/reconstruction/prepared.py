@@ -1,7 +1,8 @@
-"""What is done to a cloud before distances are taken, piece by piece.
+"""What is done to both clouds before distances are taken, piece by piece.
 
 Points that are not finite are left out and counted, then those outside the region, and the rest is
-thinned by voxels; each step only where a protocol asks for it.
+thinned by voxels; each step only where a protocol asks for it. Recall is over the part of the
+truth that the photos saw: inside enough of them, and not hidden.
 """
 
 from __future__ import annotations
@@ -12,23 +13,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
-from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.cells import Columns, covered_columns
-from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.regions import (
+    Box,
+    CellSet,
+    Columns,
+    covered_columns,
+    occupied_cells,
+)
 from airzoo_bench.reconstruction.settings import Preparation
+from airzoo_bench.reconstruction.sources import (
+    EvenSample,
+    InMemoryCloud,
+    finite_pieces,
+    finite_rows,
+    take,
+)
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = [
-    "InMemoryCloud",
     "PreparedCloud",
-    "TransformedCloud",
-    "box_of",
     "cropped_region",
-    "finite_pieces",
     "grid_origin",
+    "observed_cells",
     "prepared",
+    "seen_by",
 ]
 
 Region = Box | Columns
@@ -37,48 +50,10 @@ _OFF_GRID = 0.3819660112501052
 _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
 _ROBUST = (1.0, 99.0)
-
-
-@dataclass(frozen=True, eq=False)
-class InMemoryCloud:
-    """A cloud in memory, as a `CloudSource`."""
-
-    cloud: Cloud
-
-    @property
-    def count(self) -> int:
-        """How many points it holds."""
-        return len(self.cloud)
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time."""
-        for start in range(0, len(self.cloud), points):
-            yield take(self.cloud, slice(start, start + points))
-
-
-@dataclass(frozen=True, eq=False)
-class TransformedCloud:
-    """A cloud brought into another frame, without points of too little confidence."""
-
-    source: CloudSource
-    transform: Similarity
-    confidence_above: float | None
-
-    @property
-    def count(self) -> int:
-        """How many points it holds at most."""
-        return self.source.count
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time."""
-        for piece in self.source.pieces(points):
-            kept = piece
-            if self.confidence_above is not None and piece.confidence is not None:
-                kept = take(piece, piece.confidence > self.confidence_above)
-            # What is infinite becomes NaN at worst, and is counted where the cloud is prepared.
-            with np.errstate(invalid="ignore", over="ignore"):
-                moved = self.transform.apply(kept.points)
-            yield Cloud(moved, kept.colours, kept.confidence)
+_NEAREST = 1e-3
+# A cell of the depth buffer is so many projected cells wide, so that no surface has holes in it.
+_SPLAT = 1.5
+_STEP = np.sqrt(2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,38 +84,6 @@ class PreparedCloud:
         return np.asarray(np.percentile(self.sample, _ROBUST, axis=0), dtype=np.float64)
 
 
-def box_of(source: CloudSource, points: int = 1 << 20) -> Box:
-    """Return the smallest box that holds the finite points of a cloud.
-
-    Raises
-    ------
-    BenchmarkError
-        There are none.
-    """
-    box: Box | None = None
-    for piece in source.pieces(points):
-        finite = piece.points[finite_rows(piece.points)]
-        if len(finite):
-            found = bounding_box(finite)
-            box = found if box is None else box.joined(found)
-    if box is None:
-        raise BenchmarkError(
-            "the true cloud holds no finite point",
-            expected="at least one point",
-            fix="check the benchmark's cloud",
-        )
-    return box
-
-
-def grid_origin(size: float) -> Floats:
-    """Return a corner of the voxels of this side, the same for all clouds.
-
-    It is no round number: coordinates that were rounded to centimetres would else lie on the
-    borders of voxels, where rounding decides.
-    """
-    return np.full(3, size * _OFF_GRID)
-
-
 def cropped_region(
     truth: CloudSource, box: Box, settings: Preparation, block_points: int
 ) -> Region | None:
@@ -161,19 +104,12 @@ def cropped_region(
     BenchmarkError
         The true cloud spans too much for columns.
     """
-    margin = settings.crop_margin_m
     if settings.crop == "none":
         return None
     if settings.crop == "box":
-        return box.grown(margin)
+        return box.grown(settings.crop_margin_m)
     pieces = finite_pieces(truth, block_points)
-    return covered_columns(pieces, settings.crop_cell_m, box, margin)
-
-
-def finite_pieces(source: CloudSource, block_points: int) -> Iterator[Floats]:
-    """Yield the finite points of a cloud, at most so many at a time."""
-    for piece in source.pieces(block_points):
-        yield piece.points[finite_rows(piece.points)]
+    return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
 
 
 def prepared(
@@ -195,14 +131,13 @@ def prepared(
     UsageError
         More voxels are occupied.
     """
-    kept = _Kept(source, region)
     grid = None
     if not isinstance(size := settings.voxel_m, str):
         grid = VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
     not_finite = outside = inside = 0
-    sample = _Sample(source.count)
+    sample = EvenSample(source.count, _SAMPLE)
     for piece in source.pieces(block_points):
-        finite, within = kept.rows(piece)
+        finite, within = _kept(piece, region)
         sample.add(piece.points)
         not_finite += len(piece) - int(np.count_nonzero(finite))
         outside += int(np.count_nonzero(finite & ~within))
@@ -210,51 +145,138 @@ def prepared(
         if grid is not None:
             grid.add(take(piece, within))
     some = sample.points()
+    some = some[finite_rows(some)]
     if grid is None:
-        return PreparedCloud(_Counted(kept, inside), not_finite, outside, 0, some)
+        cropped = _CroppedCloud(source, region, inside)
+        return PreparedCloud(cropped, not_finite, outside, 0, some)
     thin = grid.cloud()
     return PreparedCloud(InMemoryCloud(thin), not_finite, outside, inside - len(thin), some)
 
 
-class _Sample:
-    """Every so many-th point of a cloud, the same whatever the pieces."""
+def grid_origin(size: float) -> Floats:
+    """Return a corner (3,) of the voxels of this side, the same for all clouds.
 
-    def __init__(self, count: int) -> None:
-        self._step, self._seen = max(1, count // _SAMPLE), 0
-        self._parts = [np.zeros((0, 3))]
-
-    def add(self, points: Floats) -> None:
-        self._parts.append(points[-self._seen % self._step :: self._step])
-        self._seen += len(points)
-
-    def points(self) -> Floats:
-        points = np.concatenate(self._parts)
-        return points[finite_rows(points)]
+    It is no round number: coordinates that were rounded to centimetres would else lie on the
+    borders of voxels, where rounding decides.
+    """
+    return np.full(3, size * _OFF_GRID)
 
 
 @dataclass(frozen=True, eq=False)
-class _Kept:
-    """The finite points of a cloud that lie in a region."""
+class _CroppedCloud:
+    """The finite points of a cloud that lie in a region, as a `CloudSource`."""
 
     source: CloudSource
     region: Region | None
-
-    def rows(self, piece: Cloud) -> tuple[Bools, Bools]:
-        finite = finite_rows(piece.points)
-        if self.region is None:
-            return finite, finite
-        within = finite.copy()
-        within[finite] = self.region.holds(piece.points[finite])
-        return finite, within
-
-
-@dataclass(frozen=True, eq=False)
-class _Counted:
-    kept: _Kept
     count: int
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time."""
-        for piece in self.kept.source.pieces(points):
-            _, within = self.kept.rows(piece)
+        for piece in self.source.pieces(points):
+            _, within = _kept(piece, self.region)
             yield piece if within.all() else take(piece, within)
+
+
+def _kept(piece: Cloud, region: Region | None) -> tuple[Bools, Bools]:
+    """Whether points are finite, and whether they lie in the region too."""
+    finite = finite_rows(piece.points)
+    if region is None:
+        return finite, finite
+    within = finite.copy()
+    within[finite] = region.holds(piece.points[finite])
+    return finite, within
+
+
+def observed_cells(
+    truth: CloudSource,
+    box: Box,
+    cameras: Cameras,
+    poses: Poses,
+    settings: Preparation,
+    block_points: int,
+) -> CellSet:
+    """Cells of the true cloud that enough photos saw.
+
+    Parameters
+    ----------
+    truth : CloudSource
+        The true cloud.
+    box : Box
+        That holds it.
+    cameras, poses : Cameras, Poses
+        Of the photos.
+    settings : Preparation
+    block_points : int
+        Points that are read at a time.
+
+    Raises
+    ------
+    BenchmarkError
+        They see none.
+    """
+    cell = settings.observed_cell_m
+    occupied = occupied_cells(finite_pieces(truth, block_points), (cell, cell, cell), box)
+    points, times = occupied.centres(), np.zeros(len(occupied.keys), np.int64)
+    for row in range(len(poses)):
+        camera, pose = cameras.take(row), poses.take(row)
+        times += seen_by(points, camera, pose, cell, settings.hidden_beyond_m)
+    keys = occupied.keys[times >= settings.observed_photos]
+    if not len(keys):
+        raise BenchmarkError(
+            f"no point of the true cloud is seen by {counted(settings.observed_photos, 'photo')}",
+            expected="a cloud of what the photos show, in the same coordinates",
+            fix='check poses and cloud, or choose region = "all" in the protocol',
+        )
+    return CellSet(occupied.size, occupied.low, occupied.shape, keys)
+
+
+def seen_by(
+    points: Floats, camera: Cameras, pose: Poses, cell: float, hidden_beyond: float
+) -> Bools:
+    """Whether a photo sees each of points that stand for a surface.
+
+    A point is hidden where another one in the same direction is nearer along the optical axis by
+    more than `hidden_beyond`. Directions are cells of a depth buffer, 1.5 to 2.1 times as wide as
+    a cell of the surface appears there.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        Centres of the cells that the surface occupies.
+    camera, pose : Cameras, Poses
+        One of each.
+    cell : float
+        Side of a cell.
+    hidden_beyond : float
+
+    Returns
+    -------
+    (N,) bool array
+    """
+    seen = np.zeros(len(points), np.bool_)
+    local = apply_matrix(pose.rotation[0], points - pose.centres[0])
+    rows = np.flatnonzero(local[:, 2] > _NEAREST)
+    pixels = project(camera, local[None, rows])[0]
+    size = np.array((camera.width[0], camera.height[0]))
+    inside = ((pixels >= 0.0) & (pixels < size)).all(axis=1)
+    rows, pixels = rows[inside], pixels[inside]
+    depth = local[rows, 2]
+    wide = _SPLAT * cell * float(camera.focal[0].max()) / depth
+    levels = np.ceil(np.log(np.maximum(wide, 1.0)) / np.log(_STEP)).astype(np.int64)
+    seen[rows] = ~_hidden(pixels, depth, levels, size, hidden_beyond)
+    return seen
+
+
+def _hidden(pixels: Floats, depth: Floats, levels: Ints, size: Ints, beyond: float) -> Bools:
+    """Test points against all nearer ones; those need buffers of wider cells."""
+    hidden = np.zeros(len(depth), np.bool_)
+    for level in np.unique(levels).tolist():
+        side = _STEP**level
+        columns = int(size[0] // side) + 1
+        x, y = np.floor(pixels / side).astype(np.int64).T
+        place = y * columns + x
+        nearest = np.full(columns * (int(size[1] // side) + 1), np.inf)
+        own = levels == level
+        np.minimum.at(nearest, place[own], depth[own])
+        tested = levels <= level
+        hidden[tested] |= nearest[place[tested]] < depth[tested] - beyond
+    return hidden

@@ -17,38 +17,22 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
 from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.source import FileCloud
-from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, ImagePoses, read_image_poses
-from airzoo_bench.reconstruction.views import Views, holds_views, read_views
+from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, read_image_poses
+from airzoo_bench.reconstruction.views import ScenePrediction, holds_views, read_views
 
-__all__ = ["ReconstructionPredictions", "ScenePrediction", "open_reconstruction"]
+__all__ = ["ReconstructionPredictions", "open_reconstruction"]
 
 _PROTOCOL = "protocol.txt"
 _PROTOCOL_BYTES = 1024
 _LONGEST_PROTOCOL = 64
 _CAMERAS = "cameras.npz"
-
-
-@dataclass(frozen=True, eq=False)
-class ScenePrediction:
-    """What a method claims of a scene.
-
-    Attributes
-    ----------
-    geometry : FileCloud or Views
-    images : ImagePoses or None
-        Poses of its photos, from the views themselves or from the file of cameras.
-    """
-
-    geometry: FileCloud | Views
-    images: ImagePoses | None
 
 
 @dataclass(frozen=True)
@@ -68,14 +52,14 @@ class ReconstructionPredictions:
         The protocol that it names.
     entries : dict
         By scene.
-    extra : tuple of str
-        Files that are nobody's prediction.
+    unknown_files : tuple of str
+        Files that belong to no scene.
     """
 
     path: Path
     protocol: str | None
     entries: dict[str, _Entry]
-    extra: tuple[str, ...]
+    unknown_files: tuple[str, ...]
     _bundle: Bundle
 
     @property
@@ -118,9 +102,8 @@ class ReconstructionPredictions:
             limit_bytes -= len(images.names) * BYTES_A_CAMERA
         with self._bundle.file(entry.geometry) as path:
             if path.suffix.lower() != ".npz" or not holds_views(path, limit_bytes):
-                yield ScenePrediction(
-                    open_cloud(path, limit_bytes=limit_bytes, sampling=sampling), images
-                )
+                cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
+                yield ScenePrediction(cloud, images, cloud.notes)
                 return
             views = read_views(path, limit_bytes)
             if views.images is not None and images is not None:
@@ -129,7 +112,7 @@ class ReconstructionPredictions:
                     where=f"{self.path}, {entry.geometry.name}",
                     fix="keep one of the two",
                 )
-            yield ScenePrediction(views, views.images or images)
+            yield replace(views, images=views.images or images)
 
 
 def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ReconstructionPredictions:
@@ -155,21 +138,21 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> Reconstruct
     wrapper = _wrapper(bundle.members)
     geometry: dict[str, Member] = {}
     cameras: dict[str, Member] = {}
-    protocol, extra = None, []
+    protocol, unknown_files = None, []
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
         scene, is_camera = _scene(name)
         if name == _PROTOCOL:
             protocol = _protocol(bundle, member)
         elif scene is None:
-            extra.append(name)
+            unknown_files.append(name)
         else:
             _add(path, cameras if is_camera else geometry, scene, member)
-    extra += [cameras[scene].name for scene in cameras if scene not in geometry]
+    unknown_files += [cameras[scene].name for scene in cameras if scene not in geometry]
     entries = {scene: _Entry(one, cameras.get(scene)) for scene, one in sorted(geometry.items())}
     if not entries:
-        raise _no_entries(path, extra)
-    return ReconstructionPredictions(path, protocol, entries, tuple(extra), bundle)
+        raise _no_entries(path, unknown_files)
+    return ReconstructionPredictions(path, protocol, entries, tuple(unknown_files), bundle)
 
 
 def _wrapper(members: tuple[Member, ...]) -> str:
@@ -221,9 +204,9 @@ def _protocol(bundle: Bundle, member: Member) -> str:
     return name
 
 
-def _no_entries(path: Path, extra: list[str]) -> UnreadableError:
-    there = f" (there are {first_of(extra)})" if extra else ""
-    endings = sorted({PurePosixPath(name).suffix[:20] for name in extra} - {"", *SUFFIXES})
+def _no_entries(path: Path, unknown_files: list[str]) -> UnreadableError:
+    there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
+    endings = sorted({PurePosixPath(name).suffix[:20] for name in unknown_files} - {"", *SUFFIXES})
     unread = [f"endings such as {one!r} are not read: write a cloud as .ply" for one in endings]
     return UnreadableError(
         f"holds no cloud, mesh or npz{there}",

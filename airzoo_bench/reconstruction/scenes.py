@@ -1,4 +1,4 @@
-"""Reading a scene's prediction, and bringing it to where it is compared."""
+"""From the prediction of a scene to its scores: align, fuse, refine, prepare, measure, score."""
 
 from __future__ import annotations
 
@@ -6,40 +6,196 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
+
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.temporaries import PART
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.source import FileCloud
-from airzoo_bench.reconstruction.camera_names import kind_of, match_cameras, true_cameras
-from airzoo_bench.reconstruction.notes import (
-    notes_of_digits,
-    notes_of_placed,
-    notes_of_reading,
-    notes_of_scored,
+from airzoo_bench.geometry.arrays import Bools
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
+from airzoo_bench.reconstruction.alignment.cameras import align, with_step
+from airzoo_bench.reconstruction.alignment.icp import refine
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.distances.clouds import cloud_distances
+from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointMapCloud, PointMaps
+from airzoo_bench.reconstruction.image_poses import match_cameras
+from airzoo_bench.reconstruction.notes import scene_notes
+from airzoo_bench.reconstruction.prepared import (
+    PreparedCloud,
+    cropped_region,
+    observed_cells,
+    prepared,
 )
-from airzoo_bench.reconstruction.placing import BlockWork, ScoringSettings, TrueScene, align_scene
-from airzoo_bench.reconstruction.reading import (
-    ReconstructionPredictions,
-    ScenePrediction,
-)
-from airzoo_bench.reconstruction.scoring import ScoredScene, score_scene
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.reading import ReconstructionPredictions
+from airzoo_bench.reconstruction.regions import Box, box_of
+from airzoo_bench.reconstruction.scoring import ScoredScene, pose_scores, record_scene
+from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
+from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionProtocol
+from airzoo_bench.reconstruction.sources import InMemoryCloud, TransformedCloud, finite_pieces
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.tsdf import fuse
+from airzoo_bench.reconstruction.views import ScenePrediction
 
-__all__ = ["read_through", "scored_scene"]
+__all__ = ["read_through", "score_geometry", "scored_scene"]
+
+Geometry = CloudSource | DepthMaps | PointMaps
 
 # What a point takes in memory while distances are computed: both clouds, their order, the tree.
 _BYTES_A_POINT = 128
 _LEAST_BLOCK = 100_000
 
 
-def _work_for(resources: Resources) -> BlockWork:
-    """Return how to work within so much memory."""
+@contextmanager
+def scored_scene(
+    predictions: ReconstructionPredictions,
+    truth: ReconstructionTruth,
+    protocol: ReconstructionProtocol,
+    resources: Resources,
+) -> Iterator[ScoredScene]:
+    """Read a scene's prediction and score it; an error names the scene.
+
+    Its clouds may be read within the context only.
+    """
+    memory_bytes = resources.memory_bytes
+    with _opened(predictions, truth.scene, protocol, memory_bytes) as prediction:
+        true_cloud = _TrueCloud(truth, memory_bytes, _sampling(protocol))
+        cameras = match_cameras(prediction.images, truth, _place(predictions, truth.scene))
+        geometry = prediction.posed_geometry
+        scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, resources)
+        notes = scene_notes(prediction, cameras, truth, scored, protocol)
+        told = tuple(f"scene {truth.scene}: {note}" for note in notes)
+        yield replace(scored, kind=prediction.kind, notes=told)
+
+
+def score_geometry(
+    geometry: Geometry,
+    cameras: PosedCameras | None,
+    truth: ReconstructionTruth,
+    true_cloud: CloudSource,
+    protocol: ReconstructionProtocol,
+    resources: Resources,
+) -> ScoredScene:
+    """Do with a cloud or maps all that the protocol says, and compare them with the true cloud.
+
+    Parameters
+    ----------
+    geometry : CloudSource, DepthMaps or PointMaps
+    cameras : PosedCameras or None
+        By the names that the truth has; None where the prediction holds none.
+    truth : ReconstructionTruth
+    true_cloud : CloudSource
+    protocol : ReconstructionProtocol
+    resources : Resources
+
+    Raises
+    ------
+    PredictionError
+        There are no cameras, and the protocol requires them; it cannot be aligned, read or fused,
+        or all of its points are NaN or infinite.
+    BenchmarkError
+        The true cloud has no point, none that the photos see, or none within the crop.
+    UserError
+        Temporary files of large clouds cannot be written.
+    """
+    settings, true_cameras = protocol.preparation, truth.posed
     block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
-    return BlockWork(block, resources.jobs, resources.progress)
+    _require_cameras(cameras, protocol.alignment)
+    box = box_of(true_cloud)
+    method = protocol.alignment.method if cameras is not None else "none"
+    alignment = align(method, cameras, true_cameras, protocol.alignment.ransac())
+    cloud = _as_cloud(geometry, alignment.transform, protocol.fusion)
+    if method == "sim3+icp" and cameras is not None:
+        try:
+            step, report = refine(cloud, true_cloud, protocol.alignment.icp(), held_points=block)
+            cloud = TransformedCloud(cloud, step, None)
+            alignment = with_step(alignment, step, report, cameras, true_cameras)
+        except AlignmentError as error:
+            # A cloud that is nowhere near the truth has failed; that is no fault of its file.
+            alignment = replace(alignment, icp_failure=error.what)
+    region = cropped_region(true_cloud, box, settings, block)
+    predicted = prepared(cloud, settings, region, block)
+    _refuse_nothing_finite(predicted)
+    true = prepared(true_cloud, settings, region, block)
+    rows = _observed_rows(true, box, truth, settings, block)
+    distances = cloud_distances(
+        predicted.source,
+        true.source,
+        block_points=block,
+        jobs=resources.jobs,
+        progress=resources.progress,
+    )
+    return record_scene(
+        truth.scene,
+        alignment,
+        (predicted, true),
+        distances,
+        distances.to_prediction[rows],
+        _distrusted(geometry, alignment.transform, protocol.fusion, block),
+        pose_scores(cameras, alignment.transform, true_cameras, protocol.scores),
+        protocol.scores,
+    )
+
+
+def _require_cameras(cameras: PosedCameras | None, settings: AlignmentSettings) -> None:
+    if settings.cameras == "required" and cameras is None:
+        raise PredictionError(
+            "holds no cameras, and the protocol requires them",
+            expected="cameras, by which all methods are aligned alike",
+            fix="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
+        )
+
+
+def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> CloudSource:
+    """Bring a cloud into the frame of the truth, or make one of maps there."""
+    least = fusion.least_confidence
+    if isinstance(geometry, PointMaps):
+        return PointMapCloud(geometry, transform, least)
+    if not isinstance(geometry, DepthMaps):
+        return TransformedCloud(geometry, transform, least)
+    if fusion.method == "tsdf":
+        return InMemoryCloud(fuse(geometry, transform, fusion.tsdf(), confidence_above=least))
+    return DepthCloud(geometry, transform, fusion.max_depth_m, least)
+
+
+def _distrusted(geometry: Geometry, transform: Similarity, fusion: Fusion, points: int) -> int:
+    """Count the points whose confidence is not above the protocol's."""
+    least = fusion.least_confidence
+    if least is None:
+        return 0
+    if isinstance(geometry, PointMaps):
+        found = [PointMapCloud(geometry, transform, above).count for above in (None, least)]
+    elif isinstance(geometry, DepthMaps):
+        depth = fusion.max_depth_m
+        found = [DepthCloud(geometry, transform, depth, above).count for above in (None, least)]
+    else:
+        trusted = TransformedCloud(geometry, Similarity.identity(), least).pieces(points)
+        found = [geometry.count, sum(len(piece) for piece in trusted)]
+    return found[0] - found[1]
+
+
+def _refuse_nothing_finite(cloud: PreparedCloud) -> None:
+    if cloud.not_finite and not (cloud.source.count or cloud.outside):
+        raise PredictionError(
+            f"all {counted(cloud.not_finite, 'point has', 'points have')} a coordinate that is "
+            "NaN, infinite or too large to compute with",
+            expected="finite coordinates",
+            fix="write the cloud again, without points that were not reconstructed",
+        )
+
+
+def _observed_rows(
+    true: PreparedCloud, box: Box, truth: ReconstructionTruth, settings: Preparation, block: int
+) -> Bools | slice:
+    """Return which points of the prepared true cloud recall and completeness are over."""
+    if settings.region == "all":
+        return slice(None)
+    cells = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block)
+    return np.concatenate([cells.holds(points) for points in finite_pieces(true.source, block)])
 
 
 class _TrueCloud:
@@ -64,73 +220,19 @@ class _TrueCloud:
     def _blamed(self) -> Iterator[None]:
         try:
             yield
-        except PredictionError as fault:
+        except PredictionError as error:
             raise BenchmarkError(
-                f"the true cloud cannot be read: {fault.what}",
+                f"the true cloud cannot be read: {error.what}",
                 where=self._path,
-                expected=fault.expected,
+                expected=error.expected,
                 fix="prepare the benchmark with a cloud that is whole",
-            ) from fault
-
-
-@contextmanager
-def scored_scene(
-    predictions: ReconstructionPredictions,
-    truth: ReconstructionTruth,
-    chosen: ReconstructionProtocol,
-    resources: Resources,
-) -> Iterator[ScoredScene]:
-    """Read a scene's prediction and score it; a fault names the scene.
-
-    Its clouds may be read within the context only.
-    """
-    place = f"{predictions.path}, scene {truth.scene}"
-    memory_bytes, work = resources.memory_bytes, _work_for(resources)
-    with _entry(predictions, truth.scene, chosen, memory_bytes) as found:
-        true_cloud = _TrueCloud(truth, memory_bytes, _sampling(chosen))
-        claim = match_cameras(found, truth, place)
-        true = TrueScene(true_cloud, true_cameras(truth), truth.cameras)
-        placed = align_scene(claim, true, _rules_of(chosen), work)
-        scored = score_scene(claim, placed, true.cameras, _rules_of(chosen), work)
-        notes = [
-            *notes_of_reading(found, truth, claim, chosen.alignment, chosen.fusion),
-            *notes_of_digits(found, placed, chosen.scores),
-            *notes_of_placed(placed, chosen.scores),
-            *notes_of_scored(scored, chosen.scores),
-        ]
-        told = [f"scene {truth.scene}: {note}" for note in notes]
-        yield replace(scored, kind=kind_of(found), notes=tuple(told))
-
-
-@contextmanager
-def _entry(
-    predictions: ReconstructionPredictions,
-    scene: str,
-    chosen: ReconstructionProtocol,
-    memory_bytes: int,
-) -> Iterator[ScenePrediction]:
-    """Open a scene's entry; whatever is raised meanwhile says where it is."""
-    place = f"{predictions.path}, scene {scene}"
-    sampling = _sampling(chosen)
-    try:
-        with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
-            yield found
-    except PredictionError as fault:
-        if fault.where is None:
-            raise fault.inside(place) from fault
-        unpacked = fault.where.partition(f"{PART}/")[2]
-        if not unpacked or predictions.path.is_dir():
-            raise
-        # A file of an archive lies somewhere else while it is read.
-        raise PredictionError(
-            fault.what, where=f"{place}, {unpacked}", expected=fault.expected, fix=fault.fix
-        ) from fault
+            ) from error
 
 
 def read_through(
     predictions: ReconstructionPredictions,
     scene: str,
-    chosen: ReconstructionProtocol,
+    protocol: ReconstructionProtocol,
     memory_bytes: int,
 ) -> list[str]:
     """Read a scene's prediction without a truth; returns what there is to say about it.
@@ -140,21 +242,44 @@ def read_through(
     PredictionError
         It cannot be read.
     """
-    with _entry(predictions, scene, chosen, memory_bytes) as entry:
-        if isinstance(entry.geometry, FileCloud):
+    with _opened(predictions, scene, protocol, memory_bytes) as prediction:
+        if isinstance(prediction.geometry, FileCloud):
             # A file that is cut off is found out where it is read.
-            for _piece in entry.geometry.pieces(_LEAST_BLOCK):
+            for _piece in prediction.geometry.pieces(_LEAST_BLOCK):
                 pass
-        return [f"scene {scene}: {note}" for note in entry.geometry.notes]
+        return [f"scene {scene}: {note}" for note in prediction.notes]
 
 
-def _rules_of(chosen: ReconstructionProtocol) -> ScoringSettings:
-    """Return what a protocol states of how a scene is scored."""
-    return ScoringSettings(chosen.alignment, chosen.fusion, chosen.preparation, chosen.scores)
+@contextmanager
+def _opened(
+    predictions: ReconstructionPredictions,
+    scene: str,
+    protocol: ReconstructionProtocol,
+    memory_bytes: int,
+) -> Iterator[ScenePrediction]:
+    """Open a scene's entry; whatever is raised meanwhile says where it is."""
+    place, sampling = _place(predictions, scene), _sampling(protocol)
+    try:
+        with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
+            yield found
+    except PredictionError as error:
+        if error.where is None:
+            raise error.inside(place) from error
+        unpacked = error.where.partition(f"{PART}/")[2]
+        if not unpacked or predictions.path.is_dir():
+            raise
+        # A file of an archive lies somewhere else while it is read.
+        raise PredictionError(
+            error.what, where=f"{place}, {unpacked}", expected=error.expected, fix=error.fix
+        ) from error
 
 
-def _sampling(chosen: ReconstructionProtocol) -> MeshSampling:
-    meshes = chosen.meshes
+def _place(predictions: ReconstructionPredictions, scene: str) -> str:
+    return f"{predictions.path}, scene {scene}"
+
+
+def _sampling(protocol: ReconstructionProtocol) -> MeshSampling:
+    meshes = protocol.meshes
     return MeshSampling(
         seed=meshes.seed, count=meshes.points, per_square_unit=None, max_points=meshes.points
     )

@@ -1,4 +1,4 @@
-"""Scoring a scene: a claim is aligned, made a cloud, prepared like the truth, and compared."""
+"""The record of a scene: scores of the cloud by distances, and of the camera poses."""
 
 from __future__ import annotations
 
@@ -8,31 +8,39 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment.camera_sets import LEAST_CAMERAS, PosedCameras
 from airzoo_bench.reconstruction.alignment.cameras import Alignment
-from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
-from airzoo_bench.reconstruction.curves import Curve, curve, even_thresholds
-from airzoo_bench.reconstruction.distances.both_ways import CloudDistances, cloud_distances
-from airzoo_bench.reconstruction.metrics import CloudScores, score_distances
-from airzoo_bench.reconstruction.placing import (
-    AlignedScene,
-    BlockWork,
-    MatchedPrediction,
-    ScoringSettings,
+from airzoo_bench.reconstruction.alignment.similarity import Similarity, fit_many
+from airzoo_bench.reconstruction.distances.clouds import CloudDistances
+from airzoo_bench.reconstruction.metrics import (
+    CloudScores,
+    Curve,
+    curve,
+    even_thresholds,
+    score_distances,
 )
-from airzoo_bench.reconstruction.pose_scores import pose_scores
-from airzoo_bench.reconstruction.prepared import PreparedCloud, finite_pieces
-from airzoo_bench.reconstruction.scores import f1_column, share_column
+from airzoo_bench.reconstruction.pose_metrics import (
+    auc_of_depth_anything_3,
+    centre_errors,
+    pair_errors,
+    pose_auc,
+    rms_of_placed,
+    step_errors,
+)
+from airzoo_bench.reconstruction.prepared import PreparedCloud
+from airzoo_bench.reconstruction.scores import f1_column, pose_auc_column, share_column
 from airzoo_bench.reconstruction.settings import ReconstructionScores
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ScoredScene", "score_missing", "score_scene"]
+__all__ = ["ScoredScene", "pose_scores", "record_scene", "score_missing", "worst_poses"]
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredScene:
-    """What came of a scene.
+    """What came of a scene; all but `record` and `counts` is None where there is no prediction.
 
     Attributes
     ----------
@@ -41,13 +49,12 @@ class ScoredScene:
     counts : dict of str to int
         What a result states of the scene.
     curve : Curve or None
-        None where there is no prediction.
     alignment : Alignment or None
-    clouds : tuple of PreparedCloud, or None
+    clouds : (PreparedCloud, PreparedCloud) or None
         Prediction and truth as they were compared.
     distances : CloudDistances or None
     kind : str or None
-        What the prediction holds: ``cloud``, ``mesh``, ``depth`` or ``points``.
+        See `ScenePrediction.kind`.
     notes : tuple of str
         What there is to say about the scene.
     """
@@ -69,52 +76,45 @@ class ScoredScene:
         return pd.DataFrame([self.record])
 
 
-def score_scene(
-    claim: MatchedPrediction,
-    placed: AlignedScene,
-    cameras: PosedCameras,
-    rules: ScoringSettings,
-    work: BlockWork,
+def record_scene(
+    scene: str,
+    alignment: Alignment,
+    clouds: tuple[PreparedCloud, PreparedCloud],
+    distances: CloudDistances,
+    recalled: Floats,
+    distrusted: int,
+    poses: dict[str, float],
+    settings: ReconstructionScores,
 ) -> ScoredScene:
-    """Score the claim of one scene.
+    """Score what was measured of a scene.
 
     Parameters
     ----------
-    claim : MatchedPrediction
-    placed : AlignedScene
-        What `placing.place_claim` makes of it.
-    cameras : PosedCameras
-        All true cameras.
-    rules : ScoringSettings
-    work : BlockWork
+    scene : str
+    alignment : Alignment
+    clouds : (PreparedCloud, PreparedCloud)
+        Prediction and truth.
+    distances : CloudDistances
+        Between the two.
+    recalled : (T,) array
+        Distances of the true points that recall and completeness are over.
+    distrusted : int
+        Points of the prediction whose confidence is not above the protocol's.
+    poses : dict of str to float
+        See `pose_scores`.
+    settings : ReconstructionScores
 
     Raises
     ------
     BenchmarkError
-        The protocol's crop leaves no point of the truth.
-    UserError
-        Temporary files of large clouds cannot be written.
+        No true point is left.
     """
-    alignment, predicted, true = placed.alignment, placed.cloud, placed.truth
-    distances = cloud_distances(
-        predicted.source,
-        true.source,
-        block_points=work.block_points,
-        threads=work.threads,
-        folder=None,
-        progress=work.progress,
-    )
-    recalled = _recalled(distances, placed, work)
-    scores = _scores(distances.to_truth, recalled, rules.scores)
-    poses = pose_scores(claim.cameras, alignment.transform, cameras, rules.scores)
-    steps = even_thresholds(rules.scores.curve_up_to_m, rules.scores.curve_steps)
+    predicted, true = clouds
     counts = {
-        "queries": 1,
-        "missing": 0,
         "points": len(distances.to_truth),
         "truth_points": len(distances.to_prediction),
         "truth_unseen": len(distances.to_prediction) - len(recalled),
-        "distrusted": placed.distrusted,
+        "distrusted": distrusted,
         "not_finite": predicted.not_finite,
         "outside": predicted.outside,
         "thinned": predicted.thinned,
@@ -124,65 +124,44 @@ def score_scene(
         "cameras_missing": alignment.missing,
         "inlier_cameras": alignment.inliers,
     }
-    record = {"scene": claim.scene, "answered": True, **_without(counts, "queries", "missing")}
+    scores = _cloud_columns(distances.to_truth, recalled, settings)
+    record = {"scene": scene, "answered": True, **counts, **_alignment_columns(alignment)}
+    steps = even_thresholds(settings.curve_up_to_m, settings.curve_steps)
     return ScoredScene(
-        record | _alignment_columns(alignment) | _columns(scores, rules.scores) | poses,
-        counts,
+        record | scores | poses,
+        {"queries": 1, "missing": 0, **counts},
         curve(distances.to_truth, recalled, steps),
         alignment,
-        (predicted, true),
+        clouds,
         distances,
     )
 
 
-def score_missing(scene: str, scores: ReconstructionScores) -> ScoredScene:
+def score_missing(scene: str, settings: ReconstructionScores) -> ScoredScene:
     """Score a scene that the prediction lacks: 0, and infinite distances."""
-    worst = score_distances(
-        np.zeros(0),
-        np.full(1, np.inf),
-        thresholds=_thresholds(scores),
-        percentiles=(),
-        max_distance=scores.clip_m,
-    )
-    record = {"scene": scene, "answered": False, "points": 0, **_columns(worst, scores)}
+    worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
+    record = {"scene": scene, "answered": False, "points": 0, **worst}
     return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
 
 
-def _thresholds(settings: ReconstructionScores) -> list[float]:
-    return sorted({*settings.f1_below_m, settings.headline_below_m})
-
-
-def _recalled(distances: CloudDistances, placed: AlignedScene, work: BlockWork) -> Floats:
-    """Distances of the true points that recall and completeness are over."""
-    if placed.observed is None:
-        return distances.to_prediction
-    pieces = finite_pieces(placed.truth.source, work.block_points)
-    seen = [placed.observed.holds(points) for points in pieces]
-    return distances.to_prediction[np.concatenate(seen)]
-
-
-def _scores(to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores) -> CloudScores:
-    return score_distances(
-        to_truth,
-        to_prediction,
-        thresholds=_thresholds(settings),
-        percentiles=(),
-        max_distance=settings.clip_m,
+def _cloud_columns(
+    to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores
+) -> dict[str, float]:
+    limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
+    scores: CloudScores = score_distances(
+        to_truth, to_prediction, thresholds=limits, max_distance=settings.clip_m
     )
-
-
-def _columns(scores: CloudScores, settings: ReconstructionScores) -> dict[str, float]:
     columns = {
         "chamfer_m": scores.chamfer,
         "accuracy_m": scores.accuracy,
         "completeness_m": scores.completeness,
-        "accuracy_median_m": scores.to_truth.median,
-        "completeness_median_m": scores.to_prediction.median,
+        "accuracy_median_m": scores.accuracy_median,
+        "completeness_median_m": scores.completeness_median,
     }
-    for limit, at in zip(_thresholds(settings), scores.at, strict=True):
-        columns[share_column("precision", limit)] = at.precision
-        columns[share_column("recall", limit)] = at.recall
-        columns[f1_column(limit)] = at.f1
+    shares = scores.curve.precision, scores.curve.recall, scores.curve.f1
+    for limit, *at in zip(*(values.tolist() for values in (limits, *shares)), strict=True):
+        names = share_column("precision", limit), share_column("recall", limit), f1_column(limit)
+        columns |= dict(zip(names, at, strict=True))
     return columns
 
 
@@ -197,5 +176,85 @@ def _alignment_columns(alignment: Alignment) -> dict[str, Any]:
     }
 
 
-def _without(counts: dict[str, int], *names: str) -> dict[str, int]:
-    return {name: count for name, count in counts.items() if name not in names}
+def pose_scores(
+    predicted: PosedCameras | None,
+    transform: Similarity,
+    truth: PosedCameras,
+    settings: ReconstructionScores,
+) -> dict[str, float]:
+    """Score camera poses against those of all true cameras.
+
+    Parameters
+    ----------
+    predicted : PosedCameras or None
+        By the names that the truth has, in any order.
+    transform : Similarity
+        Of the cloud into the frame of the truth; ATE and RPE take it where the protocol says so.
+    truth : PosedCameras
+        All of the scene's, in the order that RPE steps through.
+    settings : ReconstructionScores
+
+    Returns
+    -------
+    dict of str to float
+        By column; nothing where either side has no orientations.
+    """
+    if predicted is None or predicted.rotation is None or truth.rotation is None:
+        return {}
+    if len(truth.names) < 2:
+        return worst_poses(settings)
+    true = Poses(rotation=truth.rotation, centres=truth.centres)
+    given = _by_truth(predicted, predicted.rotation, truth)
+    placed = np.isfinite(given.centres).all(axis=1)
+    if settings.trajectory_alignment == "umeyama":
+        transform = _umeyama(given.centres[placed], true.centres[placed])
+    scores = worst_poses(settings) | _aucs(given, true, settings)
+    scores["cameras_placed"] = float(placed.mean())
+    if placed.sum() < LEAST_CAMERAS:
+        # A similarity brings two cameras to any other two.
+        return scores
+    aligned = transform.apply_poses(given)
+    translation, rotation_deg = step_errors(aligned, true)
+    scores["ate_m"] = rms_of_placed(centre_errors(aligned, true))
+    scores["rpe_m"] = rms_of_placed(translation)
+    scores["rpe_deg"] = rms_of_placed(rotation_deg)
+    return scores
+
+
+def worst_poses(settings: ReconstructionScores) -> dict[str, float]:
+    """Return the pose scores of a prediction whose poses have failed."""
+    aucs = {pose_auc_column(a): 0.0 for a in settings.pose_auc_below_deg}
+    failed = {"ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
+    return {**aucs, "cameras_placed": 0.0, **failed}
+
+
+def _aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
+    limits = settings.pose_auc_below_deg
+    if settings.pose_auc_rule == "depth-anything-3":
+        values = auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
+    else:
+        errors = pair_errors(given, true, least_baseline=settings.least_baseline_m)
+        values = [pose_auc(errors, limit) for limit in limits]
+    return {pose_auc_column(limit): value for limit, value in zip(limits, values, strict=True)}
+
+
+def _umeyama(centres: Floats, true: Floats) -> Similarity:
+    """Bring all predicted cameras nearest to the true ones, as evo does.
+
+    Where centres lie on a line the turn about it is free, and changes neither error.
+    """
+    if not len(centres):
+        return Similarity.identity()
+    (fit,), _ = fit_many(centres[None], true[None], with_scale=True)
+    return fit
+
+
+def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> Poses:
+    """Put the predicted poses in the order of the true ones, NaN where there is none."""
+    rows = {name: row for row, name in enumerate(cameras.names)}
+    turned = np.full((len(truth.names), 3, 3), np.nan)
+    centres = np.full((len(truth.names), 3), np.nan)
+    for place, name in enumerate(truth.names):
+        if name in rows:
+            turned[place], centres[place] = rotation[rows[name]], cameras.centres[rows[name]]
+    return Poses(rotation=turned, centres=centres)

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from airzoo_bench.core.settings import Count, Limits, Positive, Seed, Strict
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.alignment.consensus import RansacSettings
+from airzoo_bench.reconstruction.alignment.camera_sets import RansacSettings
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings
 from airzoo_bench.reconstruction.tsdf import TsdfSettings
 

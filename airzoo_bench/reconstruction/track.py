@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError, first_of
 from airzoo_bench.core.files import atomic_write, write_npz
@@ -21,16 +19,16 @@ from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.formats import SUFFIXES
-from airzoo_bench.reconstruction.alignment.file import write_alignments
-from airzoo_bench.reconstruction.baseline_run import STRUCTURE_FROM_MOTION
+from airzoo_bench.reconstruction.alignment.cameras import write_alignments
+from airzoo_bench.reconstruction.baseline import STRUCTURE_FROM_MOTION
 from airzoo_bench.reconstruction.notes import listing_notes
-from airzoo_bench.reconstruction.pose_scores import worst_poses
-from airzoo_bench.reconstruction.prepared import InMemoryCloud, PreparedCloud
+from airzoo_bench.reconstruction.prepared import PreparedCloud
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
 from airzoo_bench.reconstruction.scenes import read_through, scored_scene
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing
+from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing, worst_poses
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.sources import InMemoryCloud, concatenated
 from airzoo_bench.reconstruction.template import depth_template
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
 from airzoo_bench.results.scores import Score
@@ -171,7 +169,9 @@ class ReconstructionTrack(
         if truth.scene not in claim.scenes:
             return score_missing(truth.scene, protocol.scores)
         with scored_scene(claim, truth, protocol, resources) as scored:
-            return _kept(scored, claim.path) if resources.keep else _without_clouds(scored)
+            if resources.keep:
+                return _kept(scored, claim.path)
+            return replace(scored, clouds=None, distances=None)
 
     def records(
         self, scored: Sequence[ScoredScene], protocol: ReconstructionProtocol
@@ -265,10 +265,6 @@ def _with_poses(scored: Sequence[ScoredScene]) -> bool:
     return any("ate_m" in scene.record for scene in scored)
 
 
-def _without_clouds(scene: ScoredScene) -> ScoredScene:
-    return replace(scene, clouds=None, distances=None)
-
-
 def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
     """Return the scene with clouds that can be read once the predictions are closed."""
     if path.is_dir() or scene.clouds is None:
@@ -278,8 +274,8 @@ def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
 
 
 def _in_memory(cloud: PreparedCloud) -> PreparedCloud:
-    pieces = [piece.points for piece in cloud.source.pieces(_PIECE)]
-    return replace(cloud, source=InMemoryCloud(Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))))
+    points = concatenated(piece.points for piece in cloud.source.pieces(_PIECE))
+    return replace(cloud, source=InMemoryCloud(Cloud(points)))
 
 
 TRACK = ReconstructionTrack()

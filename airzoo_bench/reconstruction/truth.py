@@ -9,16 +9,20 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
+from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ReconstructionTruth", "read_truth", "write_truth"]
+__all__ = ["ReconstructionTruth", "build_truth", "read_truth", "write_truth"]
+
+_NOT_CHOSEN = "not among the photos of the reconstruction"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,12 @@ class ReconstructionTruth:
         return poses_of(self.photos)
 
     @property
+    def posed(self) -> PosedCameras:
+        """The true poses by the names of the photos."""
+        poses = self.poses
+        return PosedCameras(tuple(self.photos["image"]), poses.centres, poses.rotation)
+
+    @property
     def fingerprint(self) -> str:
         """SHA-256 over all that a score is computed from."""
         digest = hashlib.sha256("\n".join(self.photos["image"]).encode() + b"\0")
@@ -69,8 +79,42 @@ class ReconstructionTruth:
         return digest.hexdigest()
 
 
+def build_truth(
+    inputs: SceneInputs, cloud: Path, chosen: pd.Series[bool] | None = None
+) -> ReconstructionTruth:
+    """Put photos and cloud together.
+
+    Parameters
+    ----------
+    inputs : SceneInputs
+    cloud : Path
+        The true cloud, in the scene's CRS.
+    chosen : (N,) bool, optional
+        Which rows of the photos may be used; by default all.
+
+    Raises
+    ------
+    UsageError
+        The cloud is not there.
+    """
+    import pandas as pd
+
+    if not cloud.is_file():
+        raise UsageError("no such cloud", where=cloud, expected="a .las, .laz, .ply or .pcd file")
+    photos = inputs.photos
+    kept = pd.Series(True, index=photos.index) if chosen is None else chosen
+    excluded = photos[~kept][["id", "image"]].reset_index(drop=True).assign(reason=_NOT_CHOSEN)
+    return ReconstructionTruth(
+        inputs.scene,
+        photos[kept].reset_index(drop=True),
+        cloud,
+        sha256_of(cloud),
+        with_unposed(excluded, inputs),
+    )
+
+
 def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
-    """Write a scene's truth below its folder, beside ``queries.csv``."""
+    """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "reconstruction"
     home.mkdir(parents=True, exist_ok=True)
     photos = truth.photos[["id", "image"]]

@@ -87,10 +87,13 @@ def fuse(
     ------
     PredictionError
         A camera has lens distortion, or the surface needs more voxels than there may be.
-    ValueError
-        The truncation is less than a voxel.
     """
-    _check(maps, settings)
+    if maps.cameras.distortion.any():
+        raise PredictionError(
+            "depth maps of cameras with lens distortion cannot be fused by TSDF",
+            expected="pinhole cameras",
+            fix="undistort the maps, or fuse by back-projection",
+        )
     poses = transform.apply_poses(maps.poses)
     origin = _origin(poses, settings)
     volume = _Volume(load_open3d(), settings, coloured=maps.colours is not None)
@@ -216,14 +219,3 @@ def _extrinsics(pose: Poses) -> Floats:
     matrix[:3, :3] = pose.rotation[0]
     matrix[:3, 3] = pose.translation[0]
     return matrix
-
-
-def _check(maps: DepthMaps, settings: TsdfSettings) -> None:
-    if not settings.truncation >= settings.voxel > 0.0:
-        raise ValueError(f"voxels of {settings.voxel}, truncated at {settings.truncation}")
-    if maps.cameras.distortion.any():
-        raise PredictionError(
-            "depth maps of cameras with lens distortion cannot be fused by TSDF",
-            expected="pinhole cameras",
-            fix="undistort the maps, or fuse by back-projection",
-        )

@@ -1,4 +1,4 @@
-"""Depth maps and point maps with their cameras, in npz files."""
+"""What a prediction holds of a scene; depth and point maps with cameras, read from npz files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
+from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import (
     BYTES_A_CAMERA,
     CAMERA_FIELDS,
@@ -23,7 +25,7 @@ from airzoo_bench.reconstruction.image_poses import (
 )
 from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
 
-__all__ = ["Views", "holds_views", "read_views"]
+__all__ = ["ScenePrediction", "holds_views", "read_views"]
 
 _DEPTH = "depth"
 _POINTS = ("world_points", "points")
@@ -40,68 +42,42 @@ _EXPECTED = (
 )
 
 
-class _Numbered:
-    """Fields of a file without names of images: they are called by their number."""
-
-    def __init__(self, arrays: Arrays, count: int) -> None:
-        self.path, self.budget = arrays.path, arrays.budget
-        self._arrays, self._numbers = arrays, np.array([f"view {row}" for row in range(count)])
-
-    def names(self) -> set[str]:
-        return self._arrays.names() | {_NAMES}
-
-    def read(self, name: str) -> NDArray[Any]:
-        return self._numbers if name == _NAMES else self._arrays.read(name)
-
-    def map(self, name: str) -> NDArray[Any]:
-        return self._numbers if name == _NAMES else self._arrays.map(name)
-
-
 @dataclass(frozen=True, eq=False)
-class Views:
-    """Depth maps or point maps of N images.
+class ScenePrediction:
+    """What a method wrote of a scene.
 
     Attributes
     ----------
-    path : Path
-    depth : (N, H, W) float array or None
-        Depth along the camera's z axis. 0, negative, NaN and infinite stand for no surface.
-    points : (N, H, W, 3) float array or None
-        World coordinates, instead of `depth`.
-    cameras : Cameras or None
-        At the size of the maps. Pixel centres sit at integer + 0.5, the corner of the first pixel
-        is (0, 0): a file whose centres are integers is shifted.
+    geometry : FileCloud, DepthMaps or PointMaps
+        Depth maps of all views, those without a pose included.
     images : ImagePoses or None
-        Only point maps may lack them.
+        Of the views themselves, or from a file of cameras.
+    notes : tuple of str
+        What looks odd and need not be wrong.
     pixel_centres : str or None
         As the file states it: ``half`` or ``integer``; None where it does not. Then they are taken
         to be ``half`` where images are named, ``integer`` where they are not.
-    named : bool
-        False where the file does not name its images (as Depth Anything 3 writes it): the names in
-        `images` are then numbers.
-    confidence : (N, H, W) float array or None
-    colours : (N, H, W, 3) uint8 array or None
-    notes : tuple of str
-        What looks odd and need not be wrong.
     """
 
-    path: Path
-    depth: NDArray[np.floating[Any]] | None
-    points: NDArray[np.floating[Any]] | None
-    cameras: Cameras | None
+    geometry: FileCloud | DepthMaps | PointMaps
     images: ImagePoses | None
-    confidence: NDArray[np.floating[Any]] | None
-    colours: NDArray[np.uint8] | None
     notes: tuple[str, ...] = ()
-    named: bool = True
     pixel_centres: str | None = None
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the maps, in pixels."""
-        maps = self.depth if self.depth is not None else self.points
-        height, width = (0, 0) if maps is None else maps.shape[1:3]
-        return int(width), int(height)
+    def posed_geometry(self) -> FileCloud | DepthMaps | PointMaps:
+        """The geometry, without depth maps of views that have no pose: these are nowhere."""
+        if not isinstance(self.geometry, DepthMaps) or self.images is None:
+            return self.geometry
+        found = self.images.found
+        return self.geometry if found.all() else self.geometry.take(np.flatnonzero(found))
+
+    @property
+    def kind(self) -> str:
+        """What it holds: ``cloud``, ``mesh``, ``depth`` or ``points``."""
+        if isinstance(self.geometry, FileCloud):
+            return "mesh" if self.geometry.kind.endswith("mesh") else "cloud"
+        return "depth" if isinstance(self.geometry, DepthMaps) else "points"
 
 
 def holds_views(path: Path, limit_bytes: int) -> bool:
@@ -112,7 +88,7 @@ def holds_views(path: Path, limit_bytes: int) -> bool:
     return not cloud or arrays.map("points").ndim == 4
 
 
-def read_views(path: Path, limit_bytes: int) -> Views:
+def read_views(path: Path, limit_bytes: int) -> ScenePrediction:
     """Read depth maps or point maps.
 
     Maps that `numpy.savez` wrote stay in the file until they are used, so that they may be larger
@@ -123,8 +99,9 @@ def read_views(path: Path, limit_bytes: int) -> Views:
     path : Path
         An npz with ``depth`` (N, H, W) or (N, H, W, 1), ``intrinsics``, ``extrinsics`` and
         ``image_names``; or with ``world_points`` or ``points`` (N, H, W, 3) and, as far as there
-        are any, these. ``conf``, ``colours`` and ``pixel_centres`` are optional. Whether names may
-        be left out is for the caller to say: `Views.named`.
+        are any, these. ``conf``, ``colours`` and ``pixel_centres`` are optional. A file whose
+        ``pixel_centres`` are ``integer`` has its principal points shifted, so that the corner of
+        the first pixel is (0, 0).
     limit_bytes : int
         The most that the file's arrays may take in memory together.
 
@@ -152,23 +129,16 @@ def read_views(path: Path, limit_bytes: int) -> Views:
     shift = _HALF_A_PIXEL[stated or ("half" if _NAMES in names else "integer")]
     _hold_work(arrays, count, height * width)
     cameras, notes = _cameras(arrays, (count, height, width), shift)
-    called = arrays if _NAMES in names else _Numbered(arrays, count)
-    images = image_poses(called, count) if "extrinsics" in names else None
-    return Views(
-        path,
-        maps if maps_name == _DEPTH else None,
-        None if maps_name == _DEPTH else maps,
-        cameras,
-        images,
-        _confidence(arrays, (count, height, width)),
-        _colours(arrays, (count, height, width, 3)),
-        notes,
-        _NAMES in names,
-        stated,
-    )
+    images = image_poses(arrays, count) if "extrinsics" in names else None
+    confidence = _confidence(arrays, (count, height, width))
+    colours = _colours(arrays, (count, height, width, 3))
+    geometry: DepthMaps | PointMaps = PointMaps(maps, confidence, colours)
+    if maps_name == _DEPTH and cameras is not None and images is not None:
+        geometry = DepthMaps(maps, cameras, images.poses, confidence, colours)
+    return ScenePrediction(geometry, images, notes, stated)
 
 
-def _maps(arrays: Arrays, name: str) -> NDArray[np.floating[Any]]:
+def _maps(arrays: Arrays, name: str) -> FloatMaps:
     values = arrays.map(name)
     if name == _DEPTH and values.ndim == 4 and values.shape[-1] == 1:
         values = values[..., 0]
@@ -236,7 +206,7 @@ def _cameras(
     return cameras, notes
 
 
-def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> NDArray[np.floating[Any]] | None:
+def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> FloatMaps | None:
     values = _optional(arrays, _CONFIDENCE, shape)
     if values is not None and (values.dtype.kind != "f" or values.dtype.itemsize > 8):
         raise field_fault(arrays, f"the confidence is {values.dtype}", "floating point")

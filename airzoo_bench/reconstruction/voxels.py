@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.reconstruction.regions import take
+from airzoo_bench.reconstruction.sources import take
 
 __all__ = ["VoxelGrid"]
 

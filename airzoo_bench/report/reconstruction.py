@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.matplotlib_loader import default_style, load_matplotlib
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.curves import Curve
+from airzoo_bench.reconstruction.metrics import Curve
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.open3d_loader import load_open3d
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, umeyama
 from airzoo_bench.reconstruction.pose_metrics import (
@@ -20,7 +20,7 @@ from airzoo_bench.reconstruction.pose_metrics import (
     rms_of_placed,
     step_errors,
 )
-from airzoo_bench.reconstruction.pose_scores import pose_scores
+from airzoo_bench.reconstruction.scoring import pose_scores
 from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.world import protocol
 
@@ -92,12 +92,12 @@ def test_ate_and_rpe_of_evo(seed: int) -> None:
     relation = metrics.PoseRelation
     ate = rmse(metrics.APE(relation.translation_part))
     assert rms_of_placed(centre_errors(predicted, truth)) == pytest.approx(ate, rel=1e-12)
-    steps = step_errors(predicted, truth)
+    translation, rotation_deg = step_errors(predicted, truth)
     one = {"delta": 1, "delta_unit": metrics.Unit.frames, "all_pairs": False}
     moved = rmse(metrics.RPE(relation.translation_part, **one))
-    assert rms_of_placed(steps.translation) == pytest.approx(moved, rel=1e-12)
+    assert rms_of_placed(translation) == pytest.approx(moved, rel=1e-12)
     turned = rmse(metrics.RPE(relation.rotation_angle_deg, **one))
-    assert rms_of_placed(steps.rotation_deg) == pytest.approx(turned, rel=1e-9)
+    assert rms_of_placed(rotation_deg) == pytest.approx(turned, rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -53,7 +53,7 @@ PAIRS = {
 @pytest.mark.parametrize("name", PAIRS)
 def test_distances_of_scipy(name: str) -> None:
     first, second = PAIRS[name]
-    there, back = mutual_distances(first, second, threads=2)
+    there, back = mutual_distances(first, second, jobs=2)
     np.testing.assert_allclose(there, cKDTree(second).query(first)[0], rtol=1e-15)
     np.testing.assert_allclose(back, cKDTree(first).query(second)[0], rtol=1e-15)
 
@@ -61,7 +61,7 @@ def test_distances_of_scipy(name: str) -> None:
 @pytest.mark.parametrize("name", PAIRS)
 def test_distances_of_open3d(o3d: ModuleType, name: str) -> None:
     first, second = PAIRS[name]
-    there, back = mutual_distances(first, second, threads=2)
+    there, back = mutual_distances(first, second, jobs=2)
     one, other = legacy(o3d, first), legacy(o3d, second)
     np.testing.assert_allclose(there, one.compute_point_cloud_distance(other), rtol=1e-15)  # type: ignore[attr-defined]
     np.testing.assert_allclose(back, other.compute_point_cloud_distance(one), rtol=1e-15)  # type: ignore[attr-defined]
@@ -93,22 +93,21 @@ def test_metrics_of_open3d(o3d: ModuleType, name: str) -> None:
     prediction, truth = PAIRS[name]
     radii = (0.3, 1.0, 10.0)
     scores = score_distances(
-        *mutual_distances(prediction, truth, threads=2),
-        thresholds=radii,
-        percentiles=(),
+        *mutual_distances(prediction, truth, jobs=2),
+        thresholds=np.array(radii),
         max_distance=None,
     )
     total, *shares = open3d_metrics(o3d, truth, prediction, radii)
     assert scores.accuracy + scores.completeness == pytest.approx(total, rel=1e-4)
     assert scores.chamfer == pytest.approx(total / 2, rel=1e-4)
-    assert [100 * at.f1 for at in scores.at] == pytest.approx(shares, rel=1e-3, abs=1e-3)
+    assert (100 * scores.curve.f1).tolist() == pytest.approx(shares, rel=1e-3, abs=1e-3)
 
 
 def test_cube_and_its_larger_copy_as_open3d_has_it(o3d: ModuleType) -> None:
     corners = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
     total, *_ = open3d_metrics(o3d, corners, corners * 1.1, (0.1,))
     assert total == pytest.approx(2 * 0.1121837, abs=1e-6)
-    there, back = mutual_distances(corners * 1.1, corners, threads=1)
+    there, back = mutual_distances(corners * 1.1, corners, jobs=1)
     assert np.mean(there) + np.mean(back) == pytest.approx(total, abs=1e-6)
 
 

@@ -7,16 +7,14 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, partners
-from airzoo_bench.reconstruction.alignment.consensus import (
+from airzoo_bench.reconstruction.alignment.camera_sets import (
     PosedCameras,
     RansacSettings,
+    sample_blocks,
 )
-from airzoo_bench.reconstruction.alignment.icp import IcpReport, IcpSettings, drawn, refine
-from airzoo_bench.reconstruction.alignment.samples import sample_blocks
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, partners
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 from tests.geometry.support import looking_down, quick, seeds
-from tests.reconstruction.cloud_support import Pieces
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
 RANSAC = RansacSettings(
@@ -28,14 +26,6 @@ RANSAC = RansacSettings(
     inlier_limit_deg=10.0,
     line_ratio=0.02,
     seed=3,
-)
-ICP = IcpSettings(
-    max_points=2000,
-    max_distance=2.0,
-    max_iterations=60,
-    tolerance=1e-6,
-    with_scale=True,
-    seed=0,
 )
 
 
@@ -70,7 +60,7 @@ def made_by(rng: np.random.Generator) -> Similarity:
 
 
 def sim3(predicted: PosedCameras, truth: PosedCameras, ransac: RansacSettings) -> Alignment:
-    return align("sim3", predicted, truth, ransac=ransac)
+    return align("sim3", predicted, truth, ransac)
 
 
 def moved(cameras: PosedCameras, rows: list[int], by: np.ndarray | float) -> PosedCameras:
@@ -107,7 +97,7 @@ def test_sim3_is_exact_and_ignores_outliers(seed: int) -> None:
 def test_residuals_by_hand() -> None:
     truth = PosedCameras(("a", "b", "c"), np.array(((0, 0, 0), (1, 0, 0), (0, 1, 0.0))))
     predicted = moved(truth, [0, 1], np.array(((3.0, 0, 0), (0, 4.0, 0))))
-    found = align("none", predicted, truth, ransac=None)
+    found = align("none", predicted, truth, RANSAC)
     assert found.centres is not None
     assert found.centres.rms == pytest.approx((25 / 3) ** 0.5)
     assert (found.centres.median, found.centres.largest) == (3.0, 4.0)
@@ -115,9 +105,9 @@ def test_residuals_by_hand() -> None:
     assert found.transform.scale == 1.0
 
 
-def test_none_needs_no_cameras() -> None:
-    found = align("none", None, None, ransac=None)
-    assert (found.cameras, found.centres) == (0, None)
+def test_without_cameras_nothing_is_aligned() -> None:
+    found = align("sim3", None, grid(np.random.default_rng(0)), RANSAC)
+    assert (found.method, found.cameras, found.centres) == ("none", 0, None)
     np.testing.assert_array_equal(found.transform.matrix, np.eye(4))
 
 
@@ -238,16 +228,6 @@ def test_cameras_are_partners_by_name() -> None:
     np.testing.assert_array_equal(true_rows, np.sort(order))
 
 
-def test_unknown_and_repeated_names() -> None:
-    truth = grid(np.random.default_rng(10))
-    strange = replace(truth, names=("x.png", "y.png", *truth.names[2:]))
-    with pytest.raises(AlignmentError, match=r"lacks the images 2 of 24 \(x.png, y.png\)"):
-        sim3(strange, truth, RANSAC)
-    twice = replace(truth, names=(truth.names[1], *truth.names[1:]))
-    with pytest.raises(AlignmentError, match=r"twice in the prediction: 1 \(001.jpg\)"):
-        sim3(twice, truth, RANSAC)
-
-
 def test_nobody_agrees() -> None:
     rng = np.random.default_rng(11)
     truth = grid(rng)
@@ -255,91 +235,6 @@ def test_nobody_agrees() -> None:
     found = sim3(scattered, truth, replace(RANSAC, inlier_limit=1e-3))
     assert not found.robust
     assert found.inliers == 24
-
-
-def terrain(rng: np.random.Generator, count: int) -> np.ndarray:
-    x, y = rng.uniform(0, 60, (2, count))
-    return np.stack((x, y, 4 * np.sin(x / 6) * np.cos(y / 9)), axis=1)
-
-
-def icp(
-    predicted: np.ndarray, truth: np.ndarray, settings: IcpSettings = ICP, held: int = 1 << 20
-) -> tuple[Similarity, IcpReport]:
-    return refine(Pieces(predicted), Pieces(truth), settings, held_points=held)
-
-
-OFF = Similarity(
-    1.01,
-    Rotation.from_euler("xyz", (0.5, -0.4, 0.8), degrees=True).as_matrix(),
-    UTM + np.array((0.4, -0.3, 0.5)),
-    UTM,
-)
-
-
-def test_icp_refines_far_from_the_origin() -> None:
-    cloud = terrain(np.random.default_rng(12), 20000) + UTM
-    predicted = OFF.apply(cloud[:8000])
-    found, report = icp(predicted, cloud)
-    assert_same(found, OFF.inverse(), predicted[::50], 1e-3)
-    assert report.before.cost > 0.3
-    assert report.after.rmse < 1e-3
-    assert (report.after.fitness, report.points) == (1.0, 2000)
-    again, _ = icp(predicted, cloud)
-    assert again.matrix.tobytes() == found.matrix.tobytes()
-
-
-@pytest.mark.parametrize("held", [1, 1 << 20])
-def test_icp_is_the_same_whatever_is_held(held: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("airzoo_bench.reconstruction.alignment.icp._PART", 3001)
-    cloud = np.rint(terrain(np.random.default_rng(12), 20000) * 4) / 4 + UTM  # many ties
-    found, report = icp(OFF.apply(cloud[:8000]), cloud, held=held)
-    whole, _ = icp(OFF.apply(cloud[:8000]), cloud, held=10**6)
-    assert found.matrix.tobytes() == whole.matrix.tobytes()
-    assert report.after.cost < report.before.cost
-
-
-def test_icp_without_scale_keeps_it() -> None:
-    cloud = terrain(np.random.default_rng(13), 5000)
-    off = Similarity(1.02, np.eye(3), np.array((0.1, 0.2, 0.3)))
-    found, report = icp(off.apply(cloud[:3000]), cloud, replace(ICP, with_scale=False))
-    assert found.scale == 1.0
-    assert report.after.cost < report.before.cost
-
-
-def test_icp_leaves_what_it_cannot_fix() -> None:
-    cloud = terrain(np.random.default_rng(14), 2000)
-    found, report = icp(cloud, cloud)
-    np.testing.assert_array_equal(found.matrix, np.eye(4))
-    assert report.before == report.after
-    assert report.after.cost == 0.0
-
-
-def test_icp_figures_by_hand() -> None:
-    truth = np.array(((0.0, 0, 0), (10, 0, 0), (0, 10, 0), (10, 10, 0)))
-    predicted = truth + np.array(((0.0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 50)))
-    _, report = icp(predicted, truth, replace(ICP, max_iterations=0))
-    assert (report.before.fitness, report.before.rmse) == (0.75, 1.0)
-    assert report.before.cost == pytest.approx(((3 * 1 + 4) / 4) ** 0.5)
-
-
-def test_icp_needs_clouds_that_meet() -> None:
-    cloud = terrain(np.random.default_rng(15), 100)
-    with pytest.raises(AlignmentError, match="0 of 100 predicted points within 2"):
-        icp(cloud + 500.0, cloud)
-    with pytest.raises(AlignmentError, match="needs points"):
-        icp(cloud[:0], cloud)
-
-
-def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    points = np.arange(3000.0).reshape(1000, 3)
-    points[17] = np.nan
-    some = drawn(Pieces(points), 10, seed=1)
-    assert len(some) == 10
-    assert (np.diff(some[:, 0]) > 0).all()
-    assert not np.array_equal(some, drawn(Pieces(points), 10, seed=2))
-    assert len(drawn(Pieces(points), 2000, seed=1)) == 999
-    monkeypatch.setattr("airzoo_bench.reconstruction.alignment.icp._PART", 37)
-    np.testing.assert_array_equal(some, drawn(Pieces(points), 10, seed=1))
 
 
 # Half of the cameras are bad: placed anywhere, turned anyhow.

@@ -7,26 +7,20 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
+from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from airzoo_bench.benchmark.images import read_rgb_photo
-from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.reconstruction.alignment.cameras import align
-from airzoo_bench.reconstruction.alignment.consensus import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.baseline import (
-    SfmResult,
-    SfmSettings,
-    photo_pairs,
-    sparse_reconstruction,
-)
-from airzoo_bench.reconstruction.sfm.model import assumed_lenses
-from airzoo_bench.reconstruction.sfm.steps import focal_from_exif
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
+from airzoo_bench.reconstruction.baseline import photo_pairs, sparse_reconstruction
+from airzoo_bench.reconstruction.sfm.colmap import Model
+from airzoo_bench.reconstruction.sfm.steps import SfmSettings
 from tests.geometry.support import looking_down
 
-FREE: dict[str, Any] = {"priors": None, "alignment": None}
 T = TypeVar("T")
 UTM = np.array((576600.0, 5188100.0, 160.0))
 SIZE = (320, 240)
@@ -101,69 +95,59 @@ class Heard:
         yield from items
 
 
-def run(flight: Flight, folder: Path, **changes: Any) -> SfmResult:
+def run(flight: Flight, folder: Path, **changes: Any) -> Model:
     photos, cameras, truth = flight
-    options: dict[str, Any] = {
-        "settings": SETTINGS,
-        "cameras": cameras,
-        "priors": replace(truth, rotation=None),
-        "alignment": RANSAC,
-        "workers": 1,
-    }
-    options |= changes
-    settings = options.pop("settings")
-    sizes = np.tile(SIZE, (len(photos), 1))
-    return sparse_reconstruction(photos, sizes, read_rgb_photo, settings, folder, **options)
+    options = {"settings": SETTINGS, "positions": truth.centres} | changes
+    settings, positions = options.pop("settings"), options.pop("positions")
+    resources = Resources(**options)
+    return sparse_reconstruction(photos, cameras, positions, settings, folder, resources)
 
 
-def as_bytes(result: SfmResult) -> list[bytes]:
-    assert result.cloud.colours is not None
-    arrays = (result.cloud.points, result.cloud.colours, result.poses.rotation)
-    return [array.tobytes() for array in (*arrays, result.poses.centres, result.cameras.focal)]
+def aligned(result: Model, truth: PosedCameras) -> Alignment:
+    """Align by positions alone."""
+    posed = PosedCameras(truth.names, result.poses.centres, result.poses.rotation)
+    return align("sim3", posed.take(result.rows), truth, RANSAC)
+
+
+def as_bytes(result: Model) -> list[bytes]:
+    arrays = (result.points, result.colours, result.poses.rotation, result.poses.centres)
+    return [array.tobytes() for array in arrays]
 
 
 @pytest.fixture(scope="module")
-def made(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> tuple[SfmResult, Path]:
+def made(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> tuple[Model, Path]:
     folder = tmp_path_factory.mktemp("work")
     return run(flight, folder), folder
 
 
-def test_poses_and_points_are_right(flight: Flight, made: tuple[SfmResult, Path]) -> None:
+def test_poses_and_points_are_right(flight: Flight, made: tuple[Model, Path]) -> None:
     result, truth = made[0], flight[2]
-    assert result.names == truth.names
-    assert result.photos == 6
-    # Aligned by positions alone; a hundredth of 300 px at 30 m is 0.1 pixel.
-    found = align("none", result.posed, truth, ransac=None)
+    assert result.rows.tolist() == list(range(6))
+    # A hundredth of 300 px at 30 m is 0.1 pixel.
+    found = aligned(result, truth)
     assert found.centres is not None
     assert found.centres.largest < 0.1
     assert found.rotations_deg is not None
     assert found.rotations_deg.largest < 0.2
-    assert result.reprojection_px < 0.5
-    points = result.cloud.points - UTM
+    points = found.transform.apply(result.points) - UTM
     assert len(points) > 200
     on_roof = (np.abs(points[:, :2] - 30) < 9).all(axis=1)
     off_roof = (np.abs(points[:, :2] - 30) > 11).any(axis=1)
     assert np.median(np.abs(points[on_roof, 2] - 6)) < 0.05
     assert np.median(np.abs(points[off_roof, 2])) < 0.05
-    assert result.cloud.colours is not None
     # The roof is blue, the ground is grey.
-    assert np.median(result.cloud.colours[on_roof, 2]) == 255
-    ground = result.cloud.colours[off_roof].astype(int)
+    assert np.median(result.colours[on_roof, 2]) == 255
+    ground = result.colours[off_roof].astype(int)
     assert np.median(np.abs(ground[:, 2] - ground[:, 0])) == 0
 
 
-def test_known_cameras_stay(flight: Flight, made: tuple[SfmResult, Path]) -> None:
-    np.testing.assert_array_equal(made[0].cameras.matrices, flight[1].matrices)
-    np.testing.assert_array_equal(made[0].cameras.distortion, flight[1].distortion)
-
-
-def test_workers_and_runs_change_no_byte(
-    flight: Flight, made: tuple[SfmResult, Path], tmp_path: Path
+def test_jobs_and_runs_change_no_byte(
+    flight: Flight, made: tuple[Model, Path], tmp_path: Path
 ) -> None:
-    assert as_bytes(run(flight, tmp_path, workers=2)) == as_bytes(made[0])
+    assert as_bytes(run(flight, tmp_path, jobs=2)) == as_bytes(made[0])
 
 
-def test_a_second_run_takes_up_what_there_is(flight: Flight, made: tuple[SfmResult, Path]) -> None:
+def test_a_second_run_takes_up_what_there_is(flight: Flight, made: tuple[Model, Path]) -> None:
     result, folder = made
     heard = Heard()
     assert as_bytes(run(flight, folder, progress=heard)) == as_bytes(result)
@@ -179,56 +163,19 @@ def test_a_second_run_takes_up_what_there_is(flight: Flight, made: tuple[SfmResu
 
 
 def test_other_settings_share_only_what_is_the_same(
-    flight: Flight, made: tuple[SfmResult, Path]
+    flight: Flight, made: tuple[Model, Path]
 ) -> None:
     heard = Heard()
     stricter = replace(SETTINGS, ratio=0.7)
     result = run(flight, made[1], settings=stricter, progress=heard)
     assert heard.told[:2] == [("features", 0), ("matches", 5)]
-    assert len(result.cloud) != len(made[0].cloud)
+    assert len(result.points) != len(made[0].points)
 
 
-def test_without_positions_the_frame_is_free(flight: Flight, made: tuple[SfmResult, Path]) -> None:
-    free = run(flight, made[1], priors=None, alignment=None)
-    assert free.alignment is None
-    found = align("sim3", free.posed, flight[2], ransac=RANSAC)
-    np.testing.assert_allclose(
-        found.transform.apply(free.poses.centres), made[0].poses.centres, atol=1e-6
-    )
-
-
-def test_cameras_can_be_estimated(flight: Flight, made: tuple[SfmResult, Path]) -> None:
-    result = run(flight, made[1], cameras=None)
-    assert len(result.names) == 6
-    np.testing.assert_allclose(result.cameras.focal, 300.0, rtol=0.05)
-    assert (result.cameras.focal == result.cameras.focal[0, 0]).all()
-
-
-def test_focal_length_of_exif(tmp_path: Path) -> None:
-    picture = Image.fromarray(np.zeros((30, 40, 3), np.uint8))
-    exif = Image.Exif()
-    exif.get_ifd(ExifTags.IFD.Exif)[0xA405] = 27
-    picture.save(tmp_path / "a.jpg", exif=exif)
-    picture.save(tmp_path / "b.jpg")
-    sizes = np.array((40, 30))
-    assert focal_from_exif(tmp_path / "a.jpg", sizes) == 30.0
-    assert np.isnan(focal_from_exif(tmp_path / "b.jpg", sizes))
-    with pytest.raises(BenchmarkError, match=r"none\.jpg: not a readable photo: No such file"):
-        focal_from_exif(tmp_path / "none.jpg", sizes)
-    a, b = assumed_lenses(np.tile(sizes, (2, 1)), np.array((30.0, np.nan)))
-    assert (a.params[0], b.params[0]) == (30.0, 48.0)
-
-
-def test_a_focal_length_of_exif_is_kept(flight: Flight, tmp_path: Path) -> None:
-    exif = Image.Exif()
-    exif.get_ifd(ExifTags.IFD.Exif)[0xA405] = 34
-    photos = [tmp_path / f"{path.stem}.jpg" for path in flight[0]]
-    for before, after in zip(flight[0], photos, strict=True):
-        Image.open(before).save(after, exif=exif, quality=95)
-    result = run((photos, *flight[1:]), tmp_path / "work", cameras=None, **FREE)
-    assert len(result.names) == 6
-    np.testing.assert_array_equal(result.cameras.focal, 34 / 36 * 320)
-    assert (result.cameras.distortion[:, 0] != 0).all()
+def test_positions_change_which_photos_are_matched_only(
+    flight: Flight, made: tuple[Model, Path]
+) -> None:
+    assert as_bytes(run(flight, made[1], positions=None)) == as_bytes(made[0])
 
 
 def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: Path) -> None:
@@ -237,17 +184,20 @@ def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: P
     for path in photos:
         noise = gaussian_filter(rng.normal(128, 60, (240, 320, 3)), (2, 2, 0))
         Image.fromarray(noise.astype(np.uint8)).save(path)
-    result = run((photos, flight[1].take([0, 1, 2]), flight[2]), tmp_path / "work")
-    assert (result.names, len(result.cloud), result.photos) == ((), 0, 3)
-    assert result.alignment is None
+    result = run(
+        (photos, flight[1].take([0, 1, 2]), flight[2].take(np.arange(3))), tmp_path / "work"
+    )
+    assert (len(result.rows), len(result.points)) == (0, 0)
 
 
 def test_photos_without_texture(flight: Flight, tmp_path: Path) -> None:
     photos = [tmp_path / f"{row}.png" for row in range(3)]
     for path in photos:
         Image.fromarray(np.full((240, 320, 3), 99, np.uint8)).save(path)
-    result = run((photos, flight[1].take([0, 1, 2]), flight[2]), tmp_path / "work")
-    assert result.names == ()
+    result = run(
+        (photos, flight[1].take([0, 1, 2]), flight[2].take(np.arange(3))), tmp_path / "work"
+    )
+    assert len(result.rows) == 0
 
 
 def test_pairs_by_hand() -> None:
@@ -259,11 +209,7 @@ def test_pairs_by_hand() -> None:
     assert photo_pairs(4, line, 1).tolist() == [[0, 1], [0, 3], [1, 2], [1, 3], [2, 3]]
 
 
-def test_refusals(flight: Flight, tmp_path: Path) -> None:
+def test_two_photos_are_too_few(flight: Flight, tmp_path: Path) -> None:
     photos, cameras, truth = flight
-    with pytest.raises(UsageError, match="no positions to align to"):
-        run(flight, tmp_path, priors=None)
     with pytest.raises(UsageError, match="needs 3 photos, not 2"):
         run((photos[:2], cameras, truth), tmp_path)
-    with pytest.raises(UsageError, match=r"one name: 1 \(p0.png\)"):
-        run(([*photos, photos[0]], cameras, truth), tmp_path)

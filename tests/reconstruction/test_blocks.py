@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import gc
+import tempfile
 from collections.abc import Iterable, Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.distances import blocks, spill
-from airzoo_bench.reconstruction.distances.blocks import block_distances
-from airzoo_bench.reconstruction.distances.both_ways import cloud_distances
+from airzoo_bench.reconstruction.distances import clouds as clouds_module
+from airzoo_bench.reconstruction.distances import spill
+from airzoo_bench.reconstruction.distances.clouds import block_distances, cloud_distances
 from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 from airzoo_bench.reconstruction.distances.spill import cells_of, spilled
 from tests.geometry.support import quick, seeds
@@ -26,21 +27,13 @@ def cut(points: Floats, size: int) -> Iterator[Floats]:
         yield points[start : start + size]
 
 
-def in_blocks(
-    first: Floats, second: Floats, block_points: int, threads: int = 1
-) -> tuple[Floats, Floats]:
-    return block_distances(
-        partial(cut, first, block_points),
-        partial(cut, second, block_points),
-        counts=(len(first), len(second)),
-        block_points=block_points,
-        threads=threads,
-        folder=None,
-    )
+def in_blocks(first: Floats, second: Floats, block_points: int) -> tuple[Floats, Floats]:
+    found = block_distances(Pieces(first), Pieces(second), block_points=block_points, jobs=1)
+    return found.to_truth, found.to_prediction
 
 
 def assert_same_bits(first: Floats, second: Floats, block_points: int) -> None:
-    expected = mutual_distances(first, second, threads=1)
+    expected = mutual_distances(first, second, jobs=1)
     found = in_blocks(first, second, block_points)
     assert np.array_equal(found[0], expected[0])
     assert np.array_equal(found[1], expected[1])
@@ -80,27 +73,27 @@ def test_waiting_points_are_worked_off_in_between(
     monkeypatch: pytest.MonkeyPatch, patience: int
 ) -> None:
     first, second = surface(2000, 0, far=0.1) + np.array((0.0, 0.0, 8.0)), surface(2000, 1)
-    build = blocks._Search
+    build = clouds_module._Search
 
-    def impatient(*arguments: object) -> blocks._Search:
+    def impatient(*arguments: object) -> clouds_module._Search:
         return build(*arguments[:-1], patience)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(blocks, "_Search", impatient)
-    monkeypatch.setattr(blocks, "_RUN", 16)
-    monkeypatch.setattr(blocks, "_PAIRS", 500)
-    monkeypatch.setattr(blocks, "_SAMPLE", 30)
+    monkeypatch.setattr(clouds_module, "_Search", impatient)
+    monkeypatch.setattr(clouds_module, "_RUN", 16)
+    monkeypatch.setattr(clouds_module, "_PAIRS", 500)
+    monkeypatch.setattr(clouds_module, "_SAMPLE", 30)
     assert_same_bits(first, second, 100)
 
 
 def test_far_points_reach_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[int] = []
-    ask = blocks.NeighbourSearch.squared
+    ask = clouds_module.NeighbourSearch.squared
 
-    def counted(self: blocks.NeighbourSearch, points: Floats, *, threads: int) -> Floats:
+    def counted(self: clouds_module.NeighbourSearch, points: Floats, *, jobs: int) -> Floats:
         searched.append(len(points))
-        return ask(self, points, threads=threads)
+        return ask(self, points, jobs=jobs)
 
-    monkeypatch.setattr(blocks.NeighbourSearch, "squared", counted)
+    monkeypatch.setattr(clouds_module.NeighbourSearch, "squared", counted)
     in_blocks(surface(20_000, 0, far=0.05), surface(20_000, 1, far=0.05), 500)
     # Once each in its own cell; what is beyond is for those near borders, or far outside.
     assert sum(searched) < 2 * 20_000 * 2
@@ -109,23 +102,18 @@ def test_far_points_reach_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_nothing_is_left_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = surface(1000, 0)
     cells = cells_of(points, 8)
-    with spilled(cut(points, 100), cells, most=200, folder=tmp_path) as cloud:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with spilled(cut(points, 100), cells, most=200) as cloud:
         assert cloud.count == 1000
     assert list(tmp_path.iterdir()) == []
 
-    def broken() -> Iterator[Floats]:
-        yield points
-        raise KeyboardInterrupt
+    class Broken(Pieces):
+        def pieces(self, points: int) -> Iterator[Cloud]:
+            yield from super().pieces(points)
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        block_distances(
-            partial(cut, points, 100),
-            broken,
-            counts=(1000, 1000),
-            block_points=100,
-            threads=1,
-            folder=tmp_path,
-        )
+        block_distances(Pieces(points), Broken(points), block_points=100, jobs=1)
     gc.collect()
     assert list(tmp_path.iterdir()) == []
 
@@ -135,7 +123,7 @@ def test_nothing_is_left_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_a_spilled_cloud_comes_back_whole(points: Floats, count: int, piece: int) -> None:
     cells = cells_of(points[::2], count)
     assert count <= cells.count < 2 * count or count == 1
-    with spilled(cut(points, piece), cells, most=piece, folder=None) as cloud:
+    with spilled(cut(points, piece), cells, most=piece) as cloud:
         seen = []
         for cell in range(cloud.cell_count):
             for block in cloud.blocks(cell):
@@ -156,14 +144,15 @@ def test_cells_hold_about_as_many_points_each() -> None:
     assert (cells.count, held.min(), held.max()) == (16, 500, 500)
 
 
-def spill_one(pieces: Iterable[Floats], folder: Path | None) -> None:
-    with spilled(pieces, cells_of(np.zeros((1, 3)), 1), most=1, folder=folder):
+def spill_one(pieces: Iterable[Floats]) -> None:
+    with spilled(pieces, cells_of(np.zeros((1, 3)), 1), most=1):
         pass
 
 
 def test_a_full_disk_is_told_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "not there"))
     with pytest.raises(UserError, match="cannot be kept on disk") as caught:
-        spill_one([np.zeros((1, 3))], tmp_path / "not there")
+        spill_one([np.zeros((1, 3))])
     assert "32 bytes" in str(caught.value)
 
     class Full:
@@ -178,9 +167,9 @@ def test_a_full_disk_is_told_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyP
         def write(self, _: object) -> None:
             raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(spill.tempfile, "TemporaryFile", lambda dir: Full())  # noqa: A006
+    monkeypatch.setattr(spill.tempfile, "TemporaryFile", Full)
     with pytest.raises(UserError, match="No space left"):
-        spill_one([np.zeros((1, 3))], tmp_path)
+        spill_one([np.zeros((1, 3))])
 
 
 def test_faults_of_a_source_are_not_those_of_the_disk() -> None:
@@ -189,13 +178,11 @@ def test_faults_of_a_source_are_not_those_of_the_disk() -> None:
         raise FileNotFoundError("cloud.las")
 
     with pytest.raises(FileNotFoundError, match=r"cloud\.las"):
-        spill_one(unreadable(), None)
+        spill_one(unreadable())
 
 
 def scored(prediction: Floats, truth: Floats, block_points: int) -> tuple[Floats, Floats]:
-    found = cloud_distances(
-        Pieces(prediction), Pieces(truth), block_points=block_points, threads=1, folder=None
-    )
+    found = cloud_distances(Pieces(prediction), Pieces(truth), block_points=block_points, jobs=1)
     return found.to_truth, found.to_prediction
 
 
@@ -206,7 +193,7 @@ def test_sources_in_memory_or_in_blocks_with_points_that_are_not_finite(block_po
         points[row, 1] = value
     kept = np.delete(prediction, 7, axis=0), np.delete(truth, 800, axis=0)
     found = scored(prediction, truth, block_points)
-    expected = mutual_distances(*kept, threads=1)
+    expected = mutual_distances(*kept, jobs=1)
     assert np.array_equal(found[0], expected[0])
     assert np.array_equal(found[1], expected[1])
 
@@ -220,8 +207,3 @@ def test_nothing_predicted_is_infinitely_far_and_no_truth_an_error(
     assert (there.tolist(), back.tolist()) == ([], [np.inf] * 5)
     with pytest.raises(BenchmarkError, match="no finite point"):
         scored(surface(5, 0), nothing, block_points)
-
-
-def test_clouds_without_points_are_no_business_of_blocks() -> None:
-    with pytest.raises(ValueError, match="without points"):
-        in_blocks(np.zeros((0, 3)), surface(5, 0), 2)

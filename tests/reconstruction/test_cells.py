@@ -9,10 +9,11 @@ from hypothesis import given
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.cells import covered_columns, occupied_cells
-from airzoo_bench.reconstruction.observed import observed_cells, seen_by
-from airzoo_bench.reconstruction.regions import bounding_box
+from airzoo_bench.reconstruction.prepared import observed_cells, seen_by
+from airzoo_bench.reconstruction.regions import bounding_box, covered_columns, occupied_cells
 from tests.geometry.support import looking_down, quick, seeds
+from tests.reconstruction.cloud_support import Pieces
+from tests.reconstruction.test_prepared import settings
 
 UTM = np.array((500_000.0, 5_200_000.0, 100.0))
 
@@ -113,13 +114,12 @@ def test_what_one_photo_sees_is_not_observed() -> None:
     )
     cameras = plain_camera()
     two = Cameras(*(np.repeat(getattr(cameras, name), 2, axis=0) for name in FIELDS))
-    options = {"cell": 1.0, "hidden_beyond": 3.0}
-    found = observed_cells([points], box, two, poses, photos=2, **options)
+    found = observed_cells(Pieces(points), box, two, poses, settings(), 1000)
     x, y = np.abs(points - UTM)[:, :2].T
     off = y != 37.5  # the border of a photo
     np.testing.assert_array_equal(found.holds(points[off]), ((x < 10) & (y < 37.5))[off])
     with pytest.raises(BenchmarkError, match="seen by 3 photos"):
-        observed_cells([points], box, two, poses, photos=3, **options)
+        observed_cells(Pieces(points), box, two, poses, settings(observed_photos=3), 1000)
 
 
 FIELDS = ("width", "height", "focal", "principal_point", "distortion")

@@ -19,7 +19,7 @@ from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.fusion import (
     DepthCloud,
     DepthMaps,
-    PointCloudOfMaps,
+    PointMapCloud,
     PointMaps,
     surface_depth,
 )
@@ -152,23 +152,13 @@ def test_point_maps() -> None:
     colours = np.arange(24, dtype=np.uint8).reshape(2, 2, 2, 3)
     maps = PointMaps(points.astype(np.float32), confidence, colours)
     doubled = Similarity(2.0, np.eye(3), UTM)
-    cloud = PointCloudOfMaps(maps, doubled, confidence_above=1.0)
+    cloud = PointMapCloud(maps, doubled, confidence_above=1.0)
     kept = [0, 2, 3, 5, 6]
     assert cloud.count == 5
     found = joined(cloud, 2)
     np.testing.assert_array_equal(found.points, 2 * points.reshape(-1, 3)[kept] + UTM)
     assert found.colours is not None
     assert found.colours.tolist() == colours.reshape(-1, 3)[kept].tolist()
-
-
-def test_maps_that_do_not_fit() -> None:
-    maps = slope_maps(2)
-    with pytest.raises(ValueError, match="2 maps, 2 cameras, 1 poses"):
-        replace(maps, poses=maps.poses.take([0]))
-    with pytest.raises(ValueError, match="confidence and colours"):
-        replace(maps, confidence=np.ones((2, 3, 3)))
-    with pytest.raises(ValueError, match="confidence and colours"):
-        PointMaps(np.ones((2, 3, 3)))
 
 
 def test_tsdf_gives_the_plane_back() -> None:
@@ -253,13 +243,11 @@ def test_tsdf_outliers_do_not_allocate_the_world() -> None:
         fuse(maps, STILL, replace(TSDF, max_voxels=50_000), confidence_above=None)
 
 
-def test_tsdf_needs_pinholes_and_a_truncation() -> None:
+def test_tsdf_needs_pinholes() -> None:
     maps = slope_maps(1)
     bent = replace(maps.cameras, distortion=np.full((1, 5), 0.01))
     with pytest.raises(PredictionError, match="lens distortion"):
         fuse(replace(maps, cameras=bent), STILL, TSDF, confidence_above=None)
-    with pytest.raises(ValueError, match="truncated at"):
-        fuse(maps, STILL, replace(TSDF, truncation=0.1), confidence_above=None)
 
 
 _HASH = """

@@ -10,15 +10,16 @@ from hypothesis.extra import numpy as hnp
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction import curves as curves_module
 from airzoo_bench.reconstruction import metrics as metrics_module
-from airzoo_bench.reconstruction.curves import counts_below, curve, even_thresholds, f1_score
 from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 from airzoo_bench.reconstruction.metrics import (
     CloudScores,
+    counts_below,
+    curve,
+    even_thresholds,
     exact_mean,
+    f1_score,
     score_distances,
-    summarise_distances,
 )
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import clouds
@@ -39,68 +40,50 @@ def scored(to_truth: list[float] | Floats, to_prediction: list[float] | Floats) 
     return score_distances(
         np.array(to_truth),
         np.array(to_prediction),
-        thresholds=(10.0, 1.0),
-        percentiles=(50.0, 90.0),
+        thresholds=np.array((1.0, 10.0)),
         max_distance=None,
     )
 
 
 def test_by_hand() -> None:
     scores = scored([0.0, 2.0, 9.0, 10.0], [0.5, 20.0])
-    ten, one = scores.at
     # 10 is not below 10.
-    assert (ten.threshold, ten.predicted_right, ten.true_found) == (10.0, 3, 1)
-    assert (ten.precision, ten.recall) == (0.75, 0.5)
-    assert ten.f1 == pytest.approx(0.6, rel=1e-15)
-    assert (one.threshold, one.predicted_right, one.true_found) == (1.0, 1, 1)
-    assert one.f1 == pytest.approx(2 * 0.25 * 0.5 / 0.75)
+    assert scores.curve.precision.tolist() == [0.25, 0.75]
+    assert scores.curve.recall.tolist() == [0.5, 0.5]
+    assert scores.curve.f1.tolist() == pytest.approx([2 * 0.25 * 0.5 / 0.75, 0.6], rel=1e-15)
     assert (scores.accuracy, scores.completeness, scores.chamfer) == (5.25, 10.25, 7.75)
-    assert (scores.to_truth.median, scores.to_prediction.median) == (5.5, 10.25)
-    assert scores.to_truth.percentiles == {50.0: 2.0, 90.0: 10.0}
-    assert (scores.to_truth.largest, scores.to_truth.count) == (10.0, 4)
-
-
-def test_thresholds_are_numbers_of_one_kind_and_may_repeat() -> None:
-    (first, *others) = score_distances(
-        np.zeros(1), np.array([1.0, 3.0]), thresholds=(2, 2.0, 1), percentiles=(), max_distance=None
-    ).at
-    assert first == others[0]
-    assert [(type(at.threshold), at.recall) for at in (first, *others)] == [
-        (float, 0.5),
-        (float, 0.5),
-        (float, 0.0),
-    ]
+    assert (scores.accuracy_median, scores.completeness_median) == (5.5, 10.25)
+    assert scored([7.0, 1.0, 2.0], [3.0]).accuracy_median == 2.0
 
 
 def test_cube_against_itself_made_a_tenth_larger() -> None:
     # Corners: one stays, three move along an axis, three along a face, one along the diagonal.
-    scores = scored(*mutual_distances(CUBE * 1.1, CUBE, threads=1))
+    scores = scored(*mutual_distances(CUBE * 1.1, CUBE, jobs=1))
     mean = 0.1 * (0 + 3 * 1 + 3 * math.sqrt(2) + math.sqrt(3)) / 8
     assert mean == pytest.approx(0.1121837, abs=1e-7)
     assert scores.accuracy == pytest.approx(mean, rel=1e-12)
     assert scores.completeness == pytest.approx(mean, rel=1e-12)
     assert scores.chamfer == pytest.approx(mean, rel=1e-12)
-    assert scores.to_truth.largest == pytest.approx(math.sqrt(3) / 10, rel=1e-12)
-    assert scores.to_prediction.largest == pytest.approx(math.sqrt(3) / 10, rel=1e-12)
 
 
 def test_perfect() -> None:
-    scores = scored(*mutual_distances(CUBE, CUBE[::-1], threads=1))
-    assert [at.f1 for at in scores.at] == [1.0, 1.0]
+    scores = scored(*mutual_distances(CUBE, CUBE[::-1], jobs=1))
+    assert scores.curve.f1.tolist() == [1.0, 1.0]
     assert (scores.accuracy, scores.completeness, scores.chamfer) == (0.0, 0.0, 0.0)
 
 
 def test_nothing_near_scores_0_not_nan() -> None:
     scores = scored([50.0], [50.0, 60.0])
-    assert [(at.precision, at.recall, at.f1) for at in scores.at] == [(0.0, 0.0, 0.0)] * 2
+    for shares in (scores.curve.precision, scores.curve.recall, scores.curve.f1):
+        assert shares.tolist() == [0.0, 0.0]
 
 
 def test_empty_prediction_scores_0_with_infinite_distances() -> None:
     scores = scored([], [INF, INF])
-    assert [(at.precision, at.recall, at.f1) for at in scores.at] == [(0.0, 0.0, 0.0)] * 2
+    for shares in (scores.curve.precision, scores.curve.recall, scores.curve.f1):
+        assert shares.tolist() == [0.0, 0.0]
     assert (scores.accuracy, scores.completeness, scores.chamfer) == (INF, INF, INF)
-    assert (scores.to_truth.count, scores.to_truth.median, scores.to_truth.largest) == (0, INF, INF)
-    assert scores.to_truth.percentiles == {50.0: INF, 90.0: INF}
+    assert scores.accuracy_median == scores.completeness_median == INF
 
 
 def test_empty_truth_is_an_error() -> None:
@@ -118,17 +101,15 @@ def test_clipping_by_name_changes_means_only() -> None:
 
     def clipped(limit: float | None) -> CloudScores:
         return score_distances(
-            to_truth, to_prediction, thresholds=[40.0], percentiles=[100.0], max_distance=limit
+            to_truth, to_prediction, thresholds=np.array([40.0]), max_distance=limit
         )
 
     assert (clipped(20.0).accuracy, clipped(20.0).completeness) == (10.5, 11.5)
     assert clipped(20.0).chamfer == 11.0
     assert clipped(None).chamfer == (25.5 + 16.5) / 2
-    assert clipped(20.0).at == clipped(None).at
-    assert clipped(20.0).to_truth == clipped(None).to_truth
-    empty = score_distances(
-        np.zeros(0), np.array([INF]), thresholds=[1.0], percentiles=[], max_distance=20.0
-    )
+    assert clipped(20.0).curve.f1 == clipped(None).curve.f1
+    assert clipped(20.0).accuracy_median == clipped(None).accuracy_median
+    empty = score_distances(np.zeros(0), np.array([INF]), thresholds=np.ones(1), max_distance=20.0)
     assert (empty.accuracy, empty.completeness, empty.chamfer) == (INF, INF, INF)
 
 
@@ -137,7 +118,13 @@ def test_clipping_by_name_changes_means_only() -> None:
 def test_no_bit_depends_on_order(to_truth: Floats, to_prediction: Floats, seed: int) -> None:
     random = np.random.default_rng(seed)
     shuffled = random.permutation(to_truth), random.permutation(to_prediction)
-    assert scored(*shuffled) == scored(to_truth, to_prediction)
+    assert values(scored(*shuffled)) == values(scored(to_truth, to_prediction))
+
+
+def values(scores: CloudScores) -> list[object]:
+    single = (scores.accuracy, scores.completeness, scores.chamfer)
+    medians = (scores.accuracy_median, scores.completeness_median)
+    return [*single, *medians, scores.curve.precision.tolist(), scores.curve.recall.tolist()]
 
 
 @given(clouds(), clouds())
@@ -145,34 +132,20 @@ def test_no_bit_depends_on_order(to_truth: Floats, to_prediction: Floats, seed: 
 def test_chamfer_is_symmetric_and_precision_is_the_others_recall(
     first: Floats, second: Floats
 ) -> None:
-    there, back = mutual_distances(first, second, threads=1)
+    there, back = mutual_distances(first, second, jobs=1)
     one, other = scored(there, back), scored(back, there)
     assert one.chamfer == other.chamfer
-    assert [at.f1 for at in one.at] == [at.f1 for at in other.at]
-    assert [at.precision for at in one.at] == [at.recall for at in other.at]
+    assert one.curve.f1.tolist() == other.curve.f1.tolist()
+    assert one.curve.precision.tolist() == other.curve.recall.tolist()
 
 
-@given(distances, st.lists(st.floats(0.01, 100.0), min_size=1, max_size=4, unique=True))
+@given(distances)
 @quick
-def test_summary_against_a_sorted_list(found: Floats, percentiles: list[float]) -> None:
-    summary = summarise_distances(found, percentiles)
+def test_mean_and_median_against_a_sorted_list(found: Floats) -> None:
     ordered, count = sorted(found.tolist()), len(found)
-    assert summary.count == count
-    assert summary.mean == math.fsum(ordered) / count
-    assert summary.median == (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
-    assert summary.largest == ordered[-1]
-    for percentile, value in summary.percentiles.items():
-        # The least value that so many do not exceed.
-        assert sum(other <= value for other in ordered) * 100 >= percentile * count
-        assert sum(other < value for other in ordered) * 100 < percentile * count
-
-
-def test_summary_of_a_thousand_by_hand() -> None:
-    found = summarise_distances(np.arange(1000.0, 0.0, -1.0), [100.0, 0.05, 50.0, 99.9, 0.11])
-    assert found.percentiles == {100.0: 1000.0, 0.05: 1.0, 50.0: 500.0, 99.9: 999.0, 0.11: 2.0}
-    assert (found.median, found.mean, found.largest, found.count) == (500.5, 500.5, 1000.0, 1000)
-    assert summarise_distances(np.array([7.0, 1.0, 2.0]), []).median == 2.0
-    assert summarise_distances(np.zeros(0), []).mean == INF
+    scores = scored(found, [1.0])
+    assert scores.accuracy == math.fsum(ordered) / count
+    assert scores.accuracy_median == (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
 
 
 @given(distances, hnp.arrays(np.float64, 7, elements=st.floats(0.01, 1e12), unique=True))
@@ -188,7 +161,6 @@ def test_counts_against_comparing_each(found: Floats, thresholds: Floats) -> Non
 def test_counts_of_several_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     found = np.random.default_rng(0).random(1000)
     counted, mean = counts_below(found, np.array([0.2, 0.7])), exact_mean(found)
-    monkeypatch.setattr(curves_module, "_CHUNK", 7)
     monkeypatch.setattr(metrics_module, "_CHUNK", 7)
     assert counts_below(found, np.array([0.2, 0.7])).tolist() == counted.tolist()
     assert exact_mean(found) == mean
@@ -220,8 +192,7 @@ def test_curve_by_hand() -> None:
 @quick
 def test_curve_agrees_with_the_scores_and_never_falls(first: Floats, second: Floats) -> None:
     curves = curve(first, second, np.array([1.0, 10.0, 1e16]))
-    ten, one = scored(first, second).at
-    assert (curves.f1[0], curves.f1[1]) == (one.f1, ten.f1)
+    assert curves.f1[:2].tolist() == scored(first, second).curve.f1.tolist()
     assert (np.diff(curves.precision) >= 0).all()
     assert (np.diff(curves.recall) >= 0).all()
     assert ((curves.f1 >= 0) & (curves.f1 <= 1)).all()
@@ -239,8 +210,3 @@ def test_what_cannot_be_is_refused() -> None:
     for thresholds in ([1.0, 1.0], [2.0, 1.0], [INF], [np.nan]):
         with pytest.raises(ValueError, match=r"^thresholds must be finite and increase$"):
             counts_below(np.zeros(1), np.array(thresholds))
-    for percentile in (0.0, 101.0, np.nan):
-        with pytest.raises(ValueError, match="percentiles"):
-            summarise_distances(np.zeros(1), [percentile])
-    with pytest.raises(ValueError, match=r"^no true point$"):
-        curve(np.zeros(1), np.zeros(0), limits)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.distances.morton import gather, morton_order
+from airzoo_bench.reconstruction.distances.boxes import gather, morton_order
 from tests.geometry.support import quick
 from tests.reconstruction.cloud_support import clouds, surface
 

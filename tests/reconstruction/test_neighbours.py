@@ -25,21 +25,21 @@ from tests.reconstruction.cloud_support import all_pairs, clouds, surface
 CORNERS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 
 
-def nearest_distances(points: Floats, others: Floats, *, threads: int) -> Floats:
-    return mutual_distances(points, others, threads=threads)[0]
+def nearest_distances(points: Floats, others: Floats, *, jobs: int) -> Floats:
+    return mutual_distances(points, others, jobs=jobs)[0]
 
 
 def test_by_hand() -> None:
     points = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 2.0, 2.0)])
     others = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 12.0)])
-    assert nearest_distances(points, others, threads=1).tolist() == [0.0, 5.0, 3.0]
-    assert nearest_distances(others, points, threads=1).tolist() == [0.0, np.sqrt(4 + 4 + 100)]
+    assert nearest_distances(points, others, jobs=1).tolist() == [0.0, 5.0, 3.0]
+    assert nearest_distances(others, points, jobs=1).tolist() == [0.0, np.sqrt(4 + 4 + 100)]
 
 
 @given(clouds(), clouds())
 @settings(max_examples=200, deadline=None, derandomize=True)
 def test_same_bits_as_all_pairs(points: Floats, others: Floats) -> None:
-    assert np.array_equal(nearest_distances(points, others, threads=1), all_pairs(points, others))
+    assert np.array_equal(nearest_distances(points, others, jobs=1), all_pairs(points, others))
 
 
 @given(clouds(), clouds(), st.integers(0, 2**32 - 1))
@@ -47,15 +47,15 @@ def test_same_bits_as_all_pairs(points: Floats, others: Floats) -> None:
 def test_no_bit_depends_on_order_or_threads(points: Floats, others: Floats, seed: int) -> None:
     random = np.random.default_rng(seed)
     order, others_order = random.permutation(len(points)), random.permutation(len(others))
-    found = nearest_distances(points, others, threads=1)
-    again = nearest_distances(points[order], others[others_order], threads=3)
+    found = nearest_distances(points, others, jobs=1)
+    again = nearest_distances(points[order], others[others_order], jobs=3)
     assert np.array_equal(again, found[order])
 
 
 @given(clouds(), clouds())
 @quick
 def test_mutual_is_both_ways(first: Floats, second: Floats) -> None:
-    one, other = mutual_distances(first, second, threads=2)
+    one, other = mutual_distances(first, second, jobs=2)
     assert np.array_equal(one, all_pairs(first, second))
     assert np.array_equal(other, all_pairs(second, first))
 
@@ -63,7 +63,7 @@ def test_mutual_is_both_ways(first: Floats, second: Floats) -> None:
 @given(clouds())
 @quick
 def test_a_cloud_is_nowhere_far_from_itself(points: Floats) -> None:
-    assert not nearest_distances(points, points[::-1], threads=1).any()
+    assert not nearest_distances(points, points[::-1], jobs=1).any()
 
 
 @given(clouds(), clouds(), st.tuples(*[st.integers(-(2**20), 2**20)] * 3))
@@ -73,19 +73,19 @@ def test_moving_both_by_whole_metres_keeps_distances(
 ) -> None:
     # On a grid of 2^-20 m, no sum with whole metres is rounded.
     small = [np.round(np.clip(cloud, -1e6, 1e6) * 2**20) / 2**20 for cloud in (points, others)]
-    found = nearest_distances(*small, threads=1)
-    moved = nearest_distances(*(cloud + np.array(shift) for cloud in small), threads=1)
+    found = nearest_distances(*small, jobs=1)
+    moved = nearest_distances(*(cloud + np.array(shift) for cloud in small), jobs=1)
     assert np.array_equal(found, moved)
 
 
 def test_a_million_metres_from_the_origin_nothing_is_lost() -> None:
     origin = np.array((1_000_000.0, 4_000_000.0, 0.0))
     points, others = np.round(surface(3000, 0), 6), np.round(surface(3000, 1), 6)
-    near = nearest_distances(points, others, threads=2)
-    far = nearest_distances(points + origin, others + origin, threads=2)
+    near = nearest_distances(points, others, jobs=2)
+    far = nearest_distances(points + origin, others + origin, jobs=2)
     assert np.abs(far - near).max() < 2e-9
     rounded = ((cloud + origin).astype(np.float32).astype(np.float64) for cloud in (points, others))
-    assert np.abs(nearest_distances(*rounded, threads=2) - near).max() > 0.1  # float32 does lose
+    assert np.abs(nearest_distances(*rounded, jobs=2) - near).max() > 0.1  # float32 does lose
 
 
 def test_ties_that_differ_in_their_last_bits_are_decided_exactly() -> None:
@@ -94,7 +94,7 @@ def test_ties_that_differ_in_their_last_bits_are_decided_exactly() -> None:
     grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
     middles = grid + 0.05
     assert len(np.unique(all_pairs(middles, grid))) > 2
-    found = nearest_distances(middles, grid, threads=2)
+    found = nearest_distances(middles, grid, jobs=2)
     assert np.array_equal(found, all_pairs(middles, grid))
 
 
@@ -103,7 +103,7 @@ def test_more_ties_than_neighbours_asked_for_are_decided_exactly() -> None:
     sphere = random.normal(size=(5000, 3))
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     middle = random.normal(size=(20, 3)) * 1e-17
-    found = nearest_distances(middle, sphere, threads=2)
+    found = nearest_distances(middle, sphere, jobs=2)
     assert np.array_equal(found, all_pairs(middle, sphere))
     assert (found < 1.0).all()
 
@@ -134,9 +134,11 @@ def test_a_neighbour_missed_by_the_tree_is_found_again(
     grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
     middles, expected = grid + 0.05, all_pairs(grid + 0.05, grid)
     monkeypatch.setattr(neighbours.kdtree, "KDTree", careless)
-    assert np.array_equal(nearest_distances(middles, grid, threads=2), expected)
-    monkeypatch.setattr(NeighbourSearch, "_settled", lambda self, points: self._ask(points, 2)[0])
-    assert not np.array_equal(nearest_distances(middles, grid, threads=2), expected)
+    assert np.array_equal(nearest_distances(middles, grid, jobs=2), expected)
+    monkeypatch.setattr(
+        NeighbourSearch, "_resolve_ties", lambda self, points: self._ask(points, 2)[0]
+    )
+    assert not np.array_equal(nearest_distances(middles, grid, jobs=2), expected)
 
 
 def test_a_neighbour_missed_among_very_many_is_found_again(
@@ -148,9 +150,9 @@ def test_a_neighbour_missed_among_very_many_is_found_again(
     middles = random.normal(size=(50, 3)) * 1e-14
     expected = all_pairs(middles, sphere)
     monkeypatch.setattr(neighbours.kdtree, "KDTree", careless)
-    assert np.array_equal(nearest_distances(middles, sphere, threads=2), expected)
+    assert np.array_equal(nearest_distances(middles, sphere, jobs=2), expected)
     monkeypatch.setattr(neighbours.BoxTree, "improve", lambda *_: None)
-    assert not np.array_equal(nearest_distances(middles, sphere, threads=2), expected)
+    assert not np.array_equal(nearest_distances(middles, sphere, jobs=2), expected)
 
 
 @pytest.mark.parametrize("scale", [1e3, 1e9, 1e14, 1e30, 1e200])
@@ -160,44 +162,44 @@ def test_points_however_far(scale: float) -> None:
     others[:5] *= scale
     with np.errstate(over="ignore"):
         expected = all_pairs(points, others)
-    assert np.array_equal(nearest_distances(points, others, threads=2), expected)
+    assert np.array_equal(nearest_distances(points, others, jobs=2), expected)
 
 
 def test_distances_too_small_for_relative_bounds() -> None:
     points, others = surface(300, 0) * 1e-160, surface(300, 1) * 1e-160
     with np.errstate(under="ignore"):
         expected = all_pairs(points, others)
-    assert np.array_equal(nearest_distances(points, others, threads=2), expected)
+    assert np.array_equal(nearest_distances(points, others, jobs=2), expected)
 
 
 def test_a_hundred_thousand_copies_cost_no_more_than_one() -> None:
     # All pairs would be 10^10.
     same = np.zeros((100_000, 3))
     assert (
-        nearest_distances(same + np.array((3.0, 4.0, 0.0)), same, threads=2).tolist()
+        nearest_distances(same + np.array((3.0, 4.0, 0.0)), same, jobs=2).tolist()
         == [5.0] * 100_000
     )
 
 
 def test_few_copies_of_all() -> None:
     points, others = surface(500, 0), surface(500, 1)
-    found = nearest_distances(points, np.tile(others, (3, 1)), threads=1)
+    found = nearest_distances(points, np.tile(others, (3, 1)), jobs=1)
     assert np.array_equal(found, all_pairs(points, others))
 
 
 def test_copies_are_told_from_points_that_hash_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(neighbours, "_hashes", lambda points: np.zeros(len(points), np.uint64))
     points, others = surface(500, 0), surface(500, 1)
-    assert np.array_equal(nearest_distances(points, others, threads=1), all_pairs(points, others))
+    assert np.array_equal(nearest_distances(points, others, jobs=1), all_pairs(points, others))
 
 
 def test_nothing_is_infinitely_far_from_everything() -> None:
     nothing, points = np.zeros((0, 3)), np.zeros((2, 3))
-    assert nearest_distances(points, nothing, threads=1).tolist() == [np.inf, np.inf]
-    assert nearest_distances(nothing, points, threads=1).tolist() == []
-    one, other = mutual_distances(points, nothing, threads=1)
+    assert nearest_distances(points, nothing, jobs=1).tolist() == [np.inf, np.inf]
+    assert nearest_distances(nothing, points, jobs=1).tolist() == []
+    one, other = mutual_distances(points, nothing, jobs=1)
     assert (one.tolist(), other.tolist()) == ([np.inf, np.inf], [])
-    assert mutual_distances(nothing, points, threads=1)[1].tolist() == [np.inf, np.inf]
+    assert mutual_distances(nothing, points, jobs=1)[1].tolist() == [np.inf, np.inf]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -205,20 +207,20 @@ def test_what_is_not_finite_is_refused(bad: float) -> None:
     points = np.zeros((5, 3))
     points[3, 1] = bad
     with pytest.raises(ValueError, match="not finite"):
-        nearest_distances(points, np.zeros((1, 3)), threads=1)
+        nearest_distances(points, np.zeros((1, 3)), jobs=1)
     with pytest.raises(ValueError, match="not finite"):
-        mutual_distances(np.zeros((1, 3)), points, threads=1)
+        mutual_distances(np.zeros((1, 3)), points, jobs=1)
     with pytest.raises(ValueError, match=r"\(N, 3\)"):
-        nearest_distances(np.zeros((5, 2)), points, threads=1)
+        nearest_distances(np.zeros((5, 2)), points, jobs=1)
 
 
 def test_other_layouts_and_views() -> None:
     points, others = surface(500, 0), surface(500, 1)
     expected = all_pairs(points, others)
     wide = np.hstack((others, others))
-    assert np.array_equal(nearest_distances(np.asfortranarray(points), others, threads=1), expected)
-    assert np.array_equal(nearest_distances(points, wide[:, 3:], threads=1), expected)
-    assert np.array_equal(nearest_distances(points[::-1], others, threads=1), expected[::-1])
+    assert np.array_equal(nearest_distances(np.asfortranarray(points), others, jobs=1), expected)
+    assert np.array_equal(nearest_distances(points, wide[:, 3:], jobs=1), expected)
+    assert np.array_equal(nearest_distances(points[::-1], others, jobs=1), expected[::-1])
 
 
 @given(clouds(), clouds())
@@ -249,4 +251,4 @@ def test_boxes_of_many_levels() -> None:
     others, points = surface(10_000, 0), surface(500, 1)
     squared = np.full(len(points), np.inf)
     BoxTree(others[np.argsort(others[:, 0])]).improve(points, squared)
-    assert np.array_equal(np.sqrt(squared), nearest_distances(points, others, threads=2))
+    assert np.array_equal(np.sqrt(squared), nearest_distances(points, others, jobs=2))

@@ -162,9 +162,9 @@ def test_absolute_and_step_errors_by_hand() -> None:
     predicted = Poses(rotation=rotation, centres=off)
     np.testing.assert_array_equal(centre_errors(predicted, truth), (3.0, 4.0, 4.0, np.inf))
     assert rms_of_placed(centre_errors(predicted, truth)) == pytest.approx((41 / 3) ** 0.5)
-    found = step_errors(predicted, truth)
-    np.testing.assert_allclose(found.translation, (5.0, 0.0, np.inf), atol=1e-12)
-    np.testing.assert_allclose(found.rotation_deg, (0.0, 30.0, np.inf), atol=1e-12)
+    translation, rotation_deg = step_errors(predicted, truth)
+    np.testing.assert_allclose(translation, (5.0, 0.0, np.inf), atol=1e-12)
+    np.testing.assert_allclose(rotation_deg, (0.0, 30.0, np.inf), atol=1e-12)
     assert rms_of_placed(np.full(3, np.inf)) == np.inf
 
 
@@ -237,7 +237,7 @@ def test_steps_between_cameras_that_turn() -> None:
     rng = np.random.default_rng(5)
     truth = poses(rng, 4)
     predicted = shaken(truth, rng, 20.0, 5.0)
-    found = step_errors(predicted, truth)
+    translation, rotation_deg = step_errors(predicted, truth)
     for step in range(3):
         # E_i^-1 E_j of camera-to-world matrices, and what undoes the one of the truth.
         one, true = (
@@ -245,14 +245,14 @@ def test_steps_between_cameras_that_turn() -> None:
             for chosen in (predicted, truth)
         )
         left = np.linalg.inv(true) @ one
-        assert found.translation[step] == pytest.approx(np.linalg.norm(left[:3, 3]))
+        assert translation[step] == pytest.approx(np.linalg.norm(left[:3, 3]))
         angle = np.degrees(Rotation.from_matrix(left[:3, :3]).magnitude())
-        assert found.rotation_deg[step] == pytest.approx(angle)
+        assert rotation_deg[step] == pytest.approx(angle)
     centres = predicted.centres.copy()
     centres[1] = np.nan
-    lost = step_errors(Poses(rotation=predicted.rotation, centres=centres), truth)
-    assert lost.translation.tolist() == [np.inf, np.inf, found.translation[2]]
-    assert lost.rotation_deg.tolist() == [np.inf, np.inf, found.rotation_deg[2]]
+    lost, lost_deg = step_errors(Poses(rotation=predicted.rotation, centres=centres), truth)
+    assert lost.tolist() == [np.inf, np.inf, translation[2]]
+    assert lost_deg.tolist() == [np.inf, np.inf, rotation_deg[2]]
 
 
 def to_world(chosen: Poses, row: int) -> np.ndarray:

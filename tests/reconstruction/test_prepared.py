@@ -13,15 +13,13 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
 from airzoo_bench.reconstruction.prepared import (
-    InMemoryCloud,
     PreparedCloud,
-    TransformedCloud,
-    box_of,
     cropped_region,
     prepared,
 )
-from airzoo_bench.reconstruction.regions import Box
+from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.settings import Preparation
+from airzoo_bench.reconstruction.sources import InMemoryCloud, TransformedCloud
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces
 
@@ -128,7 +126,7 @@ def test_moving_keeps_colours_and_the_more_confident_points() -> None:
 
 def test_the_box_of_a_cloud() -> None:
     points = np.array([[0, 5, 0], [np.nan, 9, 9], [-1, 2, 7.0]])
-    box = box_of(Pieces(points), 1)
+    box = box_of(Pieces(points))
     np.testing.assert_array_equal([box.low, box.high], [[-1, 2, 0], [0, 5, 7]])
     with pytest.raises(BenchmarkError, match="holds no finite point"):
         box_of(Pieces(np.full((3, 3), np.nan)))

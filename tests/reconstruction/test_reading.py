@@ -14,8 +14,8 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.source import FileCloud
+from airzoo_bench.reconstruction.fusion import DepthMaps
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
-from airzoo_bench.reconstruction.views import Views
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
 from tests.reconstruction.test_views import made as made_views
 
@@ -63,10 +63,10 @@ def listed(path: Path, room: int = ROOM) -> ReconstructionPredictions:
 def check_content(predictions: ReconstructionPredictions) -> None:
     assert predictions.protocol == "airzoo-real-reconstruction"
     assert predictions.scenes == ("park.v2", "plaza", "school", "substation")
-    assert predictions.extra == ("notes.md",)
+    assert predictions.unknown_files == ("notes.md",)
     for scene, kind, cameras in (
         ("park.v2", FileCloud, False),
-        ("plaza", Views, True),
+        ("plaza", DepthMaps, True),
         ("school", FileCloud, True),
         ("substation", FileCloud, True),
     ):
@@ -299,7 +299,7 @@ def test_views_with_cameras_twice(folder: Path) -> None:
 
 def test_cameras_of_no_scene_are_extra(folder: Path) -> None:
     (folder / "school.ply").unlink()
-    assert listed(folder).extra == ("notes.md", "school.cameras.npz")
+    assert listed(folder).unknown_files == ("notes.md", "school.cameras.npz")
 
 
 def test_a_member_whose_name_ends_before_it_begins(tmp_path: Path) -> None:

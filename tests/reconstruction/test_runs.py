@@ -13,13 +13,11 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.reconstruction.camera_names import match_cameras
-from airzoo_bench.reconstruction.image_poses import ImagePoses
-from airzoo_bench.reconstruction.reading import ScenePrediction
+from airzoo_bench.reconstruction.image_poses import ImagePoses, match_cameras
 from airzoo_bench.reconstruction.truth import read_truth
-from airzoo_bench.reconstruction.views import Views
 from airzoo_bench.results.result import read_result
 from tests.reconstruction.world import (
     MEMORY,
@@ -361,12 +359,21 @@ def test_views_without_names_follow_the_names_of_the_files(world: World) -> None
     truth = replace(truth, photos=truth.photos.assign(image=names))
     order = np.array([1, 0, 2, 3, 4, 5])
     numbered = np.array([f"view {n}" for n in range(6)])
-    images = ImagePoses(numbered, np.ones(6, np.bool_), truth.poses.take(order), np.zeros(6))
-    points = np.ones((6, 2, 2, 3))
-    views = Views(Path("x"), None, points, None, images, None, None, named=False)
-    claim = match_cameras(ScenePrediction(views, images), truth, "x")
-    assert claim.cameras is not None
-    assert claim.cameras.names == tuple(sorted(names)) == tuple(names[row] for row in order)
+    images = ImagePoses(
+        numbered, np.ones(6, np.bool_), truth.poses.take(order), np.zeros(6), named=False
+    )
+    cameras = match_cameras(images, truth, "x")
+    assert cameras is not None
+    assert cameras.names == tuple(sorted(names)) == tuple(names[row] for row in order)
+
+
+def test_views_without_names_or_poses_are_refused(world: World, tmp_path: Path) -> None:
+    fields = world.views("lot")
+    bare = {key: fields[key] for key in ("depth", "intrinsics")}
+    lost = bare | {"extrinsics": np.full_like(fields["extrinsics"], np.nan)}
+    path = save(tmp_path / "p" / "lot.npz", lost).parent
+    with pytest.raises(PredictionError, match="too few poses to tell which view is which"):
+        world.score(path)
 
 
 def test_clouds_are_kept_only_where_they_are_asked_for(world: World, tmp_path: Path) -> None:

@@ -14,8 +14,7 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.rasters import RasterInfo
-from airzoo_bench.reconstruction.prepare import build_truth
-from airzoo_bench.reconstruction.truth import read_truth
+from airzoo_bench.reconstruction.truth import build_truth, read_truth
 from tests.matching.world import made_cameras, made_poses
 from tests.reconstruction.world import World, camera_poses, make_world, replace_cloud, true_points
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import read_image_poses
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,
@@ -50,34 +51,37 @@ def written(path: Path, **changes: Any) -> Path:
     return path / "v.npz"
 
 
+def depth_maps(path: Path) -> DepthMaps:
+    maps = read_views(path, LIMIT).geometry
+    assert isinstance(maps, DepthMaps)
+    return maps
+
+
 def test_depth_maps(tmp_path: Path) -> None:
-    views = read_views(written(tmp_path), LIMIT)
-    np.testing.assert_array_equal(views.depth, made()["depth"])
-    np.testing.assert_array_equal(views.confidence, made()["conf"])
-    assert views.points is None
-    assert views.size == (W, H)
+    path = written(tmp_path)
+    views, maps = read_views(path, LIMIT), depth_maps(path)
+    np.testing.assert_array_equal(maps.depth, made()["depth"])
+    np.testing.assert_array_equal(maps.confidence, made()["conf"])
+    assert views.kind == "depth"
     assert views.notes == ()
     assert views.images is not None
     assert views.images.names.tolist() == made()["image_names"].tolist()
     assert views.images.found.all()
     np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-9)
-    assert views.cameras is not None
-    np.testing.assert_array_equal(views.cameras.matrices, made()["intrinsics"])
+    np.testing.assert_array_equal(maps.cameras.matrices, made()["intrinsics"])
 
 
 def test_other_shapes_that_mean_the_same(tmp_path: Path) -> None:
     square = np.concatenate([matrices(poses()), np.tile([[[0.0, 0, 0, 1]]], (N, 1, 1))], axis=1)
     path = written(tmp_path, depth=made()["depth"][..., None], extrinsics=square.astype("f4"))
-    views = read_views(path, LIMIT)
-    np.testing.assert_array_equal(views.depth, made()["depth"])
-    assert views.images is not None
-    np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-3)
+    maps = depth_maps(path)
+    np.testing.assert_array_equal(maps.depth, made()["depth"])
+    np.testing.assert_allclose(maps.poses.centres, poses().centres, atol=1e-3)
 
 
 def principal_point(folder: Path, **changes: Any) -> list[float]:
-    views = read_views(written(folder, **changes), LIMIT)
-    assert views.cameras is not None
-    return list(views.cameras.principal_point[0].tolist())
+    maps = depth_maps(written(folder, **changes))
+    return list(maps.cameras.principal_point[0].tolist())
 
 
 def test_pixel_centres_that_are_integers_are_shifted(tmp_path: Path) -> None:
@@ -107,11 +111,13 @@ def test_an_axis_before_the_pixels_is_told_how_to_go(tmp_path: Path) -> None:
 
 def test_views_without_names_are_numbered(tmp_path: Path) -> None:
     views = read_views(written(tmp_path, image_names=None), LIMIT)
-    assert not views.named
     assert views.images is not None
+    assert not views.images.named
     assert views.images.names.tolist() == ["view 0", "view 1", "view 2", "view 3"]
     np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-9)
-    assert read_views(written(tmp_path), LIMIT).named
+    named = read_views(written(tmp_path), LIMIT).images
+    assert named is not None
+    assert named.named
 
 
 @pytest.mark.parametrize("name", ["points", "world_points"])
@@ -119,12 +125,13 @@ def test_point_maps_with_cameras_or_without(name: str, tmp_path: Path) -> None:
     points = np.random.default_rng(2).random((N, H, W, 3))
     path = written(tmp_path, depth=None, **{name: points})
     views = read_views(path, LIMIT)
-    np.testing.assert_array_equal(views.points, points)
+    assert isinstance(views.geometry, PointMaps)
+    np.testing.assert_array_equal(views.geometry.points, points)
     assert views.images is not None
     bare = {"extrinsics": None, "intrinsics": None, "image_names": None, "depth": None}
     views = read_views(written(tmp_path, **bare, **{name: points}), LIMIT)
     assert views.images is None
-    assert views.cameras is None
+    assert views.kind == "points"
 
 
 def test_what_is_a_cloud_and_what_are_views(tmp_path: Path) -> None:

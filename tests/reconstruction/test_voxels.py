@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.regions import Box, bounding_box, finite_rows, take
+from airzoo_bench.reconstruction.regions import bounding_box
+from airzoo_bench.reconstruction.sources import finite_rows, take
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 from tests.geometry.support import quick
 from tests.reconstruction.cloud_support import clouds, surface
@@ -140,10 +141,6 @@ def test_regions_have_their_borders() -> None:
     points = np.array([(-0.5, -0.5, 1.5), (3.5, 1.5, 5.5), (3.6, 0.0, 3.0), (0.0, 0.0, 1.4)])
     assert grown.holds(points).tolist() == [True, True, False, False]
     assert box.holds(points).tolist() == [False] * 4
-    joined = box.joined(Box(np.full(3, -1.0), np.full(3, 2.5)))
-    assert (joined.low.tolist(), joined.high.tolist()) == ([-1.0] * 3, [3.0, 2.5, 5.0])
-    with pytest.raises(ValueError, match="no points"):
-        bounding_box(np.zeros((0, 3)))
 
 
 def test_voxels_beyond_the_limit_are_refused() -> None:

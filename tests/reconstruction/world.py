@@ -225,18 +225,22 @@ def predict_clouds(
     return folder
 
 
+def made_truth(scene: str, cloud: Path = Path()) -> ReconstructionTruth:
+    """Return the truth of a scene, whose cloud may be there already."""
+    poses = camera_poses(scene)
+    images = tuple(f"{scene}_{row}.jpg" for row in range(len(poses)))
+    photos = photo_table(scene, images, lenses(len(poses)), poses, None, ORIGIN[2])
+    nothing = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
+    digest = sha256_of(cloud) if cloud.is_file() else ""
+    return ReconstructionTruth(scene, photos, cloud, digest, nothing)
+
+
 def _write_scene(world: World, scene: str) -> SceneFile:
     home = world.folder / "scenes" / scene
-    poses, images = camera_poses(scene), world.images(scene)
-    (width, height), factor = PHOTO_SIZE, PHOTO_SIZE[0] / MAP_SIZE[0]
-    matrix = matrix_of_maps() * np.array([[factor], [factor], [1.0]])
-    cameras = Cameras.from_matrices(np.tile(matrix, (len(images), 1, 1)), width, height, names=None)
-    photos = photo_table(scene, tuple(images), cameras, poses, None, ORIGIN[2])
-    write_queries(home, photos)
     cloud = world.folder / "data" / scene / "cloud.ply"
     write_ply(cloud, Cloud(true_points(scene)))
-    nothing = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
-    truth = ReconstructionTruth(scene, photos, cloud, sha256_of(cloud), nothing)
+    truth = made_truth(scene, cloud)
+    write_queries(home, truth.photos)
     write_truth(home, truth)
     return SceneFile(
         id=scene,

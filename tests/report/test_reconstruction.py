@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from airzoo_bench.reconstruction.curves import curve, even_thresholds
+from airzoo_bench.reconstruction.metrics import curve, even_thresholds
 from airzoo_bench.report.reconstruction import draw_curve, draw_error_map, error_colours
 
 VERMILION = (213, 94, 0)

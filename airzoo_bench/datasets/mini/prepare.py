@@ -43,9 +43,9 @@ from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.prepared import grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol

@@ -1,7 +1,10 @@
-"""Partner cameras as RANSAC sees them: what fits to a sample, and which cameras agree with it."""
+"""Partner cameras as RANSAC sees them: samples, what fits to one, which cameras agree with it."""
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +18,19 @@ from airzoo_bench.reconstruction.alignment.similarity import (
     fit_strips,
 )
 
-__all__ = ["LEAST_CAMERAS", "Centres", "PosedCameras", "RansacSettings", "Strip", "distances"]
+__all__ = [
+    "LEAST_CAMERAS",
+    "Centres",
+    "PosedCameras",
+    "RansacSettings",
+    "Strip",
+    "distances",
+    "sample_blocks",
+]
 
 LEAST_CAMERAS = 3
+# Trials of a block are judged at once, so that how many are made depends on it.
+_BLOCK = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +117,7 @@ class Centres:
 
     def residuals(self, fits: list[Similarity]) -> Floats:
         """Residuals (S, N), infinite where a camera is no inlier."""
-        away = distances(_applied(fits, self.a), self.b)
+        away = distances(np.stack([fit.apply(self.a) for fit in fits]), self.b)
         return np.where(away < self.limit, away, np.inf)
 
 
@@ -142,11 +155,6 @@ class Strip(Centres):
         return bool(2 * near >= len(self.a) and near >= LEAST_CAMERAS)
 
 
-def _applied(fits: list[Similarity], points: Floats) -> Floats:
-    """Points (N, 3) moved by each of S fits, (S, N, 3)."""
-    return np.stack([fit.apply(points) for fit in fits])
-
-
 def _no_orientations(of_truth: bool) -> AlignmentError:
     return AlignmentError(
         "the camera centres lie on a line, which leaves the turn about it free, "
@@ -155,3 +163,45 @@ def _no_orientations(of_truth: bool) -> AlignmentError:
         fix="add photos beside the line, give camera poses, or predict in the truth's frame "
         "and align by 'none'",
     )
+
+
+def sample_blocks(
+    count: int, size: int, settings: RansacSettings, *, minimal: bool
+) -> Iterator[Ints]:
+    """Yield samples of `size` of `count` rows, block by block.
+
+    Parameters
+    ----------
+    count, size : int
+    settings : RansacSettings
+    minimal : bool
+        Where true, and there are at most `min_trials` such samples, all of them are yielded.
+
+    Yields
+    ------
+    (S, size) int64 array
+        Rows in each sample ascending.
+    """
+    if minimal and math.comb(count, size) <= settings.min_trials:
+        yield from _all(count, size)
+        return
+    random = np.random.default_rng(settings.seed)
+    for start in range(0, settings.max_trials, _BLOCK):
+        yield _drawn(random, min(_BLOCK, settings.max_trials - start), count, size)
+
+
+def _all(count: int, size: int) -> Iterator[Ints]:
+    every = itertools.combinations(range(count), size)
+    while block := list(itertools.islice(every, _BLOCK)):
+        yield np.array(block, dtype=np.int64)
+
+
+def _drawn(random: np.random.Generator, trials: int, count: int, size: int) -> Ints:
+    """Draw without replacement: the n-th row is one of those that are left."""
+    rows = np.empty((trials, 0), dtype=np.int64)
+    for taken in range(size):
+        row = random.integers(0, count - taken, trials)
+        for column in rows.T:  # ascending
+            row += row >= column
+        rows = np.sort(np.column_stack((rows, row)), axis=1)
+    return rows

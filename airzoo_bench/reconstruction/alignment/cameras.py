@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, replace
-from typing import Literal
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.reconstruction.alignment.consensus import (
+from airzoo_bench.reconstruction.alignment.camera_sets import (
     LEAST_CAMERAS,
     PosedCameras,
     RansacSettings,
     distances,
-    fit_cameras,
 )
+from airzoo_bench.reconstruction.alignment.consensus import fit_cameras
 from airzoo_bench.reconstruction.alignment.icp import IcpReport
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 
-__all__ = [
-    "Alignment",
-    "Method",
-    "Residuals",
-    "align",
-    "partners",
-    "refined",
-]
+__all__ = ["Alignment", "Residuals", "align", "partners", "with_step", "write_alignments"]
 
 Method = Literal["none", "sim3", "sim3+icp"]
 
@@ -89,39 +84,28 @@ class Alignment:
 
 
 def align(
-    method: Method,
-    predicted: PosedCameras | None,
-    truth: PosedCameras | None,
-    *,
-    ransac: RansacSettings | None,
+    method: Method, predicted: PosedCameras | None, truth: PosedCameras, ransac: RansacSettings
 ) -> Alignment:
     """Find the transform of a prediction into the frame of the truth, by cameras.
 
     Parameters
     ----------
     method : {"none", "sim3", "sim3+icp"}
-    predicted, truth : PosedCameras or None
+        ``sim3+icp`` is aligned as ``sim3`` here; see `with_step`.
+    predicted : PosedCameras or None
         With ``none`` they may be left out; given, their residuals are stated.
-        ``sim3+icp`` is aligned as ``sim3`` here; see `refined`.
-    ransac : RansacSettings or None
-        Not None unless the method is ``none``.
-
-    Returns
-    -------
-    Alignment
+    truth : PosedCameras
+    ransac : RansacSettings
 
     Raises
     ------
     AlignmentError
-        A camera that the truth lacks, fewer than 3 partners, centres all at a point, or on a line
+        Fewer than 3 partners, centres all at a point, or on a line
         without orientations.
-    ValueError
-        Settings or cameras that the method needs are None.
     """
-    if method == "none":
-        return _with_residuals(Alignment("none", Similarity.identity()), predicted, truth)
-    if ransac is None or predicted is None or truth is None:
-        raise ValueError(f"{method} needs cameras and the settings of RANSAC")
+    if method == "none" or predicted is None:
+        found = Alignment("none", Similarity.identity())
+        return found if predicted is None else _with_residuals(found, predicted, truth)
     rows, true_rows = partners(predicted, truth)
     source, target = predicted.take(rows), truth.take(true_rows)
     _require_cameras(len(rows), len(predicted.names))
@@ -138,7 +122,7 @@ def align(
     return _with_residuals(found, predicted, truth)
 
 
-def refined(
+def with_step(
     found: Alignment,
     step: Similarity,
     report: IcpReport,
@@ -156,43 +140,22 @@ def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
     Parameters
     ----------
     predicted, truth : PosedCameras
+        No two of one name in either.
 
     Returns
     -------
     rows, true_rows : (P,) int64 arrays
         In the order of the truth. Cameras whose centre is not finite have no partner.
-
-    Raises
-    ------
-    AlignmentError
-        A name comes twice, or the truth lacks it.
     """
-    for cameras, whose in ((predicted, "prediction"), (truth, "truth")):
-        _refuse_repeats(cameras.names, whose)
     place = {name: row for row, name in enumerate(predicted.names)}
-    unknown = sorted(set(place) - set(truth.names))
-    if unknown:
-        raise AlignmentError(
-            f"the truth lacks the images {first_of(unknown, len(place))}",
-            expected=f"names such as {first_of(truth.names)}",
-            fix="name the cameras as the images of the scene are named, and leave out others",
-        )
-    placed, known = _placed(predicted), _placed(truth)
     pairs = [(place[name], row) for row, name in enumerate(truth.names) if name in place]
     rows, true_rows = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    kept = placed[rows] & known[true_rows]
+    both = predicted.centres[rows], truth.centres[true_rows]
+    kept = np.isfinite(np.concatenate(both, axis=1)).all(axis=1)
     return rows[kept], true_rows[kept]
 
 
-def _placed(cameras: PosedCameras) -> Bools:
-    return np.asarray(np.isfinite(cameras.centres).all(axis=1))
-
-
-def _with_residuals(
-    found: Alignment, predicted: PosedCameras | None, truth: PosedCameras | None
-) -> Alignment:
-    if predicted is None or truth is None:
-        return found
+def _with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCameras) -> Alignment:
     rows, true_rows = partners(predicted, truth)
     source, target = predicted.take(rows), truth.take(true_rows)
     away = distances(found.transform.apply(source.centres), target.centres)
@@ -218,15 +181,6 @@ def _residuals(values: Floats) -> Residuals | None:
     return Residuals(rms, float(np.median(values)), float(values.max()))
 
 
-def _refuse_repeats(names: tuple[str, ...], whose: str) -> None:
-    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
-    if repeated:
-        raise AlignmentError(
-            f"images come twice in the {whose}: {first_of(repeated)}",
-            expected="each image once",
-        )
-
-
 def _require_cameras(count: int, predicted: int) -> None:
     if count < LEAST_CAMERAS:
         raise AlignmentError(
@@ -235,3 +189,39 @@ def _require_cameras(count: int, predicted: int) -> None:
             expected=f"at least {LEAST_CAMERAS} cameras",
             fix="give poses of more images, or predict in the truth's frame and align by 'none'",
         )
+
+
+def write_alignments(alignments: Mapping[str, Alignment], path: Path) -> None:
+    """Write ``alignment.json``: how each scene was aligned, its scale and its residuals."""
+    values = {scene: _alignment_values(found) for scene, found in alignments.items()}
+    with atomic_write(path, "w") as stream:
+        stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
+
+
+def _alignment_values(found: Alignment) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "method": found.method,
+        "scale": found.transform.scale,
+        "matrix": found.transform.matrix.tolist(),
+        "cameras": found.cameras,
+        "cameras_missing": found.missing,
+        "inliers": found.inliers,
+        "inlier_names": list(found.inlier_names),
+        "inlier_limit_m": found.inlier_limit,
+        "used_orientations": found.used_orientations,
+        "robust": found.robust,
+    }
+    for name in ("centres", "inlier_centres", "rotations_deg"):
+        residuals: Residuals | None = getattr(found, name)
+        values[name] = None if residuals is None else _finite(asdict(residuals))
+    values["icp"] = None if found.icp is None else _finite(asdict(found.icp))
+    values["icp_failure"] = found.icp_failure
+    return values
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Write infinite numbers as text, as in results, at whatever depth."""
+    return {
+        key: _finite(one) if isinstance(one, dict) else "Infinity" if one == np.inf else one
+        for key, one in values.items()
+    }

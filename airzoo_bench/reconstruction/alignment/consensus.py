@@ -26,8 +26,8 @@ from airzoo_bench.reconstruction.alignment.camera_sets import (
     RansacSettings,
     Strip,
     distances,
+    sample_blocks,
 )
-from airzoo_bench.reconstruction.alignment.samples import sample_blocks
 from airzoo_bench.reconstruction.alignment.similarity import (
     RANK_TOLERANCE,
     AlignmentError,
@@ -35,16 +35,9 @@ from airzoo_bench.reconstruction.alignment.similarity import (
     point_rank,
 )
 
-__all__ = [
-    "LEAST_CAMERAS",
-    "CameraFit",
-    "PosedCameras",
-    "RansacSettings",
-    "distances",
-    "fit_cameras",
-]
+__all__ = ["CameraFit", "fit_cameras"]
 
-# Of the extent of the true centres: below it a residual is rounding, and no outlier's.
+# Of the width of the true centres: below it a residual is rounding, and no outlier's.
 _LEAST_LIMIT = 1e-9
 _MOST_REFITS = 100
 
@@ -162,11 +155,11 @@ def _better(cameras: Centres, best: _Best, fits: list[Similarity], *, refit: boo
     means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
     first = np.lexsort((means, -counts))[0]
     found = _Best([fits[first]], residuals[first])
-    found = _settled(cameras, found) if refit else found
+    found = _refitted(cameras, found) if refit else found
     return found if found.score < best.score else best
 
 
-def _settled(cameras: Centres, best: _Best) -> _Best:
+def _refitted(cameras: Centres, best: _Best) -> _Best:
     """Refit to the inliers until they stay, as long as they do not become fewer."""
     for _ in range(_MOST_REFITS):
         inliers = np.isfinite(best.residuals)
@@ -198,11 +191,11 @@ def _limit(first: list[Similarity], a: Floats, b: Floats, given: float | None) -
         return given
     from scipy.spatial import cKDTree
 
-    extent = float(distances(b, b[:1]).max())
+    width = float(distances(b, b[:1]).max())
     if not first:
-        return _LEAST_LIMIT * extent
+        return _LEAST_LIMIT * width
     away, _ = cKDTree(b - b[0]).query(first[0].apply(a) - b[0])
-    return max(float(np.median(away)), _LEAST_LIMIT * extent)
+    return max(float(np.median(away)), _LEAST_LIMIT * width)
 
 
 def _on_a_line(true_centres: Floats, settings: RansacSettings) -> bool:

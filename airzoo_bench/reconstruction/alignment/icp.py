@@ -17,7 +17,7 @@ import numpy as np
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, fit_many
-from airzoo_bench.reconstruction.regions import finite_rows
+from airzoo_bench.reconstruction.sources import finite_pieces, finite_rows
 
 __all__ = ["CloudFit", "IcpReport", "IcpSettings", "drawn", "refine"]
 
@@ -121,7 +121,7 @@ def refine(
     Besl and McKay, A method for registration of 3-D shapes, PAMI 14(2), 1992.
     """
     points = drawn(predicted, settings.max_points, settings.seed)
-    origin = _some_point(truth)
+    origin = next((part[0] for part in finite_pieces(truth, _PART) if len(part)), None)
     if not len(points) or origin is None:
         raise AlignmentError("ICP needs points in the prediction and in the truth")
     # Near zero: the tree works on offsets from a point of the truth.
@@ -167,18 +167,6 @@ def drawn(source: CloudSource, count: int, seed: int) -> Floats:
     return points
 
 
-def _some_point(source: CloudSource) -> Floats | None:
-    for part in _parts(source):
-        if len(part):
-            return np.asarray(part[0])
-    return None
-
-
-def _parts(source: CloudSource) -> Iterator[Floats]:
-    for piece in source.pieces(_PART):
-        yield piece.points[finite_rows(piece.points)]
-
-
 class _Nearest:
     """Distances to the nearest point within a limit, infinite beyond, and that point."""
 
@@ -195,7 +183,7 @@ class _Nearest:
     def _read(self) -> Iterator[tuple[Floats, Any]]:
         from pykdtree.kdtree import KDTree
 
-        for part in _parts(self._truth):
+        for part in finite_pieces(self._truth, _PART):
             if len(part):
                 near_zero = part - self._origin
                 yield near_zero, KDTree(near_zero)

@@ -22,8 +22,12 @@ from numpy.typing import NDArray
 from pykdtree import kdtree
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.reconstruction.distances.boxes import BoxTree, squared_distance
-from airzoo_bench.reconstruction.distances.morton import gather, morton_order
+from airzoo_bench.reconstruction.distances.boxes import (
+    BoxTree,
+    gather,
+    morton_order,
+    squared_distance,
+)
 
 __all__ = ["NeighbourSearch", "mutual_distances"]
 
@@ -42,7 +46,7 @@ _MIXERS = tuple(map(np.uint64, (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667
 Hashes = NDArray[np.uint64]
 
 
-def mutual_distances(first: Floats, second: Floats, *, threads: int) -> tuple[Floats, Floats]:
+def mutual_distances(first: Floats, second: Floats, *, jobs: int) -> tuple[Floats, Floats]:
     """Distance of each point to the nearest of the other cloud, both ways.
 
     Parameters
@@ -50,8 +54,8 @@ def mutual_distances(first: Floats, second: Floats, *, threads: int) -> tuple[Fl
     first : (N, 3) array
     second : (M, 3) array
         Finite, each with fewer than 2^32 points.
-    threads : int
-        At least 1. The distances do not depend on it.
+    jobs : int
+        Threads, at least 1. The distances do not depend on it.
 
     Returns
     -------
@@ -71,8 +75,8 @@ def mutual_distances(first: Floats, second: Floats, *, threads: int) -> tuple[Fl
         return np.full(len(first), np.inf), np.full(len(second), np.inf)
     orders = morton_order(first), morton_order(second)
     return (
-        _distances(first, orders[0], second, orders[1], threads),
-        _distances(second, orders[1], first, orders[0], threads),
+        _distances(first, orders[0], second, orders[1], jobs),
+        _distances(second, orders[1], first, orders[0], jobs),
     )
 
 
@@ -90,10 +94,10 @@ class NeighbourSearch:
         self._tree = kdtree.KDTree(self._points, leafsize=_LEAF)
         self._boxes: BoxTree | None = None
 
-    def squared(self, points: Floats, *, threads: int) -> Floats:
+    def squared(self, points: Floats, *, jobs: int) -> Floats:
         """Squared distance (N,) of each of points (N, 3), best in Morton order, to the nearest."""
         found = np.empty(len(points))
-        with _openmp_threads(threads):
+        with _openmp_threads(jobs):
             for start in range(0, len(points), _CHUNK):
                 found[start : start + _CHUNK] = self._nearest(points[start : start + _CHUNK])
         return found
@@ -102,10 +106,10 @@ class NeighbourSearch:
         squared, unsure = self._ask(points, 2)
         if unsure.any():
             rows = np.flatnonzero(unsure)
-            squared[rows] = self._settled(points[rows])
+            squared[rows] = self._resolve_ties(points[rows])
         return squared
 
-    def _settled(self, points: Floats) -> Floats:
+    def _resolve_ties(self, points: Floats) -> Floats:
         squared, unsure = self._ask(points, _MORE)
         if unsure.any():
             self._boxes = self._boxes or BoxTree(self._points)
@@ -131,13 +135,13 @@ class NeighbourSearch:
 
 
 def _distances(
-    points: Floats, order: Ints, others: Floats, others_order: Ints, threads: int
+    points: Floats, order: Ints, others: Floats, others_order: Ints, jobs: int
 ) -> Floats:
     search = NeighbourSearch(gather(others, others_order))
     found = np.empty(len(points))
     for start in range(0, len(points), _CHUNK):
         rows = order[start : start + _CHUNK]
-        found[rows] = search.squared(points[rows], threads=threads)
+        found[rows] = search.squared(points[rows], jobs=jobs)
     return np.sqrt(found, out=found)
 
 
@@ -183,14 +187,14 @@ def _hashes(points: Floats) -> Hashes:
 
 
 @contextmanager
-def _openmp_threads(threads: int) -> Iterator[None]:
+def _openmp_threads(jobs: int) -> Iterator[None]:
     """Give pykdtree so many threads; it has no argument for it, and takes all by itself."""
     library = _openmp()
     if library is None:
         yield
         return
     before = library.omp_get_max_threads()
-    library.omp_set_num_threads(threads)
+    library.omp_set_num_threads(jobs)
     try:
         yield
     finally:

@@ -11,7 +11,6 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import IO
 
 import numpy as np
@@ -82,7 +81,7 @@ def cells_of(sample: Floats, count: int) -> Cells:
 
 
 @dataclass(frozen=True, eq=False)
-class _Extent:
+class _Run:
     """Some points of one cell that lie together in the file."""
 
     offset: int
@@ -97,14 +96,14 @@ class Block:
 
     Attributes
     ----------
-    extents : tuple
+    runs : tuple
         Where they are in the file.
     count : int
     low, high : (3,) float64
         The smallest box that holds them.
     """
 
-    extents: tuple[_Extent, ...]
+    runs: tuple[_Run, ...]
     count: int
     low: Floats
     high: Floats
@@ -119,9 +118,9 @@ class Spill:
         Points in all.
     """
 
-    def __init__(self, stream: IO[bytes], cells: Cells, *, most: int, folder: Path | None) -> None:
-        self._stream, self._cells, self._most, self._folder = stream, cells, most, folder
-        self._extents: list[list[_Extent]] = [[] for _ in range(cells.count)]
+    def __init__(self, stream: IO[bytes], cells: Cells, *, most: int) -> None:
+        self._stream, self._cells, self._most = stream, cells, most
+        self._runs: list[list[_Run]] = [[] for _ in range(cells.count)]
         self.count = 0
 
     @property
@@ -142,43 +141,41 @@ class Spill:
             self._append(which, rows[ends[which] : ends[which + 1]])
 
     def _append(self, cell: int, rows: Floats) -> None:
-        with _disk_faults(self._folder):
+        with _disk_faults():
             offset = self._stream.tell()
             self._stream.write(rows.data)
         low, high = rows[:, :3].min(axis=0), rows[:, :3].max(axis=0)
-        self._extents[cell].append(_Extent(offset, len(rows), low, high))
+        self._runs[cell].append(_Run(offset, len(rows), low, high))
 
     def blocks(self, cell: int) -> list[Block]:
         """Return the points of a cell in blocks: one, unless the cell has far more than others."""
-        groups: list[list[_Extent]] = []
+        groups: list[list[_Run]] = []
         room = 0
-        for extent in self._extents[cell]:
-            if not groups or extent.count > room:
+        for run in self._runs[cell]:
+            if not groups or run.count > room:
                 groups.append([])
                 room = self._most
-            groups[-1].append(extent)
-            room -= extent.count
+            groups[-1].append(run)
+            room -= run.count
         return [_block(group) for group in groups]
 
     def read(self, block: Block) -> tuple[Floats, Ints]:
         """Return points (N, 3) of a block, and their numbers (N,)."""
         rows = np.empty((block.count, 4))
         start = 0
-        for extent in block.extents:
-            stop = start + extent.count
-            with _disk_faults(self._folder):
-                self._stream.seek(extent.offset)
-                content = self._stream.read(extent.count * _ROW_BYTES)
+        for run in block.runs:
+            stop = start + run.count
+            with _disk_faults():
+                self._stream.seek(run.offset)
+                content = self._stream.read(run.count * _ROW_BYTES)
             rows[start:stop] = np.frombuffer(content).reshape(-1, 4)
             start = stop
         return np.ascontiguousarray(rows[:, :3]), rows.view(np.int64)[:, 3].copy()
 
 
 @contextmanager
-def spilled(
-    pieces: Iterable[Floats], cells: Cells, *, most: int, folder: Path | None
-) -> Iterator[Spill]:
-    """Write a cloud to a temporary file, cell by cell.
+def spilled(pieces: Iterable[Floats], cells: Cells, *, most: int) -> Iterator[Spill]:
+    """Write a cloud to a temporary file where the system keeps such files, cell by cell.
 
     The file has no name, or loses it at once where the system allows that: it is gone with the
     process, however that ends.
@@ -189,8 +186,6 @@ def spilled(
     cells : Cells
     most : int
         Points of a block, at most; pieces may not be larger.
-    folder : Path or None
-        Where the file lies; by default where the system keeps temporary files.
 
     Yields
     ------
@@ -199,35 +194,35 @@ def spilled(
     Raises
     ------
     UserError
-        The disk is full or the folder cannot be written to.
+        The disk is full or cannot be written to.
     """
-    with _disk_faults(folder):
-        stream = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
+    with _disk_faults():
+        stream = tempfile.TemporaryFile()  # noqa: SIM115
     with stream:
-        spill = Spill(stream, cells, most=most, folder=folder)
+        spill = Spill(stream, cells, most=most)
         for piece in pieces:
             spill.add(piece)
         yield spill
 
 
 @contextmanager
-def _disk_faults(folder: Path | None) -> Iterator[None]:
+def _disk_faults() -> Iterator[None]:
     try:
         yield
     except OSError as error:
         setting = "TMPDIR" if os.name == "posix" else "TEMP"
         raise UserError(
             f"clouds cannot be kept on disk: {error.strerror or error}",
-            where=folder or tempfile.gettempdir(),
+            where=tempfile.gettempdir(),
             expected=f"{_ROW_BYTES} bytes of room for each point of both clouds",
             fix=f"make room, or set {setting} to another folder",
         ) from error
 
 
-def _block(extents: list[_Extent]) -> Block:
+def _block(runs: list[_Run]) -> Block:
     return Block(
-        tuple(extents),
-        sum(extent.count for extent in extents),
-        np.min([extent.low for extent in extents], axis=0),
-        np.max([extent.high for extent in extents], axis=0),
+        tuple(runs),
+        sum(run.count for run in runs),
+        np.min([run.low for run in runs], axis=0),
+        np.max([run.high for run in runs], axis=0),
     )

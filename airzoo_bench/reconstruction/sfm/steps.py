@@ -2,46 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.evaluation.baseline import DOUBLED, Option
-from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Ints
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.sift import extract, mutual_nearest
-from airzoo_bench.reconstruction.sfm.model import Lens, Model, model_arrays, model_from_arrays
-from airzoo_bench.reconstruction.sfm.views import TwoViews, map_photos, verify
+from airzoo_bench.reconstruction.sfm.colmap import Lens, Model, TwoViews, map_photos, verify
 
 __all__ = [
     "Batch",
     "Photo",
-    "Reader",
     "SfmSettings",
-    "build_models",
+    "build_model",
     "extract_features",
-    "focal_from_exif",
     "list_photo",
     "match_batch",
     "plan_batches",
 ]
 
-Reader = Callable[[Path, int], NDArray[np.uint8]]
-"""Reads a photo in colour (height, width, 3), so small that its long side fits."""
-
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
-_FILM_MM = 36.0
-_EXIF_IFD = 0x8769
-_FOCAL_35MM = 0xA405  # EXIF's FocalLengthIn35mmFilm; 0 is unknown
-_VERSION = 1  # of the files in the folder
+_VERSION = 2  # of the files in the folder
 
 
 @dataclass(frozen=True)
@@ -100,37 +91,18 @@ class Batch(NamedTuple):
     matches: Path
 
 
-def list_photo(path: Path, size: Ints, settings: SfmSettings, folder: Path) -> Photo:
-    """Return a photo of (width, height), its features named by its bytes and the settings."""
+def list_photo(path: Path, lens: Lens, settings: SfmSettings, folder: Path) -> Photo:
+    """Return a photo, its features named by its bytes and the settings."""
     pycolmap = load_pycolmap()
-
     extraction = [settings.long_side_px, settings.max_features, settings.peak_threshold]
     made_by = [_VERSION, pycolmap.__version__, *extraction, settings.doubled]
     key = fingerprint([*made_by, sha256_of(path)])
-    return Photo(path, int(size[0]), int(size[1]), folder / "features" / f"{key}.npz")
+    return Photo(path, lens.width, lens.height, folder / "features" / f"{key}.npz")
 
 
-def focal_from_exif(path: Path, size: Ints) -> float:
-    """Return the focal length in pixels that EXIF states as that of 35 mm film; NaN without.
-
-    The frame of such film is 36 mm wide, here the photo's long side.
-
-    Raises
-    ------
-    BenchmarkError
-        See `opened_photo`.
-    """
-    with opened_photo(path) as image:
-        given = image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_35MM, 0)
-    if not isinstance(given, Real):
-        return np.nan
-    focal = float(given) / _FILM_MM * float(max(size))
-    return focal if 0.0 < focal < np.inf else np.nan
-
-
-def extract_features(settings: SfmSettings, read: Reader, photo: Photo) -> None:
+def extract_features(settings: SfmSettings, photo: Photo) -> None:
     """Extract features of a photo into its file: pixels at full size, descriptors, colours."""
-    colour = read(photo.path, settings.long_side_px)
+    colour = read_rgb_photo(photo.path, settings.long_side_px)
     grey = np.round(colour @ _GREY).astype(np.uint8)
     seen, found = extract(
         grey, settings.max_features, settings.peak_threshold, doubled=settings.doubled
@@ -196,14 +168,14 @@ def match_batch(
         write_npz(stream, arrays)
 
 
-def build_models(
+def build_model(
     photos: Sequence[Photo],
     lenses: Sequence[Lens],
     batches: Sequence[Batch],
     settings: SfmSettings,
     folder: Path,
-) -> Iterator[Model | None]:
-    """Yield the one model, from its file where it has been made; None where nothing fits."""
+) -> Iterator[Model]:
+    """Yield the one model, from its file where it has been made."""
     images = [photo.features.stem for photo in photos]
     matched = [(batch.first, batch.seconds, batch.matches.stem) for batch in batches]
     path = folder / "models" / f"{fingerprint([_VERSION, images, matched])}.npz"
@@ -220,10 +192,14 @@ def build_models(
                 least_inliers=settings.least_inliers,
                 seed=settings.seed,
             )
+        fields = {key: getattr(model, key) for key in ("rows", "points", "colours")}
         with atomic_write(path) as stream:
-            write_npz(stream, {} if model is None else model_arrays(model))
+            write_npz(
+                stream, fields | {key: getattr(model.poses, key) for key in ("rotation", "centres")}
+            )
     arrays = _load(path)
-    yield model_from_arrays(arrays) if arrays else None
+    poses = Poses(rotation=arrays["rotation"], centres=arrays["centres"])
+    yield Model(arrays["rows"], poses, arrays["points"], arrays["colours"])
 
 
 def _two_views(batches: Sequence[Batch]) -> Iterator[TwoViews]:

@@ -1,4 +1,4 @@
-"""Two views and many: what pycolmap does for the baseline, with seeds and one thread.
+"""What pycolmap does for the baseline: two views and many, with seeds and one thread.
 
 With more than one thread bundle adjustment sums in another order on every run.
 """
@@ -6,20 +6,52 @@ With more than one thread bundle adjustment sums in another order on every run.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.sfm.model import Colours, Lens, Model
 
-__all__ = ["TwoViews", "map_photos", "verify"]
+__all__ = ["Colours", "Lens", "Model", "TwoViews", "lenses_of", "map_photos", "verify"]
+
+Colours = NDArray[np.uint8]
 
 _LEAST_MODEL = 3
+
+
+class Lens(NamedTuple):
+    """A known camera, with COLMAP's parameters of the model FULL_OPENCV."""
+
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A sparse reconstruction, in COLMAP's frame.
+
+    Attributes
+    ----------
+    rows : (R,) int64 array
+        Of the photos that were placed, ascending.
+    poses : Poses
+        Of these.
+    points : (P, 3) array
+    colours : (P, 3) uint8 array
+        Mean over the features that a point was made from.
+    """
+
+    rows: Ints
+    poses: Poses
+    points: Floats
+    colours: Colours
 
 
 class TwoViews(NamedTuple):
@@ -39,6 +71,16 @@ class TwoViews(NamedTuple):
     second: int
     config: int
     matches: Ints
+
+
+def lenses_of(cameras: Cameras) -> list[Lens]:
+    """Return cameras as COLMAP has them, with all coefficients of the lens."""
+    rows = np.hstack((cameras.focal, cameras.principal_point, cameras.distortion))
+    return [
+        # k1 k2 p1 p2 k3, and a denominator of 1.
+        Lens(int(w), int(h), (*map(float, row), 0.0, 0.0, 0.0))
+        for w, h, row in zip(cameras.width, cameras.height, rows, strict=True)
+    ]
 
 
 def verify(
@@ -95,7 +137,7 @@ def map_photos(
     max_error_px: float,
     least_inliers: int,
     seed: int,
-) -> Model | None:
+) -> Model:
     """Reconstruct incrementally (Schönberger and Frahm, CVPR 2016).
 
     Parameters
@@ -113,23 +155,19 @@ def map_photos(
 
     Returns
     -------
-    Model or None
-        The one with the most photos, then the most points; None where no two photos fit.
+    Model
+        The one with the most photos, then the most points; empty where no two photos fit.
     """
     pycolmap = load_pycolmap()
 
     database = folder / "database.db"
     _write_database(pycolmap, database, lenses, places, pairs)
     options = _options(pycolmap, max_error_px, least_inliers, seed)
-    _fix_lenses(
-        options,
-        known=all(lens.known for lens in lenses),
-        focal_known=all(lens.focal_known for lens in lenses),
-    )
     pycolmap.set_random_seed(seed)
     models = pycolmap.incremental_mapping(database, folder, folder, options)
     if not models:
-        return None
+        none = Poses(rotation=np.zeros((0, 3, 3)), centres=np.zeros((0, 3)))
+        return Model(np.zeros(0, np.int64), none, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     best = max(
         sorted(models), key=lambda key: (models[key].num_reg_images(), models[key].num_points3D())
     )
@@ -139,12 +177,12 @@ def map_photos(
 def _camera(pycolmap: Any, lens: Lens, number: int) -> Any:
     camera = pycolmap.Camera(
         camera_id=number,
-        model=lens.model,
+        model="FULL_OPENCV",
         width=lens.width,
         height=lens.height,
         params=list(lens.params),
     )
-    camera.has_prior_focal_length = lens.focal_known
+    camera.has_prior_focal_length = True
     return camera
 
 
@@ -202,14 +240,10 @@ def _options(pycolmap: Any, max_error_px: float, least_inliers: int, seed: int) 
     options.triangulation.random_seed = seed
     options.triangulation.merge_max_reproj_error = max_error_px
     options.triangulation.complete_max_reproj_error = max_error_px
+    options.ba_refine_focal_length = options.ba_refine_extra_params = False
+    options.mapper.abs_pose_refine_focal_length = False
+    options.mapper.abs_pose_refine_extra_params = False
     return options
-
-
-def _fix_lenses(options: Any, *, known: bool, focal_known: bool) -> None:
-    options.ba_refine_focal_length = not focal_known
-    options.ba_refine_extra_params = not known
-    options.mapper.abs_pose_refine_focal_length = not focal_known
-    options.mapper.abs_pose_refine_extra_params = not known
 
 
 def _read(model: Any, colours: Sequence[Colours]) -> Model:
@@ -218,14 +252,12 @@ def _read(model: Any, colours: Sequence[Colours]) -> Model:
     points = [model.points3D[key] for key in sorted(model.points3D)]
     return Model(
         rows=np.array([image.image_id - 1 for image in images], np.int64),
-        cameras=_brown([model.cameras[image.camera_id] for image in images]),
         poses=Poses.from_translations(
             np.array([pose.rotation.matrix() for pose in poses]),
             np.array([pose.translation for pose in poses]),
         ),
         points=np.array([point.xyz for point in points]).reshape(-1, 3),
         colours=_mean_colours(points, colours),
-        reprojection_px=float(model.compute_mean_reprojection_error()) if points else np.nan,
     )
 
 
@@ -241,16 +273,3 @@ def _mean_colours(points: Sequence[Any], colours: Sequence[Colours]) -> Colours:
     sums = np.add.reduceat(seen, starts, axis=0)
     mean: Colours = np.round(sums / lengths[:, None]).astype(np.uint8)
     return mean
-
-
-def _brown(cameras: Sequence[Any]) -> Cameras:
-    lenses = np.zeros((len(cameras), 5))
-    for row, camera in zip(lenses, cameras, strict=True):
-        given = camera.params[4:9] if camera.model.name == "FULL_OPENCV" else camera.params[3:4]
-        row[: len(given)] = given
-    return Cameras.from_matrices(
-        np.array([camera.calibration_matrix() for camera in cameras]),
-        [camera.width for camera in cameras],
-        [camera.height for camera in cameras],
-        lenses,
-    )
