@@ -24,9 +24,8 @@ from rasterio import Affine
 
 from airzoo_bench.benchmark.queries import query_table
 from airzoo_bench.geometry.cameras import Cameras, project
-from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.geometry.rasters import open_info, world_to_pixel
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses

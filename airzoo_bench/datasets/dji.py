@@ -1,7 +1,7 @@
 """Where a photo says that it was taken: position in EXIF, gimbal angles in DJI's XMP.
 
 Position is EXIF's where it has one (its seconds have four decimals, 3 mm), DJI's otherwise. Angles
-are as `geometry.attitude` takes them.
+are as `geometry.rotations` takes them.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.formats.photos import opened_photo
-from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
 from airzoo_bench.geometry.frames import describe_crs, from_lonlat, horizontal_crs
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import angles_to_rotations
+from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["PhotoPrior", "priors_to_poses", "read_prior"]
 
@@ -55,7 +56,7 @@ class PhotoPrior:
     altitude_m : float or None
         Above sea level or ellipsoid: photos do not say reliably which.
     yaw_deg, pitch_deg, roll_deg : float or None
-        Of the gimbal; see `geometry.attitude`.
+        Of the gimbal; see `geometry.rotations`.
     relative_altitude_m : float or None
         Above the place of take-off.
     """

@@ -9,9 +9,8 @@ from rasterio.enums import Resampling
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.blocks import small_cache
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
-from airzoo_bench.geometry.planes import change_of_plane
-from airzoo_bench.geometry.rasters import RasterInfo, opened
+from airzoo_bench.geometry.frames import change_of_plane
+from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world, world_to_pixel
 
 __all__ = ["MapFacts", "check_overlap", "map_facts"]
 

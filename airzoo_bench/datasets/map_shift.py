@@ -14,9 +14,8 @@ from rasterio.enums import Resampling
 
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.blocks import small_cache
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
-from airzoo_bench.geometry.planes import change_of_plane
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened
+from airzoo_bench.geometry.frames import change_of_plane
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world, world_to_pixel
 
 __all__ = ["MapShift", "map_shift"]
 

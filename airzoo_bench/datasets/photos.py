@@ -45,8 +45,7 @@ from airzoo_bench.datasets.sources import (
     vertical_unit_m,
 )
 from airzoo_bench.datasets.tiles import write_parts
-from airzoo_bench.geometry.blocks import HeightSurvey
-from airzoo_bench.geometry.medians import median_height
+from airzoo_bench.geometry.blocks import HeightSurvey, median_height
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.attitude import angles_to_rotations, rotations_to_angles
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 
 __all__ = ["PriorErrors", "Turned", "prior_errors", "turned_priors"]
 

@@ -12,9 +12,8 @@ from airzoo_bench.datasets.photo_facts import Cameras3D
 from airzoo_bench.datasets.scene_facts import footprints_of
 from airzoo_bench.geometry.blocks import HeightSurvey, survey_heights
 from airzoo_bench.geometry.frames import describe_crs
-from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import CORNERS
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, pixel_to_world
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.settings import Gallery
 

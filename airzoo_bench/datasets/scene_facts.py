@@ -28,10 +28,9 @@ from airzoo_bench.datasets.photo_files import PhotoFiles
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
-from airzoo_bench.geometry.grids import world_to_pixel
-from airzoo_bench.geometry.planes import change_of_plane
+from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.poses import rays_to_world
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, world_to_pixel
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth

@@ -1,4 +1,4 @@
-"""Height fields larger than memory, read by blocks as they are needed."""
+"""Heights of rasters larger than memory: read by blocks, surveyed, and their exact median."""
 
 from __future__ import annotations
 
@@ -14,16 +14,32 @@ import rasterio
 from numpy.typing import NDArray
 from rasterio.windows import Window
 
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.heightfield import HeightField, Heights, read_metres
+from airzoo_bench.geometry.heightfield import (
+    HeightField,
+    Heights,
+    height_type,
+    metres_of,
+    read_heights,
+    read_metres,
+)
 from airzoo_bench.geometry.rasters import open_info, opened
 
-__all__ = ["HeightSurvey", "blocked_heights", "small_cache", "survey_heights", "window_shape"]
+__all__ = [
+    "HeightSurvey",
+    "blocked_heights",
+    "median_height",
+    "small_cache",
+    "survey_heights",
+    "window_shape",
+]
 
 _SIDE = 256
 _SLOTS = 1024
 _SCAN_PIXELS = 1 << 20
 _CACHE_BYTES = 64 << 20
+_DIGIT_BITS = 16
 
 
 def small_cache() -> rasterio.Env:
@@ -89,7 +105,8 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
     pixels = valid = at_low = beyond = 0
     low = high = np.nan
     with small_cache(), opened(path) as dataset:
-        for heights in _windows_of_heights(dataset):
+        for window in _windows(dataset):
+            heights = read_metres(dataset, window)
             there = heights[~np.isnan(heights)].astype(np.float64)
             pixels, valid = pixels + heights.size, valid + there.size
             least = there.min(initial=np.inf)
@@ -101,12 +118,88 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
     return HeightSurvey(pixels, valid, float(low), float(high), at_low, beyond)
 
 
-def _windows_of_heights(dataset: Any) -> Iterator[Heights]:
+def _windows(dataset: Any) -> Iterator[Window]:
     width, height = window_shape(dataset, _SCAN_PIXELS)
     for row in range(0, dataset.height, height):
         for column in range(0, dataset.width, width):
-            right, below = dataset.width - column, dataset.height - row
-            yield read_metres(dataset, Window(column, row, min(width, right), min(height, below)))
+            yield _clipped(dataset, column, row, width, height)
+
+
+def _clipped(dataset: Any, column: int, row: int, width: int, height: int) -> Window:
+    right, below = dataset.width - column, dataset.height - row
+    return Window(column, row, min(width, right), min(height, below))
+
+
+def median_height(path: str | Path) -> float:
+    """Median of all valid heights of a raster's first band, in metres.
+
+    Radix selection: heights become unsigned integers of the same order, and each pass over the file
+    counts 16 bits of those that share the bits found so far: two passes for float32 and narrow
+    integers, four for all else (64-bit integers beyond 2^53 are rounded). The result is exact;
+    for an even count it is the mean of the two middle heights. Memory holds some windows of a
+    million pixels (or one block of the file where that is larger) besides GDAL's block cache.
+
+    Raises
+    ------
+    RasterError
+        No valid height; see also `rasters.opened`.
+    """
+    with opened(path) as dataset:
+        dtype = np.dtype(height_type(dataset.dtypes[0]))
+        lower, upper = _middle(dataset, dtype, path)
+        scale, offset = metres_of(dataset)
+        return (lower + upper) / 2.0 * scale + offset
+
+
+def _middle(dataset: Any, dtype: np.dtype[Any], path: str | Path) -> tuple[float, float]:
+    """Return the two middle heights, alike when their number is odd."""
+    bits = dtype.itemsize * 8
+    prefixes, ranks = [0, 0], [0, 0]
+    for shift in range(bits - _DIGIT_BITS, -1, -_DIGIT_BITS):
+        counts = _digit_counts(dataset, dtype, shift, prefixes)
+        if shift == bits - _DIGIT_BITS:
+            total = int(counts[0].sum())
+            if not total:
+                raise RasterError("no valid height", where=path, fix="check its nodata value")
+            ranks = [(total - 1) // 2, total // 2]
+        for which, count in enumerate(counts):
+            below = np.cumsum(count)
+            digit = int(np.searchsorted(below, ranks[which], side="right"))
+            ranks[which] -= int(below[digit] - count[digit])
+            prefixes[which] = (prefixes[which] << _DIGIT_BITS) | digit
+    lower, upper = (_height(prefix, dtype) for prefix in prefixes)
+    return lower, upper
+
+
+def _digit_counts(
+    dataset: Any, dtype: np.dtype[Any], shift: int, prefixes: list[int]
+) -> list[NDArray[np.int64]]:
+    """Count, for each prefix, the 16 bits at `shift` of the keys that begin with it."""
+    counts = {prefix: np.zeros(1 << _DIGIT_BITS, dtype=np.int64) for prefix in prefixes}
+    for window in _windows(dataset):
+        heights = read_heights(dataset, window, dtype)
+        keys = _keys(heights[~np.isnan(heights)]) >> np.uint64(shift)
+        for prefix, count in counts.items():
+            digits = keys[keys >> np.uint64(_DIGIT_BITS) == np.uint64(prefix)]
+            digits &= np.uint64((1 << _DIGIT_BITS) - 1)
+            count += np.bincount(digits.astype(np.int64), minlength=len(count))
+    return [counts[prefix] for prefix in prefixes]
+
+
+def _keys(heights: Heights) -> NDArray[np.uint64]:
+    """Unsigned integers in the heights' order: flip the sign bit, or all bits of negatives."""
+    bits = heights.dtype.itemsize * 8
+    raw = heights.view(f"u{heights.dtype.itemsize}").astype(np.uint64)
+    sign = np.uint64(1 << (bits - 1))
+    return np.where(raw & sign, np.uint64((1 << bits) - 1) ^ raw, raw | sign)
+
+
+def _height(key: int, dtype: np.dtype[Any]) -> float:
+    """Inverse of `_keys` for one key."""
+    bits = dtype.itemsize * 8
+    sign = 1 << (bits - 1)
+    raw = key ^ sign if key & sign else key ^ ((1 << bits) - 1)
+    return float(np.array(raw, dtype=f"u{dtype.itemsize}").view(dtype))
 
 
 @contextmanager
@@ -167,7 +260,8 @@ class _Blocks:
 
     def height_range(self) -> tuple[float, float]:
         low = high = np.nan
-        for heights in _windows_of_heights(self._dataset):
+        for window in _windows(self._dataset):
+            heights = read_metres(self._dataset, window)
             low = np.fmin(low, np.fmin.reduce(heights, axis=None))
             high = np.fmax(high, np.fmax.reduce(heights, axis=None))
         return float(low), float(high)
@@ -180,13 +274,8 @@ class _Blocks:
             missing = np.unique(block)
         for one in missing.tolist():
             down, across = divmod(one, self._across)
-            heights = self._read(across * _SIDE, down * _SIDE, _SIDE, _SIDE)
+            window = _clipped(self._dataset, across * _SIDE, down * _SIDE, _SIDE, _SIDE)
+            heights = read_metres(self._dataset, window)
             self._heights[self._used, : heights.shape[0], : heights.shape[1]] = heights
             self._slot[one] = self._used
             self._used += 1
-
-    def _read(self, column: int, row: int, width: int, height: int) -> NDArray[Any]:
-        right, below = self._dataset.width - column, self._dataset.height - row
-        return read_metres(
-            self._dataset, Window(column, row, min(width, right), min(height, below))
-        )

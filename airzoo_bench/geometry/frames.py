@@ -6,8 +6,8 @@ geodetic coordinates are above the WGS84 ellipsoid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,14 @@ from pyproj import CRS, Geod, Transformer
 from pyproj.exceptions import CRSError
 
 from airzoo_bench.core.errors import RasterError, UserError
-from airzoo_bench.geometry.arrays import Floats, apply_matrix
+from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
-    "Enu",
+    "change_of_plane",
     "check_same_crs",
     "describe_crs",
     "ecef_to_geodetic",
+    "enu_axes",
     "from_lonlat",
     "geodesic_distance_m",
     "geodetic_to_ecef",
@@ -139,43 +140,24 @@ def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike) -> Floats:
     return np.asarray(metres, dtype=np.float64).reshape(a.shape[:-1])
 
 
-@dataclass(frozen=True)
-class Enu:
-    """East-north-up frame, tangent at a point of WGS84.
+def enu_axes(lonlat: ArrayLike) -> Floats:
+    """Axes of the east-north-up frames tangent at places of WGS84.
 
     Parameters
     ----------
-    lon, lat : float
-        Degrees.
-    height : float
-        Metres above the ellipsoid.
+    lonlat : (N, 2) array
+        Longitude, latitude in degrees.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        Rotations from ENU to ECEF: the columns are east, north and up.
     """
-
-    lon: float
-    lat: float
-    height: float
-
-    @cached_property
-    def rotation(self) -> Floats:
-        """Rotation (3, 3) from ENU to ECEF: its columns are east, north and up."""
-        lon, lat = np.radians(self.lon), np.radians(self.lat)
-        east = (-np.sin(lon), np.cos(lon), 0.0)
-        north = (-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat))
-        up = (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
-        return np.array((east, north, up)).T
-
-    @cached_property
-    def origin(self) -> Floats:
-        """Origin (3,) in ECEF."""
-        return geodetic_to_ecef((self.lon, self.lat, self.height))
-
-    def to_ecef(self, points: ArrayLike) -> Floats:
-        """Take ENU points (..., 3) to ECEF."""
-        return apply_matrix(self.rotation, np.asarray(points, dtype=np.float64)) + self.origin
-
-    def from_ecef(self, points: ArrayLike) -> Floats:
-        """Take ECEF points (..., 3) to ENU."""
-        return apply_matrix(self.rotation.T, np.asarray(points, dtype=np.float64) - self.origin)
+    lon, lat = np.radians(np.asarray(lonlat, dtype=np.float64)).T
+    east = (-np.sin(lon), np.cos(lon), np.zeros_like(lon))
+    north = (-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat))
+    up = (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
+    return np.array((east, north, up)).T
 
 
 @lru_cache(maxsize=64)
@@ -254,6 +236,17 @@ def same_plane(first: Any, second: Any) -> bool:
         and a.coordinate_operation == b.coordinate_operation
         and _axes(a) == _axes(b)
     )
+
+
+def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
+    """Return what takes coordinates (..., 2) of one CRS to another, x before y.
+
+    Coordinates are left as they are where the two are one CRS (see `same_plane`);
+    otherwise they go through WGS84, and are NaN beyond the domain of either.
+    """
+    if same_plane(source, target):
+        return lambda xy: xy
+    return lambda xy: from_lonlat(target, to_lonlat(source, xy))
 
 
 def _axes(crs: CRS) -> list[tuple[str, float]]:

@@ -20,11 +20,24 @@ from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    open_info,
+    opened,
+    pixel_to_world,
+    world_to_pixel,
+)
 from airzoo_bench.geometry.units import height_unit_m
 
-__all__ = ["CORNERS", "HeightField", "Heights", "metres_of", "read_heights", "read_metres"]
+__all__ = [
+    "CORNERS",
+    "HeightField",
+    "Heights",
+    "height_type",
+    "metres_of",
+    "read_heights",
+    "read_metres",
+]
 
 Heights = NDArray[np.float32] | NDArray[np.float64]
 
@@ -87,7 +100,7 @@ class HeightField:
         """
         info = open_info(path)
         window = _window(info, bounds)
-        _check_size(info, window, np.dtype(_height_type(info.dtype)).itemsize, limit_bytes)
+        _check_size(info, window, np.dtype(height_type(info.dtype)).itemsize, limit_bytes)
         with opened(path) as dataset:
             heights = read_metres(dataset, window)
         a, b, _, d, e, _ = info.transform[:6]
@@ -182,7 +195,7 @@ def _neighbours(position: Floats, size: int) -> tuple[Ints, Ints, Floats]:
 
 def read_metres(dataset: Any, window: Window) -> Heights:
     """Read heights of band 1 in metres; NaN where there is none."""
-    heights = read_heights(dataset, window, _height_type(dataset.dtypes[0]))
+    heights = read_heights(dataset, window, height_type(dataset.dtypes[0]))
     scale, offset = metres_of(dataset)
     if (scale, offset) == (1.0, 0.0):
         return heights
@@ -236,7 +249,8 @@ def _read_plain(dataset: Any, window: Window, dtype: np.dtype[Any]) -> Heights |
     return heights
 
 
-def _height_type(stored: str) -> type[np.float32] | type[np.float64]:
+def height_type(stored: str) -> type[np.float32] | type[np.float64]:
+    """Return the narrowest type that holds heights stored in another without loss."""
     return np.float32 if stored in _NARROW else np.float64
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.rasters import pixel_to_world
 from airzoo_bench.geometry.rays import RayHits, RayStatus
 
 __all__ = ["HeightAt", "meet_missing", "nearest_heights"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Floats, apply_matrix, multiply, refuse_cameras
-from airzoo_bench.geometry.quaternions import (
+from airzoo_bench.geometry.rotations import (
     matrix_to_quaternion,
     quaternion_to_matrix,
     unit_quaternion_to_matrix,

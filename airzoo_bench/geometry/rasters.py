@@ -1,7 +1,10 @@
 """Georeferenced rasters: what a GeoTIFF says of itself, its grid, its colours.
 
-Pixel coordinates are those of `grids`: the centre of the first pixel is (0.5, 0.5). What
-rasterio or GDAL makes of a bad file becomes one RasterError.
+In pixel coordinates column comes before row; the raster's corner is (0, 0), the centre of its
+first pixel (0.5, 0.5). A transform is an affine.Affine or a sequence (a, b, c, d, e, f):
+x = a column + b row + c, y = d column + e row + f.
+
+What rasterio or GDAL makes of a bad file becomes one RasterError.
 """
 
 from __future__ import annotations
@@ -15,20 +18,20 @@ from typing import Any
 
 import numpy as np
 import rasterio
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError, UserError
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import (
     describe_crs,
     geodesic_distance_m,
     horizontal_crs,
     to_lonlat,
 )
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
 
 __all__ = [
     "RasterInfo",
@@ -38,6 +41,7 @@ __all__ = [
     "pixel_to_world",
     "read_rgb",
     "world_to_pixel",
+    "world_to_pixel_steps",
 ]
 
 
@@ -120,6 +124,40 @@ def opened(path: str | Path) -> Iterator[Any]:
             where=path,
             expected="a complete file that GDAL reads, such as GeoTIFF",
         ) from fault
+
+
+def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
+    """Take pixel coordinates to the raster's CRS.
+
+    Parameters
+    ----------
+    transform : affine.Affine or sequence of 6 float
+    colrow : (..., 2) array
+        Continuous; (0.5, 0.5) is the centre of the first pixel.
+
+    Returns
+    -------
+    (..., 2) array
+    """
+    a, b, c, d, e, f = transform[:6]
+    points = np.asarray(colrow, dtype=np.float64)
+    column, row = points[..., 0], points[..., 1]
+    return np.stack((a * column + b * row + c, d * column + e * row + f), axis=-1)
+
+
+def world_to_pixel(transform: Any, xy: ArrayLike) -> Floats:
+    """Take coordinates (..., 2) of the raster's CRS to pixels; the inverse of `pixel_to_world`."""
+    _, _, c, _, _, f = transform[:6]
+    # The origin goes first: carried through the inverse, its millions of metres cost digits.
+    return world_to_pixel_steps(transform, np.asarray(xy, dtype=np.float64) - (c, f))
+
+
+def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
+    """Take differences (..., 2) of world coordinates to differences in pixels."""
+    a, b, _, d, e, _ = transform[:6]
+    x, y = steps[..., 0], steps[..., 1]
+    determinant = a * e - b * d
+    return np.stack(((e * x - b * y) / determinant, (a * y - d * x) / determinant), axis=-1)
 
 
 def gsd_m(info: RasterInfo) -> tuple[float, float]:

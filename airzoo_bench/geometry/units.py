@@ -1,4 +1,4 @@
-"""Units of coordinates: what a raster's heights are in, how true a projection's metres are."""
+"""What heights are measured in, and how true the metres and the north of a projection are."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ from pyproj.database import get_units_map
 
 from airzoo_bench.core.errors import CameraError, RasterError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import describe_crs, horizontal_crs
+from airzoo_bench.geometry.frames import describe_crs, from_lonlat, horizontal_crs
 
-__all__ = ["MOST_SCALE_ERROR", "check_true_metres", "height_unit_m", "scale_error", "vertical_m"]
+__all__ = [
+    "check_true_metres",
+    "grid_convergence_deg",
+    "height_unit_m",
+    "scale_error",
+    "vertical_m",
+]
 
-MOST_SCALE_ERROR = 0.005
-"""Scene coordinates are metres where the CRS's scale differs from 1 by less than this."""
+# Scene coordinates are metres where the CRS's scale differs from 1 by less than this.
+_MOST_SCALE_ERROR = 0.005
 
 # How files spell units beside PROJ's own names.
 _SPELLINGS = {
@@ -28,6 +34,9 @@ _SPELLINGS = {
     "ft": ("feet", "international foot", "international feet"),
     "us-ft": ("us survey feet", "survey foot", "survey feet", "ftus", "ft_us", "us_ft", "us ft"),
 }
+# Half the length of meridian whose direction is measured, some 11 m: the curvature of the meridian
+# on the grid and the last digits of millions of metres then both stay below 1e-8 degrees.
+_STEP_DEG = 1e-4
 _SAME_UNIT = 1e-6  # the two feet differ by 2e-6: they are different units
 
 
@@ -63,20 +72,58 @@ def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
     Raises
     ------
     CameraError
-        Its scale there differs from 1 by `MOST_SCALE_ERROR` or more.
+        Its scale there differs from 1 by 0.5 % or more.
     """
     worst = float(np.max(scale_error(crs, lonlat), initial=0.0))
-    if not worst < MOST_SCALE_ERROR:
+    if not worst < _MOST_SCALE_ERROR:
         lon, lat = np.asarray(lonlat, dtype=np.float64).reshape(-1, 2)[0]
         found = "beyond it" if np.isinf(worst) else f"where its scale is off by {worst:.1%}"
         raise CameraError(
             f"coordinates of {describe_crs(crs)} are no metres here: the scene is at longitude "
             f"{lon:.4f}, latitude {lat:.4f}, {found}",
             where=where,
-            expected=f"a projected CRS whose scale at the scene is within {MOST_SCALE_ERROR:.1%} "
+            expected=f"a projected CRS whose scale at the scene is within {_MOST_SCALE_ERROR:.1%} "
             "of 1, such as the UTM zone",
             fix="transform poses, DSM and cloud to such a CRS",
         )
+
+
+def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
+    """Angle from true north to the grid's north, clockwise positive.
+
+    An azimuth on the grid is the true azimuth less the convergence.
+
+    Parameters
+    ----------
+    crs : Any
+        A projected CRS, see `horizontal_crs`.
+    lonlat : (..., 2) array
+        WGS84 longitude, latitude in degrees.
+
+    Returns
+    -------
+    (...) array
+        Degrees in (-180, 180]; NaN where `lonlat` is NaN or beyond the projection.
+
+    Raises
+    ------
+    CameraError
+        The CRS is not projected.
+    UserError
+        See `horizontal_crs`.
+    """
+    plane = horizontal_crs(crs)
+    if not plane.is_projected:
+        raise CameraError(
+            f"{plane.name} has no grid to turn camera poses to",
+            expected="a projected CRS in metres",
+        )
+    place = np.asarray(lonlat, dtype=np.float64)
+    south, north = place.copy(), place.copy()
+    south[..., 1] = np.maximum(place[..., 1] - _STEP_DEG, -90.0)
+    north[..., 1] = np.minimum(place[..., 1] + _STEP_DEG, 90.0)
+    x, y = np.moveaxis(from_lonlat(plane, north) - from_lonlat(plane, south), -1, 0)
+    return np.asarray(-np.degrees(np.arctan2(x, y)), dtype=np.float64)
 
 
 def vertical_m(crs: CRS) -> float | None:

@@ -14,9 +14,14 @@ from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
-from airzoo_bench.geometry.planes import change_of_plane
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
+from airzoo_bench.geometry.frames import change_of_plane
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    open_info,
+    opened,
+    pixel_to_world,
+    world_to_pixel,
+)
 from airzoo_bench.matching.crops import PixelWindow
 
 __all__ = ["write_crop"]

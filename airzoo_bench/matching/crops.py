@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
-from airzoo_bench.geometry.grids import world_to_pixel
+from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.missing_heights import HeightAt, meet_missing, nearest_heights
-from airzoo_bench.geometry.planes import change_of_plane
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.geometry.rasters import RasterInfo
+from airzoo_bench.geometry.rasters import RasterInfo, world_to_pixel
 from airzoo_bench.geometry.rays import intersect_heightfield
 from airzoo_bench.matching.settings import Crop
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel
-from airzoo_bench.geometry.planes import change_of_plane
-from airzoo_bench.geometry.rasters import open_info, read_rgb
+from airzoo_bench.geometry.frames import change_of_plane
+from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb, world_to_pixel
 from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.scoring import ScoredScene
 from airzoo_bench.matching.truth import MatchingTruth

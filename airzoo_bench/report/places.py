@@ -14,10 +14,8 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.grids import world_to_pixel
-from airzoo_bench.geometry.planes import change_of_plane
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.geometry.frames import change_of_plane, from_lonlat
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, world_to_pixel
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.report.sections import Section

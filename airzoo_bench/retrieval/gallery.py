@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.frames import describe_crs, geodesic_distance_m, to_lonlat, unwrapped
-from airzoo_bench.geometry.grids import pixel_to_world
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, pixel_to_world
 from airzoo_bench.retrieval.overlap import box_areas, polygon_areas
 from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS

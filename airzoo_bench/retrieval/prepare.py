@@ -13,9 +13,8 @@ from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import RasterInfo
+from airzoo_bench.geometry.rasters import RasterInfo, world_to_pixel
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
 from airzoo_bench.retrieval.pairs import Positives

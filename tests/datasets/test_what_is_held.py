@@ -21,9 +21,9 @@ from airzoo_bench.datasets.geometry_checks.dataset import open_benchmark
 from airzoo_bench.datasets.plausibility import kinds_and_warnings
 from airzoo_bench.datasets.plausibility_kinds import Kind
 from airzoo_bench.datasets.prior_errors import prior_errors, turned_priors
-from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import angles_to_rotations
 from tests.datasets import documented
 from tests.datasets.test_dji import packet
 from tests.geometry.support import quick, seeds

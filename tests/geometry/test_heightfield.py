@@ -10,10 +10,10 @@ from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry import heightfield, medians
-from airzoo_bench.geometry.grids import pixel_to_world
+from airzoo_bench.geometry import blocks, heightfield
+from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.medians import median_height
+from airzoo_bench.geometry.rasters import pixel_to_world
 
 from .support import quick, seeds, write_tif
 
@@ -177,7 +177,7 @@ def test_median_in_small_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     path = write_tif(
         tmp_path / "d.tif", heights, nodata=-9999, tiled=True, blockxsize=32, blockysize=16
     )
-    monkeypatch.setattr(medians, "_WINDOW_PIXELS", 1500)
+    monkeypatch.setattr(blocks, "_SCAN_PIXELS", 1500)
     assert median_height(path) == np.median(heights[heights != -9999].astype(np.float64))
 
 

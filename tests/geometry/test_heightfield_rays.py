@@ -7,9 +7,9 @@ from rasterio import Affine
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry import rays
-from airzoo_bench.geometry.crossings import first_in_cell
-from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.march import first_in_cell
+from airzoo_bench.geometry.rasters import pixel_to_world
 from airzoo_bench.geometry.rays import RayStatus, intersect_heightfield, intersect_plane
 
 from .support import quick, seeds

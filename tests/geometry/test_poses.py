@@ -15,7 +15,7 @@ from airzoo_bench.geometry.poses import (
     rotation_angle_deg,
     world_to_camera,
 )
-from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
 
 from .support import quick, seeds
 

@@ -17,7 +17,7 @@ from airzoo_bench.geometry.precision import (
     rounding_errors,
     was_rounded_to,
 )
-from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
 
 COUNT = 200
 ROTATIONS = Rotation.random(COUNT, random_state=7).as_matrix()

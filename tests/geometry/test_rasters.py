@@ -13,8 +13,14 @@ from rasterio.enums import ColorInterp
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.frames import check_same_crs
-from airzoo_bench.geometry.grids import pixel_to_world, world_to_pixel, world_to_pixel_steps
-from airzoo_bench.geometry.rasters import gsd_m, open_info, read_rgb
+from airzoo_bench.geometry.rasters import (
+    gsd_m,
+    open_info,
+    pixel_to_world,
+    read_rgb,
+    world_to_pixel,
+    world_to_pixel_steps,
+)
 
 from .support import quick, seeds, write_tif
 

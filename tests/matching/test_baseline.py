@@ -14,11 +14,11 @@ from scipy.spatial.distance import cdist
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.dji import priors_to_poses, read_prior
-from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.sift import extract, mutual_nearest
 from airzoo_bench.matching import baseline
 from airzoo_bench.matching.baseline import SiftSettings, Task, match, match_photos, plan

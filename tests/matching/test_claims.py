@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.quaternions import matrix_to_quaternion
+from airzoo_bench.geometry.rotations import matrix_to_quaternion
 from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
 from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
 from airzoo_bench.matching.notes import claim_notes

@@ -16,10 +16,9 @@ from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry import blocks
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, pixel_to_world
 from airzoo_bench.geometry.rays import RayStatus
 from airzoo_bench.matching import crops
 from airzoo_bench.matching.crops import (

@@ -12,9 +12,8 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 
 from airzoo_bench.core.errors import PredictionError, RasterError
-from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import RasterInfo
+from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
 from airzoo_bench.matching import lifting
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from tests.geometry.support import quick, seeds, write_tif

@@ -12,8 +12,11 @@ import pytest
 from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, poses_of
 from airzoo_bench.benchmark.scene_inputs import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.attitude import angles_to_rotations, rotations_to_angles
-from airzoo_bench.geometry.quaternions import matrix_to_quaternion
+from airzoo_bench.geometry.rotations import (
+    angles_to_rotations,
+    matrix_to_quaternion,
+    rotations_to_angles,
+)
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
 from airzoo_bench.matching.pose import PoseProblem, Status, solve_pose
 from tests.geometry.support import LENSES
 from tests.matching.pose_support import PROJECTED, SETTINGS, errors, make_scene

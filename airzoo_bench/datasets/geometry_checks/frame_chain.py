@@ -13,15 +13,16 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
-from airzoo_bench.geometry.attitude import grid_convergence_deg
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.frames import (
     ecef_to_geodetic,
+    enu_axes,
     from_lonlat,
     geodetic_to_ecef,
     to_lonlat,
 )
 from airzoo_bench.geometry.poses import Poses, rays_to_world
+from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["CLOSES_M", "CLOSES_PX", "RANGES_M", "FrameChain", "check_frame_chain"]
 
@@ -112,7 +113,7 @@ def _checked(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
     to_true = _turn_about_up(convergence)
     directions = apply_matrix(to_true[:, None], rays_to_world(poses, rays))
     sent = (np.array(RANGES_M)[:, None] * directions[:, :, None]).reshape(len(poses), -1, 3)
-    axes = _enu_axes(lonlat)
+    axes = enu_axes(lonlat)
     origin = geodetic_to_ecef(np.concatenate([lonlat, poses.centres[:, 2:]], axis=1))
 
     geodetic = ecef_to_geodetic(apply_matrix(axes[:, None], sent) + origin[:, None])
@@ -148,16 +149,6 @@ def _turn_about_up(convergence_deg: Floats) -> Floats:
     cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
     rows = ((cosine, sine, zero), (-sine, cosine, zero), (zero, zero, zero + 1.0))
     return np.moveaxis(np.array(rows), -1, 0)
-
-
-def _enu_axes(lonlat: Floats) -> Floats:
-    """Rotations (N, 3, 3) from ENU to ECEF, as `frames.Enu` has them for one place."""
-    lon, lat = np.radians(lonlat).T
-    zero = np.zeros_like(lon)
-    east = (-np.sin(lon), np.cos(lon), zero)
-    north = (-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat))
-    up = (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
-    return np.array((east, north, up)).T
 
 
 def _transposed(matrices: Floats) -> Floats:

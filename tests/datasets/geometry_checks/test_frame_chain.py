@@ -16,7 +16,6 @@ from airzoo_bench.datasets.geometry_checks import frame_chain
 from airzoo_bench.datasets.geometry_checks.dataset import scene_from_poses
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, check_frame_chain
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import Enu
 from airzoo_bench.geometry.poses import Poses
 from tests.support import BRIGHTON
 
@@ -81,11 +80,7 @@ def test_geographic_crs_is_refused() -> None:
         check_frame_chain(cameras(1), poses([(113.0, 28.0, 100.0)]), "EPSG:4326")
 
 
-def test_frames_are_those_of_enu_and_of_proj() -> None:
-    lonlat = np.array([(113.0, 28.2), (-71.0, -33.4)])
-    axes = frame_chain._enu_axes(lonlat)
-    for index, (lon, lat) in enumerate(lonlat):
-        assert axes[index] == pytest.approx(Enu(lon, lat, 0.0).rotation, abs=1e-15)
+def test_convergence_is_that_of_proj() -> None:
     east, north = 401_000.0, 3_120_000.0
     lon, lat = Transformer.from_crs(4547, 4326, always_xy=True).transform(east, north)
     known = Proj("EPSG:4547").get_factors(lon, lat).meridian_convergence

@@ -27,11 +27,11 @@ from airzoo_bench.datasets.mini.rendering.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import Renderer
 from airzoo_bench.datasets.mini.world.model import CRS, World
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.frames import from_lonlat, geodetic_to_ecef, to_lonlat
 from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.geometry.quaternions import quaternion_to_matrix
+from airzoo_bench.geometry.rotations import angles_to_rotations, quaternion_to_matrix
+from airzoo_bench.geometry.units import grid_convergence_deg
 from tests.datasets.mini.small_world import small_world
 from tests.datasets.mini.views import CORNER, LENS, camera
 

@@ -17,11 +17,11 @@ from airzoo_bench.datasets.mini.rendering.renderer import check_size
 from airzoo_bench.datasets.mini.rendering.weather import conditions
 from airzoo_bench.datasets.mini.world.model import CRS
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.attitude import grid_convergence_deg, rotations_to_angles
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import Enu, geodetic_to_ecef, to_lonlat
+from airzoo_bench.geometry.frames import enu_axes, geodetic_to_ecef, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.quaternions import matrix_to_quaternion
+from airzoo_bench.geometry.rotations import matrix_to_quaternion, rotations_to_angles
+from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["IMAGE_SUFFIX", "FrameList", "colmap_texts", "frames_csv"]
 
@@ -73,7 +73,7 @@ class FrameList:
 def frames_csv(frames: FrameList) -> str:
     """Return the table of frames, a row each.
 
-    Position and gimbal angles in WGS84 as `geometry.attitude` has them, the position and the
+    Position and gimbal angles in WGS84 as `geometry.rotations` has them, the position and the
     world-to-camera quaternion (w x y z) in ECEF, and the intrinsics (pixel centres at integer
     + 0.5). Degrees have 12 digits behind the point, metres 6: a chain of frames through this
     table closes to the micrometre.
@@ -109,8 +109,7 @@ def _ecef_rotations(poses: Poses, lonlat: Floats, convergence_deg: Floats) -> Fl
     zero, one = np.zeros_like(turn), np.ones_like(turn)
     rows = ((np.cos(turn), -np.sin(turn), zero), (np.sin(turn), np.cos(turn), zero))
     grid_from_enu: Floats = np.moveaxis(np.array([*rows, (zero, zero, one)]), -1, 0)
-    enu_from_ecef = np.array([Enu(lon, lat, 0.0).rotation.T for lon, lat in lonlat.tolist()])
-    rotations: Floats = poses.rotation @ grid_from_enu @ enu_from_ecef.reshape(-1, 3, 3)
+    rotations: Floats = poses.rotation @ grid_from_enu @ np.swapaxes(enu_axes(lonlat), -1, -2)
     return rotations
 
 

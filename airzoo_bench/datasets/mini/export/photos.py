@@ -26,9 +26,9 @@ from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.model import Region
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.attitude import angles_to_rotations, rotations_to_angles
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
+from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = ["ROLL", "SURVEY", "Photos", "mini_photos", "noisy_priors", "seen_surface"]

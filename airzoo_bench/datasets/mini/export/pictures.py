@@ -20,8 +20,8 @@ from airzoo_bench.datasets.mini.rendering.renderer import Renderer, default_came
 from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.model import Region, World
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
 
 if TYPE_CHECKING:

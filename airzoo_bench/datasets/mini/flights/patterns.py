@@ -15,8 +15,8 @@ from airzoo_bench.datasets.mini.flights.placement import MARGIN_M, Airspace
 from airzoo_bench.datasets.mini.flights.trajectory import Trajectory, rounded
 from airzoo_bench.datasets.mini.world.model import CRS, Region
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.attitude import grid_convergence_deg
 from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["FPS", "barrel_roll", "survey"]
 

@@ -10,9 +10,10 @@ import numpy as np
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.datasets.mini.world.model import CRS
 from airzoo_bench.geometry.arrays import Floats, refuse_cameras
-from airzoo_bench.geometry.attitude import angles_to_rotations, grid_convergence_deg
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import angles_to_rotations
+from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["Trajectory", "rounded", "trajectory_poses"]
 
@@ -24,8 +25,8 @@ _DECIMALS = {"altitude_m": 4, "roll_deg": 4, "pitch_deg": 4, "yaw_deg": 4, "time
 class Trajectory:
     """N frames of a flight.
 
-    Angles are as in `geometry.attitude`: pitch 0 is the horizon, -90 nadir; yaw is from true north,
-    clockwise positive.
+    Angles are as in `geometry.rotations`: pitch 0 is the horizon, -90 nadir; yaw is from true
+    north, clockwise positive.
 
 
     Raises
