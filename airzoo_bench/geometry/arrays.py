@@ -17,21 +17,11 @@ Bools = NDArray[np.bool_]
 
 
 def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
-    """Multiply vectors by matrices of three columns, ``matrix @ vector``.
+    """Multiply vectors (..., 3) by matrices (..., 3, 3), ``matrix @ vector``; they broadcast.
 
     Written as three products and two sums, not as a BLAS call: a BLAS kernel may round
     differently with the number of rows it is given, and the same vector must give the same
     bytes in every block.
-
-    Parameters
-    ----------
-    matrix : (..., 3, 3) array
-    vectors : (..., 3) array
-        Leading dimensions broadcast against those of `matrix`.
-
-    Returns
-    -------
-    (..., 3) array
     """
     x, y, z = (vectors[..., axis, None] for axis in range(3))
     product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z
@@ -39,17 +29,7 @@ def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
 
 
 def multiply(a: Floats, b: Floats) -> Floats:
-    """Multiply matrices (..., 3, 3), ``a @ b``, by `apply_matrix`: without BLAS.
-
-    Parameters
-    ----------
-    a, b : (..., 3, 3) arrays
-        Leading dimensions broadcast.
-
-    Returns
-    -------
-    (..., 3, 3) array
-    """
+    """Multiply matrices (..., 3, 3), ``a @ b``, by `apply_matrix`: without BLAS; they broadcast."""
     columns = apply_matrix(a[..., None, :, :], np.swapaxes(b, -1, -2))
     return np.swapaxes(columns, -1, -2)
 
@@ -75,11 +55,8 @@ def refuse_cameras(
         Names of the cameras; their indices where left out.
     details : sequence of N str, optional
         Put in brackets behind each name.
-
-    Raises
-    ------
-    CameraError
-        When any of `bad` is true.
+    where, expected, fix
+        See `UserError`.
     """
     rows = np.flatnonzero(bad).tolist()
     if not rows:

@@ -89,13 +89,7 @@ class HeightSurvey:
 
 
 def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSurvey:
-    """Pass once over a raster's heights, in bounded memory.
-
-    Parameters
-    ----------
-    path : str or Path
-    lowest, highest : float
-        Heights outside are counted as `beyond`.
+    """Pass once over a raster's heights, in bounded memory; counts those outside two as `beyond`.
 
     Raises
     ------

@@ -129,14 +129,10 @@ class Cameras:
         )
 
     def scaled(self, width: ArrayLike, height: ArrayLike) -> Cameras:
-        """Return the cameras of the images resized to `width` x `height`.
+        """Return the cameras of the images resized to `width` x `height`, (N,) or scalars.
 
         With the image's corner at (0, 0) focal length and principal point scale alike; the
         distortion works on normalised points and stays.
-
-        Parameters
-        ----------
-        width, height : (N,) array or scalar
 
         Raises
         ------
@@ -156,19 +152,10 @@ class Cameras:
 
 
 def project(cameras: Cameras, points_cam: Floats) -> Floats:
-    """Project points of the camera frame.
+    """Project points of the camera frame (N, M, 3) to pixels (N, M, 2), also outside the image.
 
-    Parameters
-    ----------
-    cameras : Cameras
-        N cameras; one broadcasts over all points.
-    points_cam : (N, M, 3) array
-
-    Returns
-    -------
-    (N, M, 2) array
-        Pixels, also outside the image. NaN where the point has no image: z <= 0, or outside the
-        range of the lens model (where the polynomial would fold it back into the image).
+    One camera broadcasts over all points. NaN where a point has no image: z <= 0, or outside the
+    range of the lens model (where the polynomial would fold it back into the image).
     """
     z = points_cam[..., 2:]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -180,18 +167,10 @@ def project(cameras: Cameras, points_cam: Floats) -> Floats:
 
 
 def back_project(cameras: Cameras, pixels: Floats) -> Floats:
-    """Turn pixels into unit rays of the camera frame, lens distortion undone.
+    """Turn pixels (N, M, 2) into unit rays of the camera frame (N, M, 3), lens distortion undone.
 
-    Parameters
-    ----------
-    cameras : Cameras
-        N cameras; one broadcasts over all pixels.
-    pixels : (N, M, 2) array
-
-    Returns
-    -------
-    (N, M, 3) array
-        Unit vectors; NaN for pixels beyond the range of the lens model (see `undistort`).
+    One camera broadcasts over all pixels. NaN for pixels beyond the range of the lens model (see
+    `undistort`).
     """
     distorted = (pixels - cameras.principal_point[:, None]) / cameras.focal[:, None]
     xy = undistort(distorted, cameras.distortion)

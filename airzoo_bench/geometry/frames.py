@@ -60,19 +60,9 @@ def horizontal_crs(crs: Any) -> CRS:
 
 
 def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
-    """Take coordinates of a CRS to WGS84.
+    """Take coordinates x, y (..., 2) of a CRS to WGS84 longitude, latitude (..., 2) in degrees.
 
-    Parameters
-    ----------
-    crs : Any
-        See `horizontal_crs`.
-    xy : (..., 2) array
-        x (easting or longitude), y (northing or latitude).
-
-    Returns
-    -------
-    (..., 2) array
-        Longitude, latitude in degrees; NaN where `xy` is NaN or beyond the projection.
+    NaN where `xy` is NaN or beyond the projection.
 
     Raises
     ------
@@ -88,19 +78,10 @@ def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
 
 
 def unwrapped(lonlat: ArrayLike, about_lon: float) -> Floats:
-    """Move longitudes by whole turns to within 180 degrees of one, so that none jumps at +-180.
+    """Move longitudes by whole turns to within 180 degrees of one: none jumps at +-180.
 
-    Parameters
-    ----------
-    lonlat : (..., 2) array
-        Degrees; what needs no turn stays as it is to the last bit.
-    about_lon : float
-        A longitude amid the place.
-
-    Returns
-    -------
-    (..., 2) array
-        East of the 180th meridian, say, 180.1 instead of -179.9.
+    Of longitudes and latitudes (..., 2) in degrees: 180.1 for -179.9 about 179. What needs no turn
+    stays as it is to the last bit.
     """
     given = np.asarray(lonlat, dtype=np.float64)
     turns = np.round((about_lon - given[..., 0]) / 360)
@@ -118,17 +99,9 @@ def ecef_to_geodetic(xyz: ArrayLike) -> Floats:
 
 
 def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike) -> Floats:
-    """Length of the geodesic on the WGS84 ellipsoid.
+    """Length (...) in metres of the geodesic on the WGS84 ellipsoid; they broadcast.
 
-    Parameters
-    ----------
-    lonlat_a, lonlat_b : (..., 2) array
-        Longitude, latitude in degrees; leading dimensions broadcast.
-
-    Returns
-    -------
-    (...) array
-        Metres; NaN where a coordinate is NaN.
+    Between longitudes and latitudes (..., 2) in degrees; NaN where one is NaN.
     """
     a, b = np.broadcast_arrays(
         np.asarray(lonlat_a, dtype=np.float64), np.asarray(lonlat_b, dtype=np.float64)
@@ -180,12 +153,12 @@ def _transformed(transformer: Transformer, points: ArrayLike) -> Floats:
 
 
 def check_same_crs(a: Any, b: Any, what: str) -> None:
-    """Refuse two CRS whose map planes differ.
+    """Refuse two CRS whose map planes differ, see `same_plane`.
 
     Parameters
     ----------
     a, b : Any
-        See `same_plane`.
+        See `horizontal_crs`.
     what : str
         What the two belong to, such as ``"DOM and DSM"``.
 
@@ -212,11 +185,6 @@ def same_plane(first: Any, second: Any) -> bool:
     They do when PROJ finds them equivalent, or gives them one EPSG code, or finds their
     datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
     their axes. A vertical part is left aside.
-
-    Parameters
-    ----------
-    first, second : Any
-        See `horizontal_crs`.
 
     Raises
     ------

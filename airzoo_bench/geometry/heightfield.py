@@ -115,18 +115,10 @@ class HeightField:
         return float(low), float(high)
 
     def sample(self, xy: ArrayLike) -> Floats:
-        """Height of the surface at world coordinates.
+        """Height (...) of the surface at world coordinates (..., 2) in the field's CRS.
 
-        Parameters
-        ----------
-        xy : (..., 2) array
-            In the field's CRS.
-
-        Returns
-        -------
-        (...) array
-            NaN where the surface has no height: outside the raster (its border is inside), where
-            no neighbour nearer than a pixel has a height, or where `xy` is NaN.
+        NaN where the surface has no height: outside the raster (its border is inside), where no
+        neighbour nearer than a pixel has a height, or where `xy` is NaN.
         """
         return self.sample_pixels(world_to_pixel(self.transform, xy))
 

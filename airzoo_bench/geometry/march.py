@@ -150,7 +150,7 @@ def _meet(walk: _Walk, until: Floats, field: HeightField) -> Floats:
 
 
 def first_in_cell(heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats) -> Floats:
-    """Smallest u in [0, 1] at which the ray is on the surface or below.
+    """Smallest u (P,) in [0, 1] at which the ray is on the surface of a cell or below.
 
     Parameters
     ----------

@@ -27,19 +27,10 @@ _TIE_M = 1e-6
 def nearest_heights(field: HeightField, most_px: int) -> HeightAt:
     """Return what finds the height of the valid pixel that is nearest to a place.
 
-    Of every k-th pixel of every k-th row, beginning with k // 2, where k is the least whole number
-    that leaves at most `most_px`. Of those that are equally near, to a
-    micrometre, the first in row-major order counts.
-
-    Parameters
-    ----------
-    field : HeightField
-    most_px : int
-
-    Returns
-    -------
-    callable
-        NaN for places that are NaN, and everywhere where no such pixel has a height.
+    It looks at every k-th pixel of every k-th row, beginning with k // 2, where k is the least
+    whole number that leaves at most `most_px`. Of those that are equally near, to a micrometre, the
+    first in row-major order counts. NaN for places that are NaN, and everywhere where no such pixel
+    has a height.
     """
     from scipy.spatial import cKDTree
 

@@ -43,18 +43,11 @@ _NARROW: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
 
 
 def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
-    """Tell numbers that went through a narrower type from those that merely fit it.
+    """Tell finite numbers that went through a narrower type from those that merely fit it.
 
     Numbers of a lattice, such as whole pixels, use the last bit of the narrower type in one power
     of two only; those that were rounded to it use it in all. A few whole pixels may do so by
     chance: then few bits of the large ones are 0 that the lattice does not ask for.
-
-    Parameters
-    ----------
-    values : array of float64
-        Finite.
-    kind : type
-        ``np.float16`` or ``np.float32``.
     """
     if not _fits(values, kind):
         return False
@@ -85,15 +78,7 @@ def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
 def rounding_errors(values: Floats) -> Floats:
     """Estimate by how much rounding to float16, float32 or few decimal digits has moved numbers.
 
-    Parameters
-    ----------
-    values : (...) array
-        Finite, all written in the same way.
-
-    Returns
-    -------
-    (...) array
-        0 where the numbers have more digits than matter.
+    They are finite and all written in the same way; 0 where they have more digits than matter.
     """
     kind = narrow_type(values)
     if kind is not None:

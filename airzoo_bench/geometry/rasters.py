@@ -49,17 +49,16 @@ __all__ = [
 class RasterInfo:
     """What a georeferenced raster says of itself.
 
-    Parameters
+    Attributes
     ----------
-    path : Path
     width, height : int
         Pixels.
     transform : affine.Affine
         Pixel (column, row; corner at 0, 0) to coordinates of `crs`.
-    crs : pyproj.CRS
     nodata : float or None
         As the file says; may be NaN.
     bands : int
+        How many.
     dtype : str
         Of the first band, such as ``"float32"``.
     """
@@ -98,17 +97,12 @@ def open_info(path: str | Path) -> RasterInfo:
 
 @contextmanager
 def opened(path: str | Path) -> Iterator[Any]:
-    """Open a raster for reading; faults of rasterio inside the block become RasterError.
-
-    Yields
-    ------
-    rasterio.DatasetReader
-        Not checked for a georeference: see `open_info`.
+    """Open a raster for reading; yields rasterio's dataset.
 
     Raises
     ------
     RasterError
-        The file is missing, not a raster, or cannot be read (truncated).
+        The file is missing, not a raster, or cannot be read (truncated); also inside the block.
     """
     if not Path(path).is_file():
         raise RasterError("no such file", where=path)
@@ -127,18 +121,7 @@ def opened(path: str | Path) -> Iterator[Any]:
 
 
 def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
-    """Take pixel coordinates to the raster's CRS.
-
-    Parameters
-    ----------
-    transform : affine.Affine or sequence of 6 float
-    colrow : (..., 2) array
-        Continuous; (0.5, 0.5) is the centre of the first pixel.
-
-    Returns
-    -------
-    (..., 2) array
-    """
+    """Take pixel coordinates (..., 2), column before row, to the raster's CRS, (..., 2)."""
     a, b, c, d, e, f = transform[:6]
     points = np.asarray(colrow, dtype=np.float64)
     column, row = points[..., 0], points[..., 1]
@@ -161,15 +144,10 @@ def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
 
 
 def gsd_m(info: RasterInfo) -> tuple[float, float]:
-    """Ground sampling distance at the raster's centre, in metres.
+    """Ground sampling distance at the raster's centre, in metres: between columns, between rows.
 
     The geodesic on WGS84 across one column and one row: true ground metres, also where the CRS is
     in degrees or stretches the ground as web Mercator does.
-
-    Returns
-    -------
-    tuple of float
-        Between columns, between rows.
 
     Raises
     ------

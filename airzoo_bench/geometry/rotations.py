@@ -31,18 +31,10 @@ _LOCKED = 1e-8
 
 
 def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None) -> Floats:
-    """Turn quaternions into rotation matrices.
+    """Turn quaternions w x y z (N, 4) into rotation matrices (N, 3, 3).
 
-    Parameters
-    ----------
-    wxyz : (N, 4) array
-        w x y z, of unit norm to 1e-3 (what rounding in a file may do); normalised here.
-    names : sequence of N, optional
-        Names of the cameras for messages.
-
-    Returns
-    -------
-    (N, 3, 3) array
+    They may be off unit norm by 1e-3 (what rounding in a file may do), and are normalised; `names`
+    are those of the cameras, for messages.
 
     Raises
     ------
@@ -98,12 +90,11 @@ def matrix_to_quaternion(R: ArrayLike) -> Floats:
 def angles_to_rotations(
     yaw_deg: ArrayLike, pitch_deg: ArrayLike, roll_deg: ArrayLike, *, convergence_deg: ArrayLike
 ) -> Floats:
-    """Turn gimbal angles into world-to-camera rotations.
+    """Turn gimbal angles (...) in degrees, which broadcast, into world-to-camera rotations.
 
     Parameters
     ----------
     yaw_deg, pitch_deg, roll_deg : (...) array or scalar
-        Degrees; they broadcast.
     convergence_deg : (...) array or scalar
         See `units.grid_convergence_deg`; 0 where yaw is already relative to the grid's north.
 
@@ -122,19 +113,10 @@ def angles_to_rotations(
 
 
 def rotations_to_angles(R: ArrayLike, *, convergence_deg: ArrayLike) -> Floats:
-    """Turn world-to-camera rotations into gimbal angles; the inverse of `angles_to_rotations`.
+    """Turn world-to-camera rotations (..., 3, 3) into gimbal angles (..., 3) in degrees.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) array
-    convergence_deg : (...) array or scalar
-        See `units.grid_convergence_deg`.
-
-    Returns
-    -------
-    (..., 3) array
-        Yaw in [-180, 180), pitch in [-90, 90], roll in [-180, 180], in degrees. Looking straight
-        down or up, roll is 0 and yaw takes the whole turn.
+    The inverse of `angles_to_rotations`: yaw in [-180, 180), pitch in [-90, 90], roll in [-180,
+    180]. Looking straight down or up, roll is 0 and yaw takes the whole turn.
     """
     rotation = np.asarray(R, dtype=np.float64)
     right, down, forward = (rotation[..., row, :] for row in range(3))

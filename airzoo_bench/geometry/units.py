@@ -44,19 +44,8 @@ def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
     """How far a metre of a projected CRS is from a metre on the ground, at worst over directions.
 
     The largest |k - 1| of Tissot's indicatrix (Snyder, Map Projections: A Working Manual, 1987,
-    section 4), as PROJ computes it.
-
-    Parameters
-    ----------
-    crs : Any
-        A projected CRS, see `frames.horizontal_crs`.
-    lonlat : (..., 2) array
-        WGS84 longitude, latitude in degrees.
-
-    Returns
-    -------
-    (...) array
-        A share, 0 where lengths are true; infinite beyond the projection.
+    section 4), as PROJ computes it, at places lon, lat (..., 2): a share (...), 0 where lengths are
+    true, infinite beyond the projection.
     """
     place = np.asarray(lonlat, dtype=np.float64)
     proj = Proj(horizontal_crs(crs))
@@ -89,16 +78,9 @@ def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
 
 
 def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
-    """Angle from true north to the grid's north, clockwise positive.
+    """Angle from true north to the grid's north at places lon, lat (..., 2), clockwise positive.
 
     An azimuth on the grid is the true azimuth less the convergence.
-
-    Parameters
-    ----------
-    crs : Any
-        A projected CRS, see `horizontal_crs`.
-    lonlat : (..., 2) array
-        WGS84 longitude, latitude in degrees.
 
     Returns
     -------
@@ -147,14 +129,7 @@ def vertical_m(crs: CRS) -> float | None:
 def height_unit_m(dataset: Any) -> float:
     """Metres of the unit of a raster's heights, by its band's unit or its CRS's vertical axis.
 
-    Parameters
-    ----------
-    dataset : rasterio.DatasetReader
-
-    Returns
-    -------
-    float
-        1 where the file says nothing.
+    Of an open dataset of rasterio; 1 where the file says nothing.
 
     Raises
     ------

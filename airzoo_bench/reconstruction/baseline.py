@@ -150,7 +150,7 @@ def sparse_reconstruction(
 
 
 def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) -> Ints:
-    """List pairs of photos to match.
+    """List pairs of photos to match, (P, 2): the first below the second; sorted.
 
     Parameters
     ----------
@@ -159,11 +159,6 @@ def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) ->
         NaN where not known: such a photo is paired with all.
     neighbours : int or None
         See `SfmSettings`.
-
-    Returns
-    -------
-    (P, 2) int64 array
-        The first below the second; sorted.
     """
     first, second = np.triu_indices(count, k=1)
     if positions is None or neighbours is None or neighbours >= count - 1:

@@ -92,7 +92,6 @@ class DepthCloud:
 
     Attributes
     ----------
-    maps : DepthMaps
     transform : Similarity
         Into the frame of the truth; depths grow by its scale.
     max_depth : float
@@ -140,13 +139,7 @@ class DepthCloud:
 class PointMapCloud:
     """The cloud of all pixels of point maps that have a surface; a `CloudSource`.
 
-    Attributes
-    ----------
-    maps : PointMaps
-    transform : Similarity
-        Into the frame of the truth.
-    confidence_above : float or None
-        See `DepthCloud`.
+    `transform` leads into the frame of the truth; on `confidence_above` see `DepthCloud`.
     """
 
     maps: PointMaps
@@ -181,16 +174,8 @@ def surface_depth(
 ) -> Floats:
     """Return the depth map (H, W) of one view, 0 where it has no surface that counts.
 
-    Parameters
-    ----------
-    maps : DepthMaps
-    row : int
-    scale : float
-        Depths are multiplied by it.
-    max_depth : float
-        Of the depths so multiplied.
-    confidence_above : float or None
-        See `DepthCloud`.
+    Depths are multiplied by `scale`, and `max_depth` is of the depths so multiplied. On
+    `confidence_above` see `DepthCloud`.
     """
     with np.errstate(invalid="ignore"):  # of NaN, which compares false
         depth = maps.depth[row].astype(np.float64) * scale

@@ -92,9 +92,8 @@ def cropped_region(
     Parameters
     ----------
     truth : CloudSource
-        The true cloud.
+        The true cloud, which `box` holds.
     box : Box
-        That holds it.
     settings : Preparation
     block_points : int
         Points that are read at a time.
@@ -115,16 +114,9 @@ def cropped_region(
 def prepared(
     source: CloudSource, settings: Preparation, region: Region | None, block_points: int
 ) -> PreparedCloud:
-    """Prepare a cloud.
+    """Prepare a cloud, cropped to a region where one is given.
 
-    Parameters
-    ----------
-    source : CloudSource
-    settings : Preparation
-    region : Region or None
-        What it is cropped to.
-    block_points : int
-        Points that are read at a time, and about as many voxels may be occupied.
+    So many `block_points` are read at a time, and about as many voxels may be occupied.
 
     Raises
     ------
@@ -194,19 +186,9 @@ def observed_cells(
     settings: Preparation,
     block_points: int,
 ) -> CellSet:
-    """Cells of the true cloud that enough photos saw.
+    """Cells of the true cloud, which `box` holds, that enough of the photos saw.
 
-    Parameters
-    ----------
-    truth : CloudSource
-        The true cloud.
-    box : Box
-        That holds it.
-    cameras, poses : Cameras, Poses
-        Of the photos.
-    settings : Preparation
-    block_points : int
-        Points that are read at a time.
+    So many `block_points` are read at a time.
 
     Raises
     ------
@@ -232,25 +214,11 @@ def observed_cells(
 def seen_by(
     points: Floats, camera: Cameras, pose: Poses, cell: float, hidden_beyond: float
 ) -> Bools:
-    """Whether a photo sees each of points that stand for a surface.
+    """Whether a photo sees each of points (N, 3): centres of the cells that a surface occupies.
 
     A point is hidden where another one in the same direction is nearer along the optical axis by
     more than `hidden_beyond`. Directions are cells of a depth buffer, 1.5 to 2.1 times as wide as
-    a cell of the surface appears there.
-
-    Parameters
-    ----------
-    points : (N, 3) array
-        Centres of the cells that the surface occupies.
-    camera, pose : Cameras, Poses
-        One of each.
-    cell : float
-        Side of a cell.
-    hidden_beyond : float
-
-    Returns
-    -------
-    (N,) bool array
+    a cell of the surface, of side `cell`, appears there. Camera and pose are one each.
     """
     seen = np.zeros(len(points), np.bool_)
     local = apply_matrix(pose.rotation[0], points - pose.centres[0])

@@ -81,13 +81,7 @@ class ReconstructionPredictions:
     ) -> Iterator[ScenePrediction]:
         """Open a scene's entry, for as long as it is used.
 
-        Parameters
-        ----------
-        scene : str
-        limit_bytes : int
-            The most that the files of the scene may take in memory together.
-        sampling : MeshSampling or None
-            How meshes are sampled; where None, they are refused.
+        Its files may take `limit_bytes` in memory together; meshes are refused without `sampling`.
 
         Raises
         ------
@@ -116,14 +110,9 @@ class ReconstructionPredictions:
 
 
 def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ReconstructionPredictions:
-    """List what a prediction holds.
+    """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene.
 
-    Parameters
-    ----------
-    path : Path
-        A folder, a zip or tar archive, or one file of a scene.
-    unpacked_limit_bytes : int
-        The most that an archive may take on disk once unpacked.
+    An archive may take `unpacked_limit_bytes` on disk once unpacked.
 
     Raises
     ------

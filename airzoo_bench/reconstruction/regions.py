@@ -28,12 +28,7 @@ _PIECE = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A box along the axes, borders included.
-
-    Attributes
-    ----------
-    low, high : (3,) float64
-    """
+    """A box along the axes, borders included; its corners `low` and `high` (3,)."""
 
     low: Floats
     high: Floats
@@ -141,18 +136,9 @@ class Columns:
 def occupied_cells(
     pieces: Iterable[Floats], size: tuple[float, float, float], box: Box, margin: float = 0.0
 ) -> CellSet:
-    """Cells that hold a point.
+    """Cells, of these sides, that hold one of the finite points (N, 3) of some pieces.
 
-    Parameters
-    ----------
-    pieces : iterable of (N, 3) arrays
-        Finite points.
-    size : tuple of float
-        Sides of a cell.
-    box : Box
-        That holds all points.
-    margin : float
-        Beyond the box, cells are numbered that far, too.
+    The box holds all points; beyond it, cells are numbered as far as `margin`, too.
 
     Raises
     ------
@@ -176,12 +162,11 @@ def occupied_cells(
 
 
 def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: float) -> Columns:
-    """Columns that hold a point, and those that come within a margin of one.
+    """Columns that hold one of the finite points of some pieces, or come within a margin of one.
 
     Parameters
     ----------
     pieces : iterable of (N, 3) arrays
-        Finite points.
     size : float
         Side of a column.
     box : Box

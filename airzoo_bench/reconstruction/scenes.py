@@ -82,15 +82,7 @@ def score_geometry(
 ) -> ScoredScene:
     """Do with a cloud or maps all that the protocol says, and compare them with the true cloud.
 
-    Parameters
-    ----------
-    geometry : CloudSource, DepthMaps or PointMaps
-    cameras : PosedCameras or None
-        By the names that the truth has; None where the prediction holds none.
-    truth : ReconstructionTruth
-    true_cloud : CloudSource
-    protocol : ReconstructionProtocol
-    resources : Resources
+    The cameras go by the names that the truth has; they are None where the prediction holds none.
 
     Raises
     ------

@@ -34,20 +34,10 @@ def pose_auc_column(limit_deg: float) -> str:
 
 
 def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -> list[Score]:
-    """Return the scores that a protocol asks for.
+    """Return the scores that a protocol asks for, those of poses where predictions hold any.
 
-    The headline is the paper's: Chamfer distance, and F1 with its precision and recall.
-
-    Parameters
-    ----------
-    settings : ReconstructionScores
-    with_poses : bool
-        Whether the predictions hold camera poses; the others have no pose scores.
-
-    Returns
-    -------
-    list of Score
-        The columns are those of `airzoo_bench.reconstruction.scoring.score_scene`.
+    The headline is the paper's: Chamfer distance, and F1 with its precision and recall. The columns
+    are those of `scoring.record_scene`.
     """
     main = settings.headline_below_m
     scores = [

@@ -48,11 +48,8 @@ class ScoredScene:
         One row of the records.
     counts : dict of str to int
         What a result states of the scene.
-    curve : Curve or None
-    alignment : Alignment or None
     clouds : (PreparedCloud, PreparedCloud) or None
         Prediction and truth as they were compared.
-    distances : CloudDistances or None
     kind : str or None
         See `ScenePrediction.kind`.
     notes : tuple of str
@@ -86,23 +83,10 @@ def record_scene(
     poses: dict[str, float],
     settings: ReconstructionScores,
 ) -> ScoredScene:
-    """Score what was measured of a scene.
+    """Score what was measured between the prepared clouds of a scene, prediction and truth.
 
-    Parameters
-    ----------
-    scene : str
-    alignment : Alignment
-    clouds : (PreparedCloud, PreparedCloud)
-        Prediction and truth.
-    distances : CloudDistances
-        Between the two.
-    recalled : (T,) array
-        Distances of the true points that recall and completeness are over.
-    distrusted : int
-        Points of the prediction whose confidence is not above the protocol's.
-    poses : dict of str to float
-        See `pose_scores`.
-    settings : ReconstructionScores
+    Recall and completeness are over `recalled`, distances (T,) of true points; `distrusted` counts
+    predicted points whose confidence is not above the protocol's; `poses` are `pose_scores`.
 
     Raises
     ------

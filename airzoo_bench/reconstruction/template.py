@@ -18,11 +18,6 @@ _DEPTH_M = (20.0, 120.0)
 def depth_template(truth: ReconstructionTruth, seed: int) -> dict[str, NDArray[Any]]:
     """Make small random depth maps at random poses, one for each photo of a scene.
 
-    Parameters
-    ----------
-    truth : ReconstructionTruth
-    seed : int
-
     Returns
     -------
     dict of str to array

@@ -82,15 +82,9 @@ class ReconstructionTruth:
 def build_truth(
     inputs: SceneInputs, cloud: Path, chosen: pd.Series[bool] | None = None
 ) -> ReconstructionTruth:
-    """Put photos and cloud together.
+    """Put the photos of a scene, all or the chosen rows, and the true cloud together.
 
-    Parameters
-    ----------
-    inputs : SceneInputs
-    cloud : Path
-        The true cloud, in the scene's CRS.
-    chosen : (N,) bool, optional
-        Which rows of the photos may be used; by default all.
+    The cloud is in the scene's CRS; `chosen` is (N,) bool.
 
     Raises
     ------

@@ -71,10 +71,6 @@ class VoxelGrid:
     def add(self, cloud: Cloud) -> None:
         """Add finite points; colours and confidences are kept where all pieces have them.
 
-        Parameters
-        ----------
-        cloud : Cloud
-
         Raises
         ------
         UsageError

@@ -43,13 +43,10 @@ class Alignment:
 
     Attributes
     ----------
-    method : str
-    transform : Similarity
-    cameras : int
-        That have a partner; so many of the truth have none: `missing`.
-    missing : int
+    cameras, missing : int
+        Cameras of the truth that have a partner, and those that have none.
     inliers : int
-        Cameras within the limit, to which the transform is fitted.
+        Cameras within the limit, to which the transform is fitted: `inlier_names`.
     inlier_limit : float or None
         None where nothing was fitted.
     used_orientations : bool
@@ -60,11 +57,8 @@ class Alignment:
         Distances of all partners' centres, and of the inliers', in units of the truth.
     rotations_deg : Residuals or None
         Angles between all partners' orientations, where both have them.
-    icp : IcpReport or None
     icp_failure : str or None
         Why ICP changed nothing.
-    inlier_names : tuple of str
-        Of the cameras that the transform is fitted to.
     """
 
     method: Method
@@ -88,20 +82,13 @@ def align(
 ) -> Alignment:
     """Find the transform of a prediction into the frame of the truth, by cameras.
 
-    Parameters
-    ----------
-    method : {"none", "sim3", "sim3+icp"}
-        ``sim3+icp`` is aligned as ``sim3`` here; see `with_step`.
-    predicted : PosedCameras or None
-        With ``none`` they may be left out; given, their residuals are stated.
-    truth : PosedCameras
-    ransac : RansacSettings
+    ``sim3+icp`` is aligned as ``sim3`` here, see `with_step`; with ``none``, or without predicted
+    cameras, nothing is aligned.
 
     Raises
     ------
     AlignmentError
-        Fewer than 3 partners, centres all at a point, or on a line
-        without orientations.
+        Fewer than 3 partners, centres all at a point, or on a line without orientations.
     """
     if method == "none" or predicted is None:
         found = Alignment("none", Similarity.identity())
@@ -135,17 +122,13 @@ def with_step(
 
 
 def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
-    """Find the rows of cameras of the same name.
+    """Find the rows of cameras of the same name, which none has twice, in the order of the truth.
 
-    Parameters
-    ----------
-    predicted, truth : PosedCameras
-        No two of one name in either.
+    Cameras whose centre is not finite have no partner.
 
     Returns
     -------
     rows, true_rows : (P,) int64 arrays
-        In the order of the truth. Cameras whose centre is not finite have no partner.
     """
     place = {name: row for row, name in enumerate(predicted.names)}
     pairs = [(place[name], row) for row, name in enumerate(truth.names) if name in place]

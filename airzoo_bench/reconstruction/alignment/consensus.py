@@ -48,7 +48,6 @@ class CameraFit:
 
     Attributes
     ----------
-    transform : Similarity
     inliers : (N,) bool array
         Cameras that it is fitted to.
     limit : float
@@ -69,15 +68,7 @@ class CameraFit:
 def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSettings) -> CameraFit:
     """Fit the similarity that takes cameras to their partners.
 
-    Parameters
-    ----------
-    source, target : PosedCameras
-        At least 3, row by row partners, with finite centres; their order decides the samples.
-    settings : RansacSettings
-
-    Returns
-    -------
-    CameraFit
+    These are at least 3, row by row partners, with finite centres; their order decides the samples.
 
     Raises
     ------

@@ -95,12 +95,13 @@ def refine(
 
     Point to point. Each round fits the similarity to the pairs within the limit, which can only
     lower the cost; where rounding raises it nonetheless, the transform before is kept. With scale a
-    cloud that overlaps little may shrink: the report shows the fit before and after.
+    cloud that overlaps little may shrink: the report shows the fit before and after. Points that
+    are not finite are left out.
 
     Parameters
     ----------
     predicted, truth : CloudSource
-        In the frame of the truth; points that are not finite are left out.
+        In the frame of the truth.
     settings : IcpSettings
     held_points : int
         A truth of more points is read again in every round, instead of held.

@@ -91,19 +91,10 @@ class Similarity:
 
 
 def point_rank(points: Floats, tolerance: float) -> int:
-    """Count the dimensions in which points extend: 0 a point, 1 a line, 2 a plane, 3 space.
+    """Count the dimensions in which points (N, 3) extend: 0 a point, 1 a line, 2 a plane, 3 space.
 
-    Parameters
-    ----------
-    points : (N, 3) array
-        N at least 1.
-    tolerance : float
-        A dimension counts where its singular value, about the mean, is above this share of the
-        largest. The largest itself counts where it is above the rounding of the coordinates.
-
-    Returns
-    -------
-    int
+    A dimension counts where its singular value, about the mean, is above a share (the tolerance) of
+    the largest. The largest itself counts where it is above the rounding of the coordinates.
     """
     _, offset = local(points)
     # Roots of eigenvalues keep half the digits of a decomposition, and need no BLAS.
@@ -149,12 +140,7 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
 
 
 def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[Similarity], Bools]:
-    """Fit many sets of points at once, as `umeyama` does, without its refusals.
-
-    Parameters
-    ----------
-    source, target : (S, N, 3) array
-    with_scale : bool
+    """Fit many sets of points (S, N, 3) at once, as `umeyama` does, without its refusals.
 
     Returns
     -------

@@ -46,20 +46,11 @@ _SPREADING = (
 
 
 def morton_order(points: Floats) -> Ints:
-    """Return the permutation that sorts points along a Morton curve.
+    """Return the permutation (N,) that sorts finite points (N, 3) along a Morton curve.
 
     Cell and index of a point share one 64-bit integer, so that sorting is one sort of integers.
     The curve's cells are small where most points are and grow without end away from there: a few
     points however far do not coarsen the order of all others.
-
-    Parameters
-    ----------
-    points : (N, 3) array
-        Finite.
-
-    Returns
-    -------
-    (N,) int64 array
     """
     index_bits = max(len(points) - 1, 1).bit_length()
     bits = min(_MOST_BITS, (64 - index_bits) // 3)
@@ -112,48 +103,25 @@ def _interleave(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def squared_distance(points: Floats, others: Floats) -> Floats:
-    """Squared distances of points to their partners: ``(dx^2 + dy^2) + dz^2``, in this order.
+    """Squared distances (...) of points to partners (..., 3): ``(dx^2 + dy^2) + dz^2`` in order.
 
-    Parameters
-    ----------
-    points, others : (..., 3) arrays
-
-    Returns
-    -------
-    (...) array
-        Infinite where a square overflows.
+    Infinite where a square overflows.
     """
     return _sum_of_squares(points - others)
 
 
 def bound_squared(points: Floats, low: Floats, high: Floats) -> Floats:
-    """Lower bound of the squared distance from points to all that boxes can hold.
+    """Lower bound (...) of the squared distance from points (..., 3) to all that boxes can hold.
 
-    Parameters
-    ----------
-    points, low, high : (..., 3) arrays
-        Leading dimensions broadcast.
-
-    Returns
-    -------
-    (...) array
-        Never above `squared_distance` to a point of the box, to the last bit.
+    Never above `squared_distance` to a point of the box, to the last bit.
     """
     return gap_squared(points, points, low, high)
 
 
 def gap_squared(low: Floats, high: Floats, others_low: Floats, others_high: Floats) -> Floats:
-    """Lower bound of the squared distance from all in one box to all in another.
+    """Lower bound (...) of the squared distance from all in one box to all in another.
 
-    Parameters
-    ----------
-    low, high, others_low, others_high : (..., 3) arrays
-        Leading dimensions broadcast.
-
-    Returns
-    -------
-    (...) array
-        0 where the boxes meet.
+    Corners are (..., 3); 0 where the boxes meet.
     """
     return _sum_of_squares(np.maximum(np.maximum(others_low - high, low - others_high), 0.0))
 
@@ -183,13 +151,9 @@ class BoxTree:
             self._levels.append(_boxes(*self._levels[-1], _FANOUT))
 
     def improve(self, points: Floats, squared: Floats) -> None:
-        """Lower `squared`, in place, to the squared distance of the nearest point.
+        """Lower `squared` (Q,), in place, to the squared distances of points (Q, 3) to the nearest.
 
-        Parameters
-        ----------
-        points : (Q, 3) array
-        squared : (Q,) array
-            Squared distances to some of the tree's points, or infinite.
+        They are squared distances to some of the tree's points, or infinite.
         """
         top = len(self._levels) - 1
         count = len(self._levels[top][0])

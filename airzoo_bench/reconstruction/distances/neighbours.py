@@ -47,22 +47,16 @@ Hashes = NDArray[np.uint64]
 
 
 def mutual_distances(first: Floats, second: Floats, *, jobs: int) -> tuple[Floats, Floats]:
-    """Distance of each point to the nearest of the other cloud, both ways.
+    """Distance of each point to the nearest of the other cloud, both ways: (N,) and (M,).
+
+    Infinite where the other cloud has no point.
 
     Parameters
     ----------
-    first : (N, 3) array
-    second : (M, 3) array
+    first, second : (N, 3), (M, 3) array
         Finite, each with fewer than 2^32 points.
     jobs : int
         Threads, at least 1. The distances do not depend on it.
-
-    Returns
-    -------
-    (N,) float64
-        From each point of `first` to `second`.
-    (M,) float64
-        From each point of `second` to `first`. Infinite where the other cloud has no point.
 
     Raises
     ------

@@ -54,18 +54,9 @@ class Cells:
 
 
 def cells_of(sample: Floats, count: int) -> Cells:
-    """Cut space into cells with about as many points of a sample each.
+    """Cut space into cells with about as many points of a sample (S, 3) each.
 
-    Parameters
-    ----------
-    sample : (S, 3) array
-        At least one.
-    count : int
-        Of cells, at least; there are a power of two, at most 4,096.
-
-    Returns
-    -------
-    Cells
+    There are at least `count` cells: a power of two, at most 4,096.
     """
     depth = min(max(count - 1, 0).bit_length(), _DEEPEST)
     axes, cuts = np.zeros(2**depth - 1, dtype=np.int64), np.zeros(2**depth - 1)
@@ -178,18 +169,7 @@ def spilled(pieces: Iterable[Floats], cells: Cells, *, most: int) -> Iterator[Sp
     """Write a cloud to a temporary file where the system keeps such files, cell by cell.
 
     The file has no name, or loses it at once where the system allows that: it is gone with the
-    process, however that ends.
-
-    Parameters
-    ----------
-    pieces : iterable of (N, 3) arrays
-    cells : Cells
-    most : int
-        Points of a block, at most; pieces may not be larger.
-
-    Yields
-    ------
-    Spill
+    process, however that ends. Blocks have at most so many points, and so must the pieces.
 
     Raises
     ------

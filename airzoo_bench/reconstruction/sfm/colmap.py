@@ -92,23 +92,10 @@ def verify(
     least_inliers: int,
     seed: int,
 ) -> tuple[int, Ints]:
-    """Keep the matches that one motion of the camera, or one plane, explains.
+    """Keep the matches (M, 2) that one motion of the camera, or one plane, explains.
 
-    Parameters
-    ----------
-    lenses : pair of Lens
-    places : pair of (n, 2) array
-        Features in pixels, corner (0, 0).
-    matches : (M, 2) int64 array
-    max_error_px : float
-    least_inliers : int
-    seed : int
-
-    Returns
-    -------
-    config : int
-        See `TwoViews`.
-    kept : (K, 2) int64 array
+    Of two lenses and the pixels (n, 2) of their features, corner (0, 0). Returns the kind of
+    geometry, see `TwoViews`, and the matches kept (K, 2).
     """
     pycolmap = load_pycolmap()
 
