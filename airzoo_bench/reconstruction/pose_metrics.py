@@ -14,10 +14,12 @@ from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
 __all__ = [
     "PairErrors",
+    "angle_deg",
     "auc_of_depth_anything_3",
     "centre_errors",
     "pair_errors",
     "pose_auc",
+    "relative_poses",
     "rms_of_placed",
     "step_errors",
 ]
@@ -145,7 +147,7 @@ def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int
         pairs = there[row], there[row + 1 :]
         turn, move = _world_motions(predicted, there[0], *pairs)
         true_turn, true_move = _world_motions(truth, there[0], *pairs)
-        direction = _angle_deg(move, true_move)
+        direction = angle_deg(move, true_move)
         direction = np.minimum(direction, 180.0 - direction)
         direction[(_lengths(move) == 0.0) | (_lengths(true_move) == 0.0)] = 90.0
         worse = np.maximum(rotation_angle_deg(turn, true_turn), direction)
@@ -218,12 +220,13 @@ def rms_of_placed(errors: Floats) -> float:
 def _pair_block(
     predicted: Poses, truth: Poses, block: slice, least_baseline: float
 ) -> tuple[Floats, Floats]:
-    turn, move = _relative(predicted, block)
-    true_turn, true_move = _relative(truth, block)
+    first, second = np.arange(len(truth))[block, None], np.arange(len(truth))[None]
+    turn, move = relative_poses(predicted, first, second)
+    true_turn, true_move = relative_poses(truth, first, second)
     failed = _failed(predicted)
     lost = failed[block, None] | failed[None, :]
     length, true_length = _lengths(move), _lengths(true_move)
-    direction = _angle_deg(move, true_move)
+    direction = angle_deg(move, true_move)
     rounding = _NO_BASELINE * np.abs(predicted.centres[~failed]).max(initial=0.0)
     direction = np.where(length <= rounding, np.inf, direction)
     direction = np.where(true_length <= least_baseline, 0.0, direction)
@@ -231,12 +234,19 @@ def _pair_block(
     return _infinite(rotation, lost), _infinite(direction, lost)
 
 
-def _relative(poses: Poses, block: slice) -> tuple[Floats, Floats]:
-    # From camera i of the block to every camera j: R_j R_i^T, and C_j as camera i sees it.
-    rotation = poses.rotation[block]
-    turn = poses.rotation[None] @ np.swapaxes(rotation, -1, -2)[:, None]
-    move = apply_matrix(rotation[:, None], poses.centres[None] - poses.centres[block, None])
-    return turn, move
+def relative_poses(poses: Poses, first: Ints, second: Ints) -> tuple[Floats, Floats]:
+    """Return the poses of second cameras as first ones see them, by rows (...) that broadcast.
+
+    Returns
+    -------
+    rotation : (..., 3, 3) array
+        From the first camera to the second, R_j R_i^T.
+    direction : (..., 3) array
+        Of the second camera's centre, as long as the baseline.
+    """
+    rotation = poses.rotation[first]
+    turn: Floats = poses.rotation[second] @ np.swapaxes(rotation, -1, -2)
+    return turn, apply_matrix(rotation, poses.centres[second] - poses.centres[first])
 
 
 def _motions(poses: Poses) -> tuple[Floats, Floats]:
@@ -254,8 +264,11 @@ def _world_motions(poses: Poses, first: int, row: int, others: Ints) -> tuple[Fl
     return back @ rotation[others], apply_matrix(back, moved[others] - moved[row])
 
 
-def _angle_deg(a: Floats, b: Floats) -> Floats:
-    # Of unequal lengths: atan2 of sine and cosine keeps all digits near 0 and 180 degrees.
+def angle_deg(a: Floats, b: Floats) -> Floats:
+    """Angles (...) between vectors (..., 3) of any lengths, in degrees; 0 where one has none.
+
+    atan2 of sine and cosine keeps all digits near 0 and 180 degrees.
+    """
     sine = _lengths(np.cross(a, b))
     return np.asarray(np.degrees(np.arctan2(sine, (a * b).sum(axis=-1))))
 

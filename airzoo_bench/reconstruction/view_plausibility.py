@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.reconstruction.pose_metrics import angle_deg, relative_poses
 
 __all__ = ["refuse_other_resolution", "suspect_camera_to_world", "suspect_image_size"]
 
-Rows = NDArray[np.intp]
 
 _SAME_RATIO = 0.1
 _RESOLUTION_RATIO = 1.5
@@ -154,23 +153,8 @@ def _scaled_alike(ratio: Floats) -> Bools:
 
 def _median_angle(poses: Poses, truth: Poses) -> float:
     first, second = np.triu_indices(len(poses), 1)
-    turned = rotation_angle_deg(_between(poses, first, second), _between(truth, first, second))
-    seen = _angle(_sight(poses, first, second), _sight(truth, first, second))
-    return float(np.median(np.maximum(turned, seen)))
-
-
-def _between(poses: Poses, first: Rows, second: Rows) -> Floats:
-    relative: Floats = poses.rotation[second] @ np.swapaxes(poses.rotation[first], 1, 2)
-    return relative
-
-
-def _sight(poses: Poses, first: Rows, second: Rows) -> Floats:
-    """Direction of the second camera's centre in the frame of the first, not of unit length."""
-    away = poses.centres[second] - poses.centres[first]
-    return apply_matrix(poses.rotation[first], away)
-
-
-def _angle(one: Floats, other: Floats) -> Floats:
-    """Angles (P,) in degrees; 0 where a vector has no length, and so no direction."""
-    sine = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.asarray(np.degrees(np.arctan2(sine, (one * other).sum(axis=1))))
+    (turn, sight), (true_turn, true_sight) = (
+        relative_poses(one, first, second) for one in (poses, truth)
+    )
+    worse = np.maximum(rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight))
+    return float(np.median(worse))
