@@ -13,7 +13,6 @@ from airzoo_bench.api.arrays import choice, floats, positive, refused, whole
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.distances.clouds import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
@@ -151,10 +150,10 @@ def cloud_scores(
     clip = _length("max_distance", max_distance, limit * _CLIP)
     settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)
     claim, truth = (
-        InMemoryCloud(Cloud(floats(name, values, (None, 3))))
+        InMemoryCloud(floats(name, values, (None, 3)))
         for name, values in (("predicted", predicted), ("true", true))
     )
-    if claim.count and not finite_rows(claim.cloud.points).any():
+    if claim.count and not finite_rows(claim.points).any():
         raise ArgumentError(
             f"none of {counted(claim.count, 'point')} is finite",
             where="predicted",

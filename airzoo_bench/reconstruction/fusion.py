@@ -30,7 +30,6 @@ __all__ = [
 ]
 
 FloatMaps = NDArray[np.floating[Any]]
-Colours = NDArray[np.uint8]
 
 # Views are worked through in parts of so many pixels, whatever pieces are asked for.
 _BLOCK_PIXELS = 1 << 18
@@ -49,14 +48,12 @@ class DepthMaps:
     poses : Poses
         N, in the frame of the prediction.
     confidence : (N, H, W) float array or None
-    colours : (N, H, W, 3) uint8 array or None
     """
 
     depth: FloatMaps
     cameras: Cameras
     poses: Poses
     confidence: FloatMaps | None = None
-    colours: Colours | None = None
 
     def take(self, rows: Ints) -> DepthMaps:
         """Return the maps of some views."""
@@ -65,7 +62,6 @@ class DepthMaps:
             self.cameras.take(rows),
             self.poses.take(rows),
             None if self.confidence is None else self.confidence[rows],
-            None if self.colours is None else self.colours[rows],
         )
 
 
@@ -78,12 +74,10 @@ class PointMaps:
     points : (N, H, W, 3) float array
         In the frame of the prediction; not finite for no surface.
     confidence : (N, H, W) float array or None
-    colours : (N, H, W, 3) uint8 array or None
     """
 
     points: FloatMaps
     confidence: FloatMaps | None = None
-    colours: Colours | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +126,7 @@ class DepthCloud:
         rays = back_project(self.maps.cameras.take(row), places[None])[0]
         local = rays * (depth / rays[:, 2])[:, None]
         world = apply_matrix(poses.rotation[row].T, local) + poses.centres[row]
-        return _cloud(world, row, pixels, self.maps.confidence, self.maps.colours)
+        return Cloud(world)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +151,7 @@ class PointMapCloud:
             flat = self.maps.points[row].reshape(-1, 3)
             for pixels in _parts(self._surface(row), points):
                 world = self.transform.apply(flat[pixels].astype(np.float64))
-                yield _cloud(world, row, pixels, self.maps.confidence, self.maps.colours)
+                yield Cloud(world)
 
     def _surface(self, row: int) -> Bools:
         finite: Bools = np.isfinite(self.maps.points[row]).all(axis=-1)
@@ -195,17 +189,3 @@ def _parts(surface: Bools, points: int) -> Iterator[Ints]:
     size = min(points, _BLOCK_PIXELS)
     for start in range(0, len(pixels), size):
         yield pixels[start : start + size]
-
-
-def _cloud(
-    world: Floats,
-    row: int,
-    pixels: Ints,
-    confidence: FloatMaps | None,
-    colours: Colours | None,
-) -> Cloud:
-    return Cloud(
-        world,
-        None if colours is None else colours[row].reshape(-1, 3)[pixels],
-        None if confidence is None else confidence[row].ravel()[pixels].astype(np.float32),
-    )

@@ -31,7 +31,6 @@ from airzoo_bench.reconstruction.sources import (
     InMemoryCloud,
     finite_pieces,
     finite_rows,
-    take,
 )
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
@@ -135,13 +134,13 @@ def prepared(
         outside += int(np.count_nonzero(finite & ~within))
         inside += int(np.count_nonzero(within))
         if grid is not None:
-            grid.add(take(piece, within))
+            grid.add(piece.points[within])
     some = sample.points()
     some = some[finite_rows(some)]
     if grid is None:
         cropped = _CroppedCloud(source, region, inside)
         return PreparedCloud(cropped, not_finite, outside, 0, some)
-    thin = grid.cloud()
+    thin = grid.points()
     return PreparedCloud(InMemoryCloud(thin), not_finite, outside, inside - len(thin), some)
 
 
@@ -165,7 +164,7 @@ class _CroppedCloud:
     def pieces(self, points: int) -> Iterator[Cloud]:
         for piece in self.source.pieces(points):
             _, within = _kept(piece, self.region)
-            yield piece if within.all() else take(piece, within)
+            yield Cloud(piece.points[within])
 
 
 def _kept(piece: Cloud, region: Region | None) -> tuple[Bools, Bools]:

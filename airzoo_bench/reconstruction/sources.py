@@ -18,7 +18,6 @@ __all__ = [
     "concatenated",
     "finite_pieces",
     "finite_rows",
-    "take",
 ]
 
 _ENDLESS = 1e150
@@ -26,19 +25,19 @@ _ENDLESS = 1e150
 
 @dataclass(frozen=True, eq=False)
 class InMemoryCloud:
-    """A cloud in memory, as a `CloudSource`."""
+    """Points (N, 3) in memory, as a `CloudSource`."""
 
-    cloud: Cloud
+    points: Floats
 
     @property
     def count(self) -> int:
         """How many points it holds."""
-        return len(self.cloud)
+        return len(self.points)
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, at most so many at a time."""
-        for start in range(0, len(self.cloud), points):
-            yield take(self.cloud, slice(start, start + points))
+        for start in range(0, len(self.points), points):
+            yield Cloud(self.points[start : start + points])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +56,12 @@ class TransformedCloud:
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, at most so many at a time."""
         for piece in self.source.pieces(points):
-            kept = piece
+            kept = piece.points
             if self.confidence_above is not None and piece.confidence is not None:
-                kept = take(piece, piece.confidence > self.confidence_above)
+                kept = kept[piece.confidence > self.confidence_above]
             # What is infinite becomes NaN at worst, and is counted where the cloud is prepared.
             with np.errstate(invalid="ignore", over="ignore"):
-                moved = self.transform.apply(kept.points)
-            yield Cloud(moved, kept.colours, kept.confidence)
+                yield Cloud(self.transform.apply(kept))
 
 
 class EvenSample:
@@ -87,15 +85,6 @@ class EvenSample:
     def points(self) -> Floats:
         """Return the sample (S, 3)."""
         return np.concatenate(self._parts)
-
-
-def take(cloud: Cloud, rows: Bools | slice) -> Cloud:
-    """Return some of the points, with their colours and confidences: a mask (N,), or a slice."""
-    return Cloud(
-        cloud.points[rows],
-        None if cloud.colours is None else cloud.colours[rows],
-        None if cloud.confidence is None else cloud.confidence[rows],
-    )
 
 
 def finite_rows(points: Floats) -> Bools:

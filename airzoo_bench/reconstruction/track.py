@@ -17,7 +17,6 @@ from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.formats import SUFFIXES
 from airzoo_bench.reconstruction.alignment.cameras import write_alignments
 from airzoo_bench.reconstruction.baseline import STRUCTURE_FROM_MOTION
@@ -275,7 +274,7 @@ def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
 
 def _in_memory(cloud: PreparedCloud) -> PreparedCloud:
     points = concatenated(piece.points for piece in cloud.source.pieces(_PIECE))
-    return replace(cloud, source=InMemoryCloud(Cloud(points)))
+    return replace(cloud, source=InMemoryCloud(points))
 
 
 TRACK = ReconstructionTrack()

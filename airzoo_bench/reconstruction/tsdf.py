@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.open3d_loader import load_open3d
-from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
@@ -47,7 +46,7 @@ class TsdfSettings:
     max_depth : float
         A surface beyond it is none, so that an outlier does not fill the world with voxels.
     max_voxels : int
-        The most voxels there may be, of 8 bytes each, or 20 with colours.
+        The most voxels there may be, of 8 bytes each.
     """
 
     voxel: float
@@ -62,7 +61,7 @@ def fuse(
     settings: TsdfSettings,
     *,
     confidence_above: float | None,
-) -> Cloud:
+) -> Floats:
     """Fuse depth maps and return the points where the surface crosses edges between voxels.
 
     Where voxels lie does not depend on the cameras. Coordinates are single precision about the
@@ -80,7 +79,7 @@ def fuse(
 
     Returns
     -------
-    Cloud
+    (N, 3) array
         Sorted by x, y, z; empty where no map has a surface.
 
     Raises
@@ -96,7 +95,7 @@ def fuse(
         )
     poses = transform.apply_poses(maps.poses)
     origin = _origin(poses, settings)
-    volume = _Volume(load_open3d(), settings, coloured=maps.colours is not None)
+    volume = _Volume(load_open3d(), settings)
     for row in range(len(maps.depth)):
         depth = surface_depth(
             maps,
@@ -106,33 +105,23 @@ def fuse(
             confidence_above=confidence_above,
         )
         if depth.any():
-            colours = None if maps.colours is None else maps.colours[row]
             camera, pose = maps.cameras.take(row), poses.take(row)
-            local = Poses(rotation=pose.rotation, centres=pose.centres - origin)
-            volume.add(depth, colours, camera, local)
-    points, found = volume.surface()
-    return Cloud(points + origin if len(points) else points, found)
+            volume.add(depth, camera, Poses(rotation=pose.rotation, centres=pose.centres - origin))
+    return volume.surface() + origin
 
 
 class _Volume:
     """Open3D's grid of voxel blocks, within a budget."""
 
-    def __init__(self, o3d: Any, settings: TsdfSettings, coloured: bool) -> None:
-        self._o3d = o3d
-        self._settings = settings
-        self._coloured = coloured
-        names, sizes = ["tsdf", "weight"], [(1,), (1,)]
-        if coloured:
-            names, sizes = [*names, "color"], [*sizes, (3,)]
-        kinds = [o3d.core.float32] * len(names)
+    def __init__(self, o3d: Any, settings: TsdfSettings) -> None:
+        self._o3d, self._settings = o3d, settings
+        kinds, sizes = [o3d.core.float32] * 2, [(1,), (1,)]
         self._grid = o3d.t.geometry.VoxelBlockGrid(
-            names, kinds, sizes, settings.voxel, _BLOCK, _FIRST_BLOCKS
+            ["tsdf", "weight"], kinds, sizes, settings.voxel, _BLOCK, _FIRST_BLOCKS
         )
         self._steps = settings.truncation / settings.voxel
 
-    def add(
-        self, depth: Floats, colours: NDArray[np.uint8] | None, camera: Cameras, pose: Poses
-    ) -> None:
+    def add(self, depth: Floats, camera: Cameras, pose: Poses) -> None:
         blocks = _touched(depth, camera, pose, self._settings)
         self._require(len(blocks))
         tensor, image = self._o3d.core.Tensor, self._o3d.t.geometry.Image
@@ -143,25 +132,15 @@ class _Volume:
         # It takes no voxel beyond the start of the last row and column, so there is one more.
         border = ((0, 1), (0, 1), (0, 0))
         seen = image(tensor(np.pad(depth.astype(np.float32)[..., None], border)))
-        if colours is None:
-            self._grid.integrate(tensor(blocks), seen, *view)
-        else:
-            shares = np.pad(colours, border).astype(np.float32) / np.float32(255)
-            picture = image(tensor(shares))
-            self._grid.integrate(tensor(blocks), seen, picture, *view)
+        self._grid.integrate(tensor(blocks), seen, *view)
         self._require(self._grid.hashmap().size())
 
-    def surface(self) -> tuple[Floats, NDArray[np.uint8] | None]:
+    def surface(self) -> Floats:
         if not self._grid.hashmap().size():
-            return np.zeros((0, 3)), None
+            return np.zeros((0, 3))
         cloud = self._grid.extract_point_cloud(0.0)
-        points = cloud.point.positions.numpy().astype(np.float64)
-        colours = None
-        if self._coloured:
-            colours = np.round(cloud.point.colors.numpy() * 255).astype(np.uint8)
-        keys = points if colours is None else np.hstack((points, colours))
-        order = np.lexsort(keys.T[::-1])
-        return points[order], None if colours is None else colours[order]
+        points: Floats = cloud.point.positions.numpy().astype(np.float64)
+        return points[np.lexsort(points.T[::-1])]
 
     def _require(self, blocks: int) -> None:
         voxels = blocks * _BLOCK**3

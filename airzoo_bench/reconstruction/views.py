@@ -131,10 +131,10 @@ def read_views(path: Path, limit_bytes: int) -> ScenePrediction:
     cameras, notes = _cameras(arrays, (count, height, width), shift)
     images = image_poses(arrays, count) if "extrinsics" in names else None
     confidence = _confidence(arrays, (count, height, width))
-    colours = _colours(arrays, (count, height, width, 3))
-    geometry: DepthMaps | PointMaps = PointMaps(maps, confidence, colours)
+    _check_colours(arrays, (count, height, width, 3))
+    geometry: DepthMaps | PointMaps = PointMaps(maps, confidence)
     if maps_name == _DEPTH and cameras is not None and images is not None:
-        geometry = DepthMaps(maps, cameras, images.poses, confidence, colours)
+        geometry = DepthMaps(maps, cameras, images.poses, confidence)
     return ScenePrediction(geometry, images, notes, stated)
 
 
@@ -213,11 +213,11 @@ def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> FloatMaps | None:
     return values
 
 
-def _colours(arrays: Arrays, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
+def _check_colours(arrays: Arrays, shape: tuple[int, ...]) -> None:
+    """Refuse colours that are none; no score needs them."""
     values = _optional(arrays, _COLOURS, shape)
     if values is not None and values.dtype != np.uint8:
         raise field_fault(arrays, f"the colours are {values.dtype}", "uint8")
-    return values
 
 
 def _optional(

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scenes
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
@@ -50,7 +49,7 @@ def scored(
 ) -> ScoredScene:
     poses = camera_poses("yard")
     cameras = PosedCameras(TRUTH.posed.names, poses.centres, poses.rotation)
-    predicted, true = (InMemoryCloud(Cloud(cloud)) for cloud in (points, truth))
+    predicted, true = (InMemoryCloud(cloud) for cloud in (points, truth))
     resources = Resources(memory_bytes=block_points * scenes._BYTES_A_POINT, jobs=jobs)
     return score_geometry(predicted, cameras, TRUTH, true, used, resources)
 
@@ -127,7 +126,7 @@ def test_recall_is_over_what_the_photos_saw() -> None:
 def observed_part(points: Array) -> Array:
     poses = camera_poses("yard")
     settings = protocol(preparation={"observed_cell_m": 1.0, "hidden_beyond_m": 5.0}).preparation
-    cloud, cameras = InMemoryCloud(Cloud(points)), lenses(len(poses))
+    cloud, cameras = InMemoryCloud(points), lenses(len(poses))
     cells = observed_cells(cloud, bounding_box(points), cameras, poses, settings, 1 << 20)
     return cells.holds(points)
 

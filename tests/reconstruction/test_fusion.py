@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.reconstruction import fusion
@@ -33,15 +33,10 @@ SLOPE = np.array((0.1, -0.05, 1.0))
 ABOVE = 30.0
 
 
-def joined(source: CloudSource, points: int = 1000) -> Cloud:
-    parts = list(source.pieces(points))
+def joined(source: CloudSource, points: int = 1000) -> np.ndarray:
+    parts = [piece.points for piece in source.pieces(points)]
     assert all(0 < len(part) <= points for part in parts)
-
-    def whole(name: str) -> Any:
-        found = [getattr(part, name) for part in parts]
-        return None if found[0] is None else np.concatenate(found)
-
-    return Cloud(whole("points"), whole("colours"), whole("confidence"))
+    return np.concatenate(parts)
 
 
 def depth_cloud(maps: DepthMaps, **changes: Any) -> DepthCloud:
@@ -88,27 +83,22 @@ def test_pixels_by_hand() -> None:
     found = joined(depth_cloud(one_view([[4, 8], [0, 2]])))
     # Through (0.5, 0.5), (1.5, 0.5) and (1.5, 1.5) of a camera with f = 2 and c = (1, 1).
     expected = UTM + np.array(((-1, -1, 4.0), (2, -2, 8), (0.5, 0.5, 2)))
-    np.testing.assert_allclose(found.points, expected, rtol=0, atol=1e-9)
-    assert (found.colours, found.confidence) == (None, None)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
 def test_what_is_no_surface() -> None:
     maps = one_view([[np.nan, np.inf, -1.0], [0.0, 101.0, 7.0]])
     cloud = depth_cloud(maps)
     assert cloud.count == 1
-    assert joined(cloud).points[0, 2] == UTM[2] + 7.0
+    assert joined(cloud)[0, 2] == UTM[2] + 7.0
     assert depth_cloud(maps, max_depth=101.0).count == 2
 
 
-def test_confidence_and_colours_go_along() -> None:
+def test_pixels_must_exceed_the_confidence() -> None:
     confidence = np.array([[[0.5, 2.0], [np.nan, 3.0]]], np.float16)
-    colours = np.arange(12, dtype=np.uint8).reshape(1, 2, 2, 3)
-    maps = one_view([[1, 2], [3, 4]], confidence=confidence, colours=colours)
+    maps = one_view([[1, 2], [3, 4]], confidence=confidence)
     found = joined(depth_cloud(maps, confidence_above=0.5))
-    assert found.confidence is not None
-    assert found.colours is not None
-    assert found.confidence.tolist() == [2.0, 3.0]
-    assert found.colours.tolist() == [[3, 4, 5], [9, 10, 11]]
+    assert (found[:, 2] - UTM[2]).tolist() == [2.0, 4.0]
     assert depth_cloud(maps, confidence_above=None).count == 4
 
 
@@ -118,7 +108,7 @@ def test_lens_distortion_is_undone() -> None:
     cameras = Cameras.from_matrices(K, 64, 48, [[-0.1, 0.03, 0.001, -0.002, 0.0]])
     pose = Poses(rotation=Rotation.random(1, random_state=rng).as_matrix(), centres=UTM[None])
     maps = DepthMaps(rng.uniform(5, 50, (1, 48, 64)), cameras, pose)
-    seen = world_to_camera(pose, joined(depth_cloud(maps)).points[None])
+    seen = world_to_camera(pose, joined(depth_cloud(maps))[None])
     pixels = project(cameras, seen)[0]
     expected = np.stack(np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5), -1).reshape(-1, 2)
     np.testing.assert_allclose(pixels, expected, atol=1e-6)
@@ -131,16 +121,16 @@ def test_the_plane_comes_back_in_another_frame() -> None:
     there = replace(maps, depth=maps.depth * 0.01, poses=made.apply_poses(maps.poses))
     found = joined(depth_cloud(there, transform=made.inverse()))
     assert len(found) == maps.depth.size
-    assert np.abs(off_plane(found.points)).max() < 1e-7
-    np.testing.assert_allclose(found.points, joined(depth_cloud(maps)).points, atol=1e-7)
+    assert np.abs(off_plane(found)).max() < 1e-7
+    np.testing.assert_allclose(found, joined(depth_cloud(maps)), atol=1e-7)
 
 
 @pytest.mark.parametrize("points", [1, 7, 3072, 10**6])
 def test_pieces_do_not_change_a_bit(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = slope_maps(views=2, width=32, height=24)
-    whole = joined(depth_cloud(maps), 10**6).points
+    whole = joined(depth_cloud(maps), 10**6)
     monkeypatch.setattr(fusion, "_BLOCK_PIXELS", 500)
-    assert joined(depth_cloud(maps), points).points.tobytes() == whole.tobytes()
+    assert joined(depth_cloud(maps), points).tobytes() == whole.tobytes()
 
 
 def test_point_maps() -> None:
@@ -149,28 +139,25 @@ def test_point_maps() -> None:
     points[1, 1, 1, 0] = np.inf
     confidence = np.full((2, 2, 2), 2.0)
     confidence[1, 0, 0] = 1.0
-    colours = np.arange(24, dtype=np.uint8).reshape(2, 2, 2, 3)
-    maps = PointMaps(points.astype(np.float32), confidence, colours)
+    maps = PointMaps(points.astype(np.float32), confidence)
     doubled = Similarity(2.0, np.eye(3), UTM)
     cloud = PointMapCloud(maps, doubled, confidence_above=1.0)
     kept = [0, 2, 3, 5, 6]
     assert cloud.count == 5
     found = joined(cloud, 2)
-    np.testing.assert_array_equal(found.points, 2 * points.reshape(-1, 3)[kept] + UTM)
-    assert found.colours is not None
-    assert found.colours.tolist() == colours.reshape(-1, 3)[kept].tolist()
+    np.testing.assert_array_equal(found, 2 * points.reshape(-1, 3)[kept] + UTM)
 
 
 def test_tsdf_gives_the_plane_back() -> None:
     maps = slope_maps()
     found = fuse(maps, STILL, TSDF, confidence_above=None)
     assert len(found) > 1000
-    assert_on_plane(found.points)
-    seen = joined(depth_cloud(maps)).points
+    assert_on_plane(found)
+    seen = joined(depth_cloud(maps))
     # Half a pixel off would be 0.25 m at 30 m, seen by the border of the surface.
     lower, upper = seen.min(axis=0), seen.max(axis=0)
-    assert (found.points > lower - TSDF.truncation).all()
-    assert (found.points < upper + TSDF.truncation).all()
+    assert (found > lower - TSDF.truncation).all()
+    assert (found < upper + TSDF.truncation).all()
 
 
 def test_tsdf_pixel_centres() -> None:
@@ -182,7 +169,7 @@ def test_tsdf_pixel_centres() -> None:
     poses = Poses(rotation=looking_down(0.0), centres=UTM[None] + (0, 0, ABOVE))
     maps = DepthMaps(depth, cameras, poses)
     fine = replace(TSDF, voxel=0.1, truncation=0.4)
-    found = fuse(maps, STILL, fine, confidence_above=None).points - UTM
+    found = fuse(maps, STILL, fine, confidence_above=None) - UTM
     high, low = found[found[:, 2] > -0.2], found[found[:, 2] < -2.8]
     # The pixel right of the step ends at (31.5 + 0.5 - 33) / 60 * 30 = -0.5 m.
     assert high[:, 0].max() == pytest.approx(-0.5, abs=0.11)
@@ -199,21 +186,9 @@ def test_tsdf_finds_a_ground_at_a_round_height() -> None:
     maps = DepthMaps(depth, Cameras.from_matrices(K, 64, 48), poses)
     # Pixels of 0.5 m, five times the voxels: no holes either.
     found = fuse(maps, STILL, replace(TSDF, voxel=0.1, truncation=0.4), confidence_above=None)
-    np.testing.assert_allclose(found.points[:, 2], 0.0, atol=1e-5)
-    cells = np.unique(np.floor(found.points[:, :2] / 0.5).astype(int), axis=0)
+    np.testing.assert_allclose(found[:, 2], 0.0, atol=1e-5)
+    cells = np.unique(np.floor(found[:, :2] / 0.5).astype(int), axis=0)
     assert len(cells) >= 60 * 44
-
-
-def test_tsdf_colours_are_means() -> None:
-    maps = slope_maps(2)
-    colours = np.zeros((2, 48, 64, 3), np.uint8)
-    colours[0] = (200, 0, 40)
-    colours[1] = (100, 0, 40)
-    found = fuse(replace(maps, colours=colours), STILL, TSDF, confidence_above=None)
-    assert found.colours is not None
-    assert len(found.colours) == len(found)
-    assert found.colours[:, 2].tolist() == [40] * len(found)
-    assert set(np.unique(found.colours[:, 0])) >= {100, 150, 200}
 
 
 def test_tsdf_in_another_frame_and_scale() -> None:
@@ -223,7 +198,7 @@ def test_tsdf_in_another_frame_and_scale() -> None:
     found = fuse(there, made.inverse(), TSDF, confidence_above=None)
     expected = fuse(maps, STILL, TSDF, confidence_above=None)
     assert len(found) == pytest.approx(len(expected), rel=0.01)
-    assert_on_plane(found.points)
+    assert_on_plane(found)
 
 
 def test_tsdf_of_nothing() -> None:
@@ -256,10 +231,9 @@ import numpy as np
 from tests.reconstruction.test_fusion import STILL, TSDF, fuse, replace, slope_maps
 maps = slope_maps()
 noise = np.random.default_rng(3).normal(0, 0.2, maps.depth.shape)
-colours = np.random.default_rng(4).integers(0, 255, (*maps.depth.shape, 3)).astype(np.uint8)
-maps = replace(maps, depth=maps.depth + noise, colours=colours)
+maps = replace(maps, depth=maps.depth + noise)
 found = fuse(maps, STILL, replace(TSDF, voxel=0.2, truncation=0.8), confidence_above=None)
-print(hashlib.sha256(found.points.tobytes() + found.colours.tobytes()).hexdigest(), len(found))
+print(hashlib.sha256(found.tobytes()).hexdigest(), len(found))
 """
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -105,23 +106,23 @@ def test_bounds_of_many_points_do_not_depend_on_the_pieces() -> None:
     np.testing.assert_array_equal(found[0], np.percentile(points[::2], (1, 99), axis=0))
 
 
-def test_moving_keeps_colours_and_the_more_confident_points() -> None:
-    cloud = Cloud(
-        np.array([[1.0, 0, 0], [0, 1, 0], [np.inf, 0, 0]]),
-        np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9]], np.uint8),
-        np.array([0.2, 0.5, 0.9], np.float32),
-    )
+class Confident(Pieces):
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        for piece in super().pieces(points):
+            yield Cloud(piece.points, confidence=np.array([0.2, 0.5, 0.9], np.float32))
+
+
+def test_moving_keeps_the_more_confident_points() -> None:
+    points = np.array([[1.0, 0, 0], [0, 1, 0], [np.inf, 0, 0]])
     transform = Similarity(2.0, np.eye(3), np.array((10.0, 0, 0)))
-    everything = next(TransformedCloud(InMemoryCloud(cloud), transform, None).pieces(10))
+    everything = next(TransformedCloud(Confident(points), transform, None).pieces(10))
     np.testing.assert_array_equal(everything.points[:2], [[12, 0, 0], [10, 2, 0]])
     assert not np.isfinite(everything.points[2]).all()
-    kept = next(TransformedCloud(InMemoryCloud(cloud), transform, 0.2).pieces(10))
-    assert kept.colours is not None
-    np.testing.assert_array_equal(kept.colours, cloud.colours[1:])
+    kept = next(TransformedCloud(Confident(points), transform, 0.2).pieces(10))
+    np.testing.assert_array_equal(kept.points[0], [10, 2, 0])
     assert len(kept) == 2
     # Without confidences nothing is asked of them.
-    bare = InMemoryCloud(Cloud(cloud.points))
-    assert len(next(TransformedCloud(bare, transform, 0.9).pieces(10))) == 3
+    assert len(next(TransformedCloud(InMemoryCloud(points), transform, 0.9).pieces(10))) == 3
 
 
 def test_the_box_of_a_cloud() -> None:

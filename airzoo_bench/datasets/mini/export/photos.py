@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -127,9 +127,8 @@ def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progre
     for row in progress(rows, "true cloud", len(rows)):
         depth = read_depth(frame_paths(folder, frames.names[row])[1]).astype(np.float64)
         points = depth_to_points(depth, depth > 0, frames.camera, frames.poses.take(row))
-        grid.add(Cloud(points))
-    cloud = grid.cloud()
-    return replace(cloud, points=np.round(cloud.points, _CLOUD_DECIMALS) + 0.0)
+        grid.add(points)
+    return Cloud(np.round(grid.points(), _CLOUD_DECIMALS) + 0.0)
 
 
 def depth_to_points(depth: Floats, chosen: Bools, camera: Cameras, pose: Poses) -> Floats:
