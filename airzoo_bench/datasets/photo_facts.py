@@ -17,7 +17,7 @@ from airzoo_bench.datasets.prior_errors import Turned, prior_errors, turned_prio
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.missing_heights import nearest_heights
+from airzoo_bench.geometry.rays import nearest_heights
 
 if TYPE_CHECKING:
     import pandas as pd

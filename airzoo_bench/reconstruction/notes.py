@@ -16,7 +16,6 @@ from airzoo_bench.reconstruction.cloud_plausibility import (
     mirror_warning,
     plausibility_warnings,
 )
-from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions
 from airzoo_bench.reconstruction.scoring import ScoredScene
@@ -25,6 +24,7 @@ from airzoo_bench.reconstruction.settings import (
     ReconstructionProtocol,
     ReconstructionScores,
 )
+from airzoo_bench.reconstruction.sources import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,

@@ -22,7 +22,6 @@ from airzoo_bench.reconstruction.alignment.cameras import align, with_step
 from airzoo_bench.reconstruction.alignment.icp import refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 from airzoo_bench.reconstruction.distances.clouds import cloud_distances
-from airzoo_bench.reconstruction.fusion import DepthCloud, DepthMaps, PointMapCloud, PointMaps
 from airzoo_bench.reconstruction.image_poses import match_cameras
 from airzoo_bench.reconstruction.notes import scene_notes
 from airzoo_bench.reconstruction.prepared import (
@@ -36,7 +35,15 @@ from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.scoring import ScoredScene, pose_scores, record_scene
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionProtocol
-from airzoo_bench.reconstruction.sources import InMemoryCloud, TransformedCloud, finite_pieces
+from airzoo_bench.reconstruction.sources import (
+    DepthCloud,
+    DepthMaps,
+    InMemoryCloud,
+    PointMapCloud,
+    PointMaps,
+    TransformedCloud,
+    finite_pieces,
+)
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.tsdf import fuse
 from airzoo_bench.reconstruction.views import ScenePrediction

@@ -13,7 +13,6 @@ from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import (
     BYTES_A_CAMERA,
     CAMERA_FIELDS,
@@ -23,6 +22,7 @@ from airzoo_bench.reconstruction.image_poses import (
     field_fault,
     image_poses,
 )
+from airzoo_bench.reconstruction.sources import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
 
 __all__ = ["ScenePrediction", "holds_views", "read_views"]

@@ -14,9 +14,9 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.reconstruction import fusion
+from airzoo_bench.reconstruction import sources
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.fusion import (
+from airzoo_bench.reconstruction.sources import (
     DepthCloud,
     DepthMaps,
     PointMapCloud,
@@ -129,7 +129,7 @@ def test_the_plane_comes_back_in_another_frame() -> None:
 def test_pieces_do_not_change_a_bit(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = slope_maps(views=2, width=32, height=24)
     whole = joined(depth_cloud(maps), 10**6)
-    monkeypatch.setattr(fusion, "_BLOCK_PIXELS", 500)
+    monkeypatch.setattr(sources, "_BLOCK_PIXELS", 500)
     assert joined(depth_cloud(maps), points).tobytes() == whole.tobytes()
 
 

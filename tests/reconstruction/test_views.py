@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import read_image_poses
+from airzoo_bench.reconstruction.sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,
     suspect_image_size,
