@@ -17,8 +17,9 @@ from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, refuse_cameras
 from airzoo_bench.geometry.lens import distort, in_range, undistort
 
-__all__ = ["Cameras", "anchor_pixels", "back_project", "distort", "project", "undistort"]
+__all__ = ["Cameras", "anchor_pixels", "back_project", "project"]
 
+_FIELDS = ("width", "height", "focal", "principal_point", "distortion")
 # Entries of K that should be 0 or 1 may be off by this much: far below any effect on a pixel.
 _K_TOLERANCE = 1e-9
 # Beyond these no camera is, and squares of rays overflow.
@@ -54,9 +55,8 @@ class Cameras:
 
     def __post_init__(self) -> None:
         count = len(self.focal)
-        expected = {"width": (count,), "height": (count,), "focal": (count, 2)}
-        expected |= {"principal_point": (count, 2), "distortion": (count, 5)}
-        for name, shape in expected.items():
+        shapes = ((count,), (count,), (count, 2), (count, 2), (count, 5))
+        for name, shape in zip(_FIELDS, shapes, strict=True):
             _require_shape(name, getattr(self, name), shape)
 
     @classmethod
@@ -103,8 +103,7 @@ class Cameras:
     @classmethod
     def joined(cls, parts: Sequence[Cameras]) -> Cameras:
         """Return the cameras of some batches, one after the other; at least one batch."""
-        names = ("width", "height", "focal", "principal_point", "distortion")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS))
 
     def __len__(self) -> int:
         return len(self.focal)
@@ -120,13 +119,7 @@ class Cameras:
     def take(self, index: Any) -> Cameras:
         """Return the cameras at an integer, index array, mask or slice, as Cameras."""
         rows = np.atleast_1d(np.arange(len(self))[index])
-        return Cameras(
-            width=self.width[rows],
-            height=self.height[rows],
-            focal=self.focal[rows],
-            principal_point=self.principal_point[rows],
-            distortion=self.distortion[rows],
-        )
+        return Cameras(*(getattr(self, name)[rows] for name in _FIELDS))
 
     def scaled(self, width: ArrayLike, height: ArrayLike) -> Cameras:
         """Return the cameras of the images resized to `width` x `height`, (N,) or scalars.
@@ -142,13 +135,8 @@ class Cameras:
         new_width = _sizes("width", width, len(self), None)
         new_height = _sizes("height", height, len(self), None)
         scale = np.stack((new_width / self.width, new_height / self.height), axis=-1)
-        return Cameras(
-            width=new_width,
-            height=new_height,
-            focal=self.focal * scale,
-            principal_point=self.principal_point * scale,
-            distortion=self.distortion,
-        )
+        focal, principal_point = self.focal * scale, self.principal_point * scale
+        return Cameras(new_width, new_height, focal, principal_point, self.distortion)
 
 
 def project(cameras: Cameras, points_cam: Floats) -> Floats:

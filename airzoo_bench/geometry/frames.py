@@ -51,8 +51,8 @@ def horizontal_crs(crs: Any) -> CRS:
     """
     try:
         known = CRS.from_user_input(crs)
-    except CRSError as fault:
-        raise UserError(f"unknown CRS {crs!r}", expected="such as EPSG:4547 or WKT") from fault
+    except CRSError as error:
+        raise UserError(f"unknown CRS {crs!r}", expected="such as EPSG:4547 or WKT") from error
     flat = known.to_2d()
     if not (flat.is_projected or flat.is_geographic):
         raise UserError(f"CRS {known.name!r} has no map plane", expected="projected or geographic")

@@ -126,7 +126,7 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
     """
     if quaternions is None:
         product = np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)
-        # The squares of the entries sum to 24 e^2: 4 e^2 on the diagonal, 2 e^2 beside it.
+        # The squares of the entries sum to 24 e^2: 4 e^2 on the diagonal, 2 e^2 off it.
         off = np.sqrt((product**2).sum(axis=(1, 2)) / 24.0)
         entries, weight = rotations.reshape(-1, 9), 1.0
     else:
@@ -150,7 +150,7 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
 def _of_centres(centres: Floats) -> Floats:
     """Estimate errors of centres that turns by 90 degrees carried over into t as they are.
 
-    Whole coordinates, those of made-up scenes, have lost nothing. Heights are left aside: beside
+    Whole coordinates, those of made-up scenes, have lost nothing. Heights are left aside: above
     places on a lattice they may well be those of a surface model, which float32 holds.
     """
     kind = narrow_type(centres[:, :2])

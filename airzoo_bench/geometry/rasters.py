@@ -112,12 +112,12 @@ def opened(path: str | Path) -> Iterator[Any]:
             dataset = rasterio.open(path)
         with dataset:
             yield dataset
-    except (RasterioError, CRSError) as fault:
+    except (RasterioError, CRSError) as error:
         raise RasterError(
-            f"cannot be read as a raster: {fault}",
+            f"cannot be read as a raster: {error}",
             where=path,
             expected="a complete file that GDAL reads, such as GeoTIFF",
-        ) from fault
+        ) from error
 
 
 def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
@@ -264,6 +264,6 @@ def _crs(dataset: Any, path: str | Path) -> CRS:
     wkt = dataset.crs.to_wkt()
     try:
         horizontal_crs(wkt)
-    except UserError as fault:
-        raise RasterError(fault.what, where=path, expected=fault.expected) from fault
+    except UserError as error:
+        raise RasterError(error.what, where=path, expected=error.expected) from error
     return CRS.from_wkt(wkt)

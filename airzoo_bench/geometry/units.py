@@ -25,7 +25,7 @@ __all__ = [
 # Scene coordinates are metres where the CRS's scale differs from 1 by less than this.
 _MOST_SCALE_ERROR = 0.005
 
-# How files spell units beside PROJ's own names.
+# How files spell units besides PROJ's own names.
 _SPELLINGS = {
     "m": ("meter", "meters", "metres"),
     "cm": ("centimeter", "centimeters", "centimetres"),

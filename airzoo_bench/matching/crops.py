@@ -98,7 +98,7 @@ def crop_windows(
 
     The image's four corners are cast onto the surface model. A corner whose ray comes down where
     the model has no height, or past its edge, is met with a level plane, as `missing_heights` says
-    (see `missing_heights.meet_missing`). Any other that misses (above the horizon, too far) is cut
+    (see `rays.meet_missing`). Any other that misses (above the horizon, too far) is cut
     at `max_range_m` along its ray, and counts with the horizontal position of that end. The box
     around the four, in the map's pixels, grows on each of its sides by `margin` times its length
     along that axis, is widened to whole pixels and cut to the map.

@@ -69,8 +69,8 @@ def _predict(
         found = sparse_reconstruction(
             paths, truth.cameras, positions, settings, kept / scene.id, resources
         )
-        placed = f"{len(found.rows)} of {len(names)} photos, {len(found.points):,} points"
-        note(f"{scene.id}: {placed}")
+        posed = f"{len(found.rows)} of {len(names)} photos"
+        note(f"{scene.id}: {posed}, {len(found.points):,} points")
         _write_model(out, scene.id, found, names[found.rows].tolist())
     with atomic_write(out / "protocol.txt", "w") as stream:
         stream.write(protocol.name + "\n")

@@ -31,20 +31,11 @@ _POOR, _GOOD = 0.5, 0.6
 
 
 def plausibility_warnings(cloud: Floats, truth: Floats) -> tuple[str, ...]:
-    """Say what a cloud may be instead, by its bounds and those of the truth.
+    """Say what a cloud may be instead, by its bounds (2, 3) and those of the truth.
 
     Only for clouds that are meant to lie where the truth lies: before an alignment with scale, any
-    scale and place is right.
-
-    Parameters
-    ----------
-    cloud, truth : (2, 3) float64 arrays
-        Smallest and largest coordinates; robust ones (percentiles) see through outliers.
-
-    Returns
-    -------
-    tuple of str
-        Warnings; empty where nothing is suspicious. Bounds that are not finite tell nothing.
+    scale and place is right. Robust bounds (percentiles) see through outliers; those that are not
+    finite tell nothing.
     """
     if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
         return ()
@@ -55,8 +46,8 @@ def plausibility_warnings(cloud: Floats, truth: Floats) -> tuple[str, ...]:
         )
     size, true_size = _diagonal(cloud), _diagonal(truth)
     if size > 0.0 and true_size > 0.0 and not 1 / _FACTOR < size / true_size < _FACTOR:
-        return (_scale_suspicion(size / true_size, cloud, truth),)
-    return _place_suspicion(cloud, truth, max(size, true_size))
+        return (_scale_warning(size / true_size, cloud, truth),)
+    return _place_warning(cloud, truth, max(size, true_size))
 
 
 def lost_digits(
@@ -78,10 +69,6 @@ def lost_digits(
         Metres that a unit of the points is.
     tolerance : float
         The expected error, root mean square, that is worth a word, in metres.
-
-    Returns
-    -------
-    str or None
     """
     finite = points[np.abs(points).max(axis=1, initial=0.0) < _LARGEST]
     if not len(finite):
@@ -122,22 +109,13 @@ def _digits(value: np.floating[Any]) -> int:
 def mirror_warning(
     cloud: Floats, truth: Floats, transform: Similarity, near: Iterable[float]
 ) -> str | None:
-    """Say where a cloud would fit the truth if its axes were negated or exchanged.
+    """Say where a cloud (N, 3) would fit the truth (M, 3) if its axes were negated or exchanged.
 
-    Tried are the axes of the prediction's own frame, about its origin, where conventions differ
-    (OpenGL's y and z, y or z that point up), and those of the truth's about the middle of the
-    cloud.
-
-    Parameters
-    ----------
-    cloud : (N, 3) array
-        Points of the prediction in the frame of the truth.
-    truth : (M, 3) array
-    transform : Similarity
-        Which brought them there.
-    near : iterable of float
-        A point fits where the truth is nearer; the first distance that tells is taken. A flat
-        scene fits at large ones however it is turned over.
+    Tried are the axes of the prediction's own frame, from which `transform` brought it, about its
+    origin, where conventions differ (OpenGL's y and z, y or z that point up), and those of the
+    truth's about the middle of the cloud. A point fits where the truth is nearer than one of the
+    distances `near`; the first that tells is taken. A flat scene fits at large ones however it is
+    turned over.
     """
     from scipy.spatial import cKDTree
 
@@ -198,7 +176,7 @@ def _alike(height: float, true_height: float) -> bool:
     return height > 0.0 and true_height > 0.0 and 0.1 < height / true_height < 10.0
 
 
-def _scale_suspicion(ratio: float, cloud: Floats, truth: Floats) -> str:
+def _scale_warning(ratio: float, cloud: Floats, truth: Floats) -> str:
     off = f"{ratio:.3g} times as large as" if ratio > 1 else f"{1 / ratio:.3g} times smaller than"
     for factor, unit in _UNITS:
         if 1 / _UNIT_TOLERANCE < ratio / factor < _UNIT_TOLERANCE:
@@ -206,7 +184,7 @@ def _scale_suspicion(ratio: float, cloud: Floats, truth: Floats) -> str:
     return f"the cloud is {off} the truth: it spans {_spans(cloud)}, the truth {_spans(truth)}"
 
 
-def _place_suspicion(cloud: Floats, truth: Floats, size: float) -> tuple[str, ...]:
+def _place_warning(cloud: Floats, truth: Floats, size: float) -> tuple[str, ...]:
     swapped = cloud[:, [1, 0, 2]]
     if not _overlap(cloud, truth) and _overlap(swapped, truth):
         return ("the cloud has x and y exchanged: with easting first it would lie on the truth",)

@@ -84,7 +84,7 @@ def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
 
 
 def image_poses(arrays: Arrays, count: int) -> ImagePoses:
-    """Read ``extrinsics`` and, where there are any, ``image_names`` of so many images.
+    """Read ``extrinsics`` and, where there are any, ``image_names`` of `count` images.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def check_count(arrays: Arrays, name: str, rows: int, count: int) -> None:
 
 
 def camera_fault(arrays: Arrays, name: str, error: CameraError) -> PredictionError:
-    """Turn the fault of a camera into that of a field."""
+    """Say in which field of a file a camera is wrong."""
     return PredictionError(
         error.what,
         where=f"{arrays.path}, field '{name}'",
@@ -176,7 +176,7 @@ def camera_fault(arrays: Arrays, name: str, error: CameraError) -> PredictionErr
 def field_fault(
     arrays: Arrays, what: str, expected: str, name: str | None = None
 ) -> PredictionError:
-    """Make the fault of a file, or of a field in it."""
+    """Make the error of a file, or of a field in it."""
     where = arrays.path if name is None else f"{arrays.path}, field '{name}'"
     return PredictionError(what, where=where, expected=expected)
 

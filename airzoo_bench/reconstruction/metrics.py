@@ -122,7 +122,7 @@ def score_distances(
 
 
 def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
-    """Precision, recall and F1 at each threshold.
+    """Precision, recall and F1 at each of K increasing thresholds.
 
     Parameters
     ----------
@@ -131,7 +131,6 @@ def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
     to_prediction : (T,) array
         Distance of each true point to the prediction, at least one.
     thresholds : (K,) array
-        Increasing.
 
     Raises
     ------

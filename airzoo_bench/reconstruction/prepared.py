@@ -50,7 +50,7 @@ _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
 _ROBUST = (1.0, 99.0)
 _NEAREST = 1e-3
-# A cell of the depth buffer is so many projected cells wide, so that no surface has holes in it.
+# A cell of the depth buffer is this many projected cells wide, so that surfaces have no holes.
 _SPLAT = 1.5
 _STEP = np.sqrt(2.0)
 

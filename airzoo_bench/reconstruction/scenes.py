@@ -114,7 +114,7 @@ def score_geometry(
             cloud = TransformedCloud(cloud, step, None)
             alignment = with_step(alignment, step, report, cameras, true_cameras)
         except AlignmentError as error:
-            # A cloud that is nowhere near the truth has failed; that is no fault of its file.
+            # A cloud that is nowhere near the truth has failed; its file is not to blame.
             alignment = replace(alignment, icp_failure=error.what)
     region = cropped_region(true_cloud, box, settings, block)
     predicted = prepared(cloud, settings, region, block)
@@ -198,7 +198,7 @@ def _observed_rows(
 
 
 class _TrueCloud:
-    """The true cloud; what is wrong with its file is no fault of the prediction."""
+    """The true cloud; errors in its file are those of the benchmark."""
 
     def __init__(
         self, truth: ReconstructionTruth, memory_bytes: int, sampling: MeshSampling

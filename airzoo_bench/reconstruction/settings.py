@@ -109,7 +109,7 @@ class Fusion(Strict):
 
 
 class Meshes(Strict):
-    """How a surface becomes points: so many on the whole mesh, whatever its units."""
+    """How many points are sampled on a mesh, whatever its units."""
 
     points: Annotated[int, Field(ge=1, le=100_000_000)]
     seed: Seed

@@ -38,7 +38,7 @@ __all__ = [
 FloatMaps = NDArray[np.floating[Any]]
 
 _ENDLESS = 1e150
-# Views are worked through in parts of so many pixels, whatever pieces are asked for.
+# Views are worked through in parts of this many pixels, whatever pieces are asked for.
 _BLOCK_PIXELS = 1 << 18
 
 
@@ -54,7 +54,7 @@ class InMemoryCloud:
         return len(self.points)
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time."""
+        """Yield all points, in pieces of at most `points`."""
         for start in range(0, len(self.points), points):
             yield Cloud(self.points[start : start + points])
 
@@ -73,7 +73,7 @@ class TransformedCloud:
         return self.source.count
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time."""
+        """Yield all points, in pieces of at most `points`."""
         for piece in self.source.pieces(points):
             kept = piece.points
             if self.confidence_above is not None and piece.confidence is not None:
@@ -153,7 +153,7 @@ class DepthCloud:
         return sum(int((self._depth(row) > 0.0).sum()) for row in range(len(self.maps.depth)))
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, view by view and row by row, at most so many at a time."""
+        """Yield all points, view by view and row by row, in pieces of at most `points`."""
         poses = self.transform.apply_poses(self.maps.poses)
         for row in range(len(self.maps.depth)):
             depth = self._depth(row).ravel()
@@ -194,7 +194,7 @@ class PointMapCloud:
         return sum(int(self._surface(row).sum()) for row in range(len(self.maps.points)))
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, view by view and row by row, at most so many at a time."""
+        """Yield all points, view by view and row by row, in pieces of at most `points`."""
         for row in range(len(self.maps.points)):
             flat = self.maps.points[row].reshape(-1, 3)
             for pixels in _parts(self._surface(row), points):
@@ -269,7 +269,7 @@ def finite_rows(points: Floats) -> Bools:
 
 
 def finite_pieces(source: CloudSource, points: int) -> Iterator[Floats]:
-    """Yield the finite points (N, 3) of a cloud, at most so many at a time."""
+    """Yield the finite points (N, 3) of a cloud, in pieces of at most `points`."""
     for piece in source.pieces(points):
         finite = finite_rows(piece.points)
         yield piece.points if finite.all() else piece.points[finite]

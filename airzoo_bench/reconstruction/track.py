@@ -71,7 +71,7 @@ class ReconstructionTrack(
         ScoredScene,
     ]
 ):
-    """Multi-view reconstruction; see `Track`. A claim is all predictions, whose scene is opened."""
+    """Multi-view reconstruction; see `Track`. Its claims are all predictions, opened by scene."""
 
     name = "reconstruction"
     summary = (

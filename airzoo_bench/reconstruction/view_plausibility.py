@@ -27,20 +27,11 @@ _OPENGL = np.diag((1.0, -1.0, -1.0))
 def refuse_other_resolution(
     cameras: Cameras, names: list[str] | None, where: str
 ) -> tuple[str, ...]:
-    """Refuse intrinsics of images of another size than the maps.
+    """Refuse intrinsics of images of another size than the maps, which the cameras have.
 
     The principal point of a whole image lies near its centre. Where it lies at the same multiple
     of the maps' centre in x and in y, and that is above 1.5 or below 1 / 1.5, the intrinsics are of
-    another resolution.
-
-    Parameters
-    ----------
-    cameras : Cameras
-        With the size of the maps.
-    names : list of str or None
-        Names of the images.
-    where : str
-        File and field, for messages.
+    another resolution. Names of the images, file and field (`where`) are for messages.
 
     Returns
     -------
@@ -82,19 +73,9 @@ def refuse_other_resolution(
 
 
 def suspect_image_size(size: tuple[int, int], true_width: int, true_height: int) -> str | None:
-    """Say where maps have another shape than the photos they belong to.
+    """Say where maps (width, height) have another shape than the photos that they belong to.
 
-    Parameters
-    ----------
-    size : tuple of int
-        Width and height of the maps.
-    true_width, true_height : int
-        Size of the photos.
-
-    Returns
-    -------
-    str or None
-        A warning where the ratio of the sides differs by more than 5 %.
+    A warning where the ratio of the sides differs by more than 5 %.
     """
     change = (size[0] / size[1]) / (true_width / true_height)
     if abs(np.log(change)) <= _ASPECT_TOLERANCE:
@@ -113,17 +94,8 @@ def suspect_camera_to_world(given: Poses, truth: Poses) -> str | None:
     Compared is what no choice of the world changes: the rotation between two cameras, and the
     direction in which a camera sees another one. The larger of the two angles to the truth is
     taken; its median over pairs is large as given and small once the poses are inverted, with the
-    axes of OpenCV or of OpenGL.
-
-    Parameters
-    ----------
-    given, truth : Poses
-        Of the same N images; of more than 64, so many evenly spread ones are looked at.
-
-    Returns
-    -------
-    str or None
-        A warning; None where nothing is suspicious, or with fewer than 3 cameras.
+    axes of OpenCV or of OpenGL. Of more than 64 cameras, an even sample of 64 is compared; fewer
+    than 3 tell nothing.
     """
     rows = np.unique(np.linspace(0, len(given) - 1, _MOST_CAMERAS).astype(int))
     if len(given) < 3:

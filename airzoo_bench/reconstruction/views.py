@@ -182,7 +182,7 @@ def _pixel_centres(arrays: Arrays) -> str | None:
 
 
 def _hold_work(arrays: Arrays, count: int, pixels: int) -> None:
-    """Count what fusing takes beside the maps: a view at a time, and the poses of all."""
+    """Reserve what fusing takes besides the maps: one view at a time, and the poses of all."""
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
     arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
 

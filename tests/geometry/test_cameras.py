@@ -10,11 +10,9 @@ from airzoo_bench.geometry.cameras import (
     Cameras,
     anchor_pixels,
     back_project,
-    distort,
     project,
-    undistort,
 )
-from airzoo_bench.geometry.lens import _jacobian, in_range
+from airzoo_bench.geometry.lens import _jacobian, distort, in_range, undistort
 
 from .support import LENSES, quick, seeds
 

@@ -13,8 +13,6 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.core.open3d_loader import load_open3d
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.similarity import umeyama
 from tests.reconstruction.world import (
     ORIGIN,
     SIDE,
@@ -284,104 +282,6 @@ def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     assert record["points"] == 20_000
     assert record["f1_1m"] > 0.999
     assert any("20,000 points sampled" in note for note in evaluation.result.notes)
-
-
-def with_poses(world: World, folder: Path, extrinsics: Array | None) -> dict[str, float]:
-    """Return the scores of the yard with other poses, aligned by nothing."""
-    path = predict_clouds(world, folder / "p", {s: true_points(s) for s in ("yard", "lot")})
-    if extrinsics is None:
-        (path / "yard.cameras.npz").unlink()
-    else:
-        save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=extrinsics))
-    as_it_stands = {"trajectory_alignment": "cloud"}
-    chosen = world.protocol(folder / "c.toml", alignment={"method": "none"}, scores=as_it_stands)
-    return world.score(path, protocol=str(chosen)).result.scenes["yard"]
-
-
-def test_perfect_poses(world: World, tmp_path: Path) -> None:
-    values = with_poses(world, tmp_path, world.cameras("yard")["extrinsics"])
-    assert values["pose_auc_3deg"] == pytest.approx(1.0, abs=1e-7)
-    assert values["ate_m"] < NEAR
-    assert values["rpe_m"] < NEAR
-    assert values["rpe_deg"] < 1e-6  # a truth has quaternions to 1e-9
-
-
-def test_one_camera_turned_by_ten_degrees(world: World, tmp_path: Path) -> None:
-    poses = camera_poses("yard")
-    turn = Rotation.from_rotvec(np.radians(10) * np.array([0.6, 0.8, 0.0])).as_matrix()
-    rotation = poses.rotation.copy()
-    rotation[3] = turn @ rotation[3]
-    wrong = Poses(rotation=rotation, centres=poses.centres)
-    extrinsics = np.concatenate([rotation, wrong.translation[..., None]], axis=2)
-    values = with_poses(world, tmp_path, extrinsics)
-    # 10 of the 30 ordered pairs have it, and err by the whole turn.
-    assert values["pose_auc_5deg"] == pytest.approx(20 / 30, abs=1e-6)
-    assert values["pose_auc_15deg"] == pytest.approx(20 / 30 + 10 / 30 * 5 / 15, abs=1e-6)
-    assert values["ate_m"] < NEAR
-    assert values["rpe_deg"] == pytest.approx(np.sqrt(2 * 100 / 5), rel=1e-7)
-
-
-def test_one_camera_moved_by_two_metres(world: World, tmp_path: Path) -> None:
-    poses = camera_poses("yard")
-    centres = poses.centres.copy()
-    centres[0] += (0.0, 0.0, 2.0)
-    extrinsics = np.concatenate([poses.rotation, -(poses.rotation @ centres[..., None])], axis=2)
-    values = with_poses(world, tmp_path, extrinsics)
-    assert values["ate_m"] == pytest.approx(np.sqrt(4 / 6), rel=1e-6)
-    # The first camera has one step only.
-    assert values["rpe_m"] == pytest.approx(np.sqrt(4 / 5), rel=1e-6)
-
-
-def test_a_camera_without_a_pose(world: World, tmp_path: Path) -> None:
-    extrinsics = world.cameras("yard")["extrinsics"].copy()
-    extrinsics[2] = np.nan
-    values = with_poses(world, tmp_path, extrinsics)
-    assert values["pose_auc_30deg"] == pytest.approx(20 / 30, abs=1e-6)
-    assert values["cameras_placed"] == 5 / 6
-    assert values["ate_m"] < NEAR
-
-
-def test_cameras_that_are_left_out_buy_no_score(world: World, tmp_path: Path) -> None:
-    """Three of six cameras fit anything: their share, and the AUC, say so."""
-    few = world.cameras("yard")
-    few = {name: values[:3] for name, values in few.items()}
-    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
-    save(path / "yard.cameras.npz", few)
-    values = world.score(path).result.scenes["yard"]
-    assert values["cameras_placed"] == 0.5
-    assert values["pose_auc_30deg"] == pytest.approx(6 / 30, abs=1e-6)
-    two = {name: values[:2] for name, values in few.items()}
-    save(path / "yard.cameras.npz", two)
-    chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "none"})
-    values = world.score(path, protocol=str(chosen)).result.scenes["yard"]
-    assert np.isinf([values["ate_m"], values["rpe_m"], values["rpe_deg"]]).all()
-
-
-def test_ate_sees_the_cameras_that_the_alignment_left_out(world: World, tmp_path: Path) -> None:
-    poses = camera_poses("yard")
-    centres = poses.centres.copy()
-    centres[0] += (0.0, 30.0, 0.0)
-    extrinsics = np.concatenate([poses.rotation, -(poses.rotation @ centres[..., None])], axis=2)
-    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
-    save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=extrinsics))
-    scored = world.score(path).scored["yard"]
-    assert scored.record["inlier_cameras"] == 5
-    assert scored.record["chamfer_m"] < 1e-6
-    fit = umeyama(centres, poses.centres, with_scale=True)
-    left = np.linalg.norm(fit.apply(centres) - poses.centres, axis=1)
-    assert scored.record["ate_m"] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
-
-
-def test_a_scene_without_cameras_where_others_have_them(world: World, tmp_path: Path) -> None:
-    values = with_poses(world, tmp_path, None)
-    assert values["pose_auc_30deg"] == 0.0
-    assert np.isinf([values["ate_m"], values["rpe_m"], values["rpe_deg"]]).all()
-    assert values["f1_10m"] == 1.0
-
-
-def test_no_pose_scores_where_no_scene_has_cameras(world: World, tmp_path: Path) -> None:
-    path = predict_clouds(world, tmp_path / "p", {"lot": true_points("lot")}, cameras=False)
-    assert "ate_m" not in world.score(path).result.overall
 
 
 def test_every_kind_of_file_and_an_archive_score_alike(world: World, tmp_path: Path) -> None:

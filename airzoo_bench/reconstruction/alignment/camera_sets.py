@@ -41,7 +41,7 @@ class PosedCameras:
     ----------
     names : tuple of N str
     centres : (N, 3) array
-        In world coordinates; NaN for a camera that could not be placed.
+        In world coordinates; NaN for a camera without a pose.
     rotation : (N, 3, 3) array or None
         World-to-camera, OpenCV axes; None where there are positions only (GPS).
     """
@@ -160,7 +160,7 @@ def _no_orientations(of_truth: bool) -> AlignmentError:
         "the camera centres lie on a line, which leaves the turn about it free, "
         f"and the {'truth' if of_truth else 'prediction'} has no orientations",
         expected="centres that span a plane, or orientations of the cameras",
-        fix="add photos beside the line, give camera poses, or predict in the truth's frame "
+        fix="add photos off the line, give camera poses, or predict in the truth's frame "
         "and align by 'none'",
     )
 

@@ -21,7 +21,7 @@ __all__ = [
     "umeyama",
 ]
 
-# An extent below this share of the largest is rounding: single precision keeps 6e-8 of it.
+# A width below this share of the largest is rounding: single precision keeps 6e-8 of it.
 RANK_TOLERANCE = 1e-6
 _EPSILON = float(np.finfo(np.float64).eps)
 
@@ -60,7 +60,7 @@ class Similarity:
 
     @property
     def matrix(self) -> Floats:
-        """The (4, 4) matrix, scale times rotation beside the translation from origin 0."""
+        """The (4, 4) matrix, scale times rotation and the translation from origin 0."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.scale * self.rotation
         matrix[:3, 3] = self.apply(np.zeros((1, 3)))[0]
@@ -107,18 +107,9 @@ def point_rank(points: Floats, tolerance: float) -> int:
 
 
 def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
-    """Return the similarity that brings points nearest to their partners, in least squares.
+    """Return the similarity that brings points (N, 3) nearest to their partners, in least squares.
 
-    Parameters
-    ----------
-    source, target : (N, 3) array
-        Finite; row by row partners.
-    with_scale : bool
-        Otherwise the scale is 1.
-
-    Returns
-    -------
-    Similarity
+    The points are finite; the scale is 1 where it is not fitted.
 
     Raises
     ------
@@ -202,16 +193,16 @@ def fit_strips(
     """
     origin, a = local(source)
     goal, b = local(target)
-    spread = (a * a).sum(axis=(1, 2)), (b * b).sum(axis=(1, 2))
-    weight = axis_share**2 * np.sqrt(spread[0] * spread[1]) / source.shape[1]
+    squares = (a * a).sum(axis=(1, 2)), (b * b).sum(axis=(1, 2))
+    weight = axis_share**2 * np.sqrt(squares[0] * squares[1]) / source.shape[1]
     axes = weight[:, None, None] * turns.sum(axis=1)
     u, _, vt = np.linalg.svd(np.einsum("sni,snj->sij", b, a) + axes)
     u[:, :, 2] *= (np.sign(np.linalg.det(u)) * np.sign(np.linalg.det(vt)))[:, None]
     rotation = u @ vt
     numerator = (b * apply_matrix(rotation[:, None], a)).sum(axis=(1, 2))
-    determined = (numerator > 0.0) & (spread[0] > 0.0)
+    determined = (numerator > 0.0) & (squares[0] > 0.0)
     scale = np.ones(len(a))
-    scale[determined] = numerator[determined] / spread[0][determined]
+    scale[determined] = numerator[determined] / squares[0][determined]
     fits = [
         Similarity(float(s), r, g, o)
         for s, r, g, o in zip(scale, rotation, goal, origin, strict=True)

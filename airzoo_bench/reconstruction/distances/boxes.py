@@ -54,12 +54,12 @@ def morton_order(points: Floats) -> Ints:
     """
     index_bits = max(len(points) - 1, 1).bit_length()
     bits = min(_MOST_BITS, (64 - index_bits) // 3)
-    middle, spread = _core(points)
+    middle, width = _core(points)
     keys = np.empty(len(points), dtype=np.uint64)
     for start in range(0, len(points), _CHUNK):
         part = points[start : start + _CHUNK]
         numbers = np.arange(start, start + len(part), dtype=np.uint64)
-        cells = _interleave(_cells(part, middle, spread, bits))
+        cells = _interleave(_cells(part, middle, width, bits))
         keys[start : start + len(part)] = cells << np.uint64(index_bits) | numbers
     keys.sort()
     keys &= np.uint64((1 << index_bits) - 1)
@@ -80,14 +80,14 @@ def _core(points: Floats) -> tuple[Floats, Floats]:
         return np.zeros(3), np.ones(3)
     sample = points[:: max(1, len(points) // _SAMPLE)] / 2.0  # halves: differences stay finite
     low, middle, high = np.quantile(sample, (0.1, 0.5, 0.9), axis=0)
-    spread = high - low
-    return middle, np.where(spread > 0.0, spread, 1.0)
+    width = high - low
+    return middle, np.where(width > 0.0, width, 1.0)
 
 
-def _cells(points: Floats, middle: Floats, spread: Floats, bits: int) -> NDArray[np.uint64]:
+def _cells(points: Floats, middle: Floats, width: Floats, bits: int) -> NDArray[np.uint64]:
     """Cell (3, N) of each point along each axis, from 0 to 2^bits - 1."""
     with np.errstate(over="ignore"):
-        away = (points / 2.0 - middle).T / spread[:, None]
+        away = (points / 2.0 - middle).T / width[:, None]
     away = np.clip(away, -_FURTHEST, _FURTHEST)
     share = away / (1.0 + np.abs(away)) * 0.5 + 0.5
     cells: NDArray[np.uint64] = np.minimum(share * 2.0**bits, 2.0**bits - 1.0).astype(np.uint64)

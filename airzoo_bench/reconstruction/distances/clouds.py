@@ -68,8 +68,8 @@ def cloud_distances(
     prediction, truth : CloudSource
         Points that are not finite are left out.
     block_points : int
-        Clouds that both have at most so many points are held in memory; larger ones are worked in
-        blocks of about so many. The distances do not depend on it.
+        Two clouds of at most this many points are held in memory; larger ones are cut into blocks
+        of about this size. The distances do not depend on it.
     jobs : int
         Threads, at least 1; the distances do not depend on it.
     progress : Progress

@@ -182,7 +182,7 @@ def _hashes(points: Floats) -> Hashes:
 
 @contextmanager
 def _openmp_threads(jobs: int) -> Iterator[None]:
-    """Give pykdtree so many threads; it has no argument for it, and takes all by itself."""
+    """Limit the threads of pykdtree, which has no argument for them and takes all."""
     library = _openmp()
     if library is None:
         yield

@@ -169,7 +169,7 @@ def spilled(pieces: Iterable[Floats], cells: Cells, *, most: int) -> Iterator[Sp
     """Write a cloud to a temporary file where the system keeps such files, cell by cell.
 
     The file has no name, or loses it at once where the system allows that: it is gone with the
-    process, however that ends. Blocks have at most so many points, and so must the pieces.
+    process, however that ends. Blocks hold at most `most` points, and so must the pieces.
 
     Raises
     ------

@@ -40,7 +40,7 @@ class Model:
     Attributes
     ----------
     rows : (R,) int64 array
-        Of the photos that were placed, ascending.
+        Of the photos that have a pose, ascending.
     poses : Poses
         Of these.
     points : (P, 3) array

@@ -52,8 +52,7 @@ class SfmSettings:
     ratio : float
         A match is kept where its distance is below this share of the second nearest's.
     neighbours : int or None
-        Each photo is matched with so many of the nearest, by the priors; None, or without priors:
-        with all.
+        How many of the nearest photos, by GPS, each is matched with; None, or without GPS: all.
     least_inliers : int
         Matches that a pair needs.
     max_error_px : float
@@ -67,7 +66,7 @@ class SfmSettings:
     doubled: Annotated[bool, DOUBLED] = True
     ratio: float = 0.8
     neighbours: Annotated[
-        int | None, Option("neighbours", "Each photo is matched with so many, by GPS.", 2)
+        int | None, Option("neighbours", "Nearest photos, by GPS, to match each photo with.", 2)
     ] = 12
     least_inliers: int = 15
     max_error_px: float = 4.0
