@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from fractions import Fraction
-from itertools import combinations, permutations
+from itertools import combinations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
+from airzoo_bench.audit.queries import RowKey, row_of
 from airzoo_bench.tables.printed.cells import PrintedValue, Published
 
 __all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 
 Row = list[PrintedValue]
-RowKey = tuple[str, ...]
 
 _SUMMARY = "overall"
 # Two scores may agree by chance; a whole row of fewer says nothing.
@@ -83,11 +83,11 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     for (one, other), pairs in tables.items():
         apart = [pair for pair in pairs if _gap(*pair) > 1]
         cells = {id(cell) for pair in apart for cell in pair}
-        rows = {_key(cell) for pair in apart for cell in pair}
+        rows = {row_of(cell) for pair in apart for cell in pair}
         of_this = sum(
             id(f.cell) in cells
             if f.check in ("average", "agreement")
-            else f.check == "row" and _key(f.cell) in rows
+            else f.check == "row" and row_of(f.cell) in rows
             for f in grave
         )
         if len(apart) > 1 and of_this > 1:
@@ -133,12 +133,13 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
         The `id` of each cell that is no average of its scenes: of two such rows, the one that
         holds none is right.
     """
-    rows = published.by(_key)
+    rows = published.by(row_of)
     compared = [row for row in rows.values() if _is_telling(row)]
     findings = [
         _misplaced(row, other[0])
         for alike in _alike(compared)
-        for row, other in permutations(alike, 2)
+        for row in alike
+        for other in alike[: _MOST_PLACES + 1]
         if row[0].table != other[0].table and _is_another(row, other[0], rows)
         if reported & set(map(id, row)) or not reported & set(map(id, other))
     ]
@@ -148,10 +149,6 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
     cells = () if left else tuple(cell for row in compared for cell in row)
     tested = 0 if left else len(compared)
     return Outcome("row", tested, what, left, tuple(findings), cells=cells)
-
-
-def _key(cell: PrintedValue) -> RowKey:
-    return cell.table, *cell.group, cell.scene, cell.method
 
 
 def _is_telling(row: Row) -> bool:
