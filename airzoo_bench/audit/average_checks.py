@@ -10,8 +10,7 @@ from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.counts import counted_share
-from airzoo_bench.tables.printed.numbers import Interval, decimal_text, mean_interval
+from airzoo_bench.tables.printed.numbers import Interval, counted_share, decimal_text, mean_interval
 from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["check_averages"]

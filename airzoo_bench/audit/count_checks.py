@@ -10,8 +10,13 @@ from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.counts import count_text, is_cut, is_near, possible_counts
-from airzoo_bench.tables.printed.numbers import decimal_text
+from airzoo_bench.tables.printed.numbers import (
+    count_text,
+    decimal_text,
+    is_cut,
+    is_near,
+    possible_counts,
+)
 from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["Share", "check_counts", "judge_shares"]

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import ResultError, UsageError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed.cells import PrintedValue, Published
-from airzoo_bench.tables.printed.counts import possible_counts
+from airzoo_bench.tables.printed.numbers import possible_counts
 from airzoo_bench.tables.printed.scores import Family
 
 __all__ = [

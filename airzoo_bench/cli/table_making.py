@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.selection import check_score, find_scene, named_scores
 from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
-from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.layouts import AVERAGE
-from airzoo_bench.tables.method_table import OVERALL, MethodTable, method_table, with_published
+from airzoo_bench.tables.method_table import OVERALL, MethodTable, method_table
 from airzoo_bench.tables.rename import rename
+from airzoo_bench.tables.reported_rows import with_floors, with_published
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
@@ -147,7 +147,7 @@ class _TableMaker:
     def _with_intervals(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
         from airzoo_bench.results.records import Scored, read_records
         from airzoo_bench.statistics.samples import ResamplingConfig
-        from airzoo_bench.tables.method_intervals import with_intervals
+        from airzoo_bench.tables.interval_layout import with_intervals
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
@@ -214,7 +214,7 @@ class _TableMaker:
 
     def _marked(self, made: Table) -> Table:
         from airzoo_bench.tables.annotations import add_gains, highlight, parse_baselines
-        from airzoo_bench.tables.model import mark_best
+        from airzoo_bench.tables.best_marks import mark_best
 
         asked = self.request
         made = self._in_digits(self._sorted(made))
@@ -245,7 +245,7 @@ class _TableMaker:
         return sort_rows(made, wanted, AVERAGE)
 
     def _cited(self, made: Table) -> Table:
-        from airzoo_bench.tables.citations import add_citations
+        from airzoo_bench.tables.annotations import add_citations
         from airzoo_bench.tables.published import published_sources, read_source_file
 
         sources = {

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
 
-from airzoo_bench.tables.latex_width import PAGE, latex_width
+from airzoo_bench.tables.latex_text import PAGE, latex_width
 from airzoo_bench.tables.model import Row, Table
 
 __all__ = ["as_asked", "by_block", "by_count", "by_width", "leading_columns", "units"]

@@ -13,10 +13,11 @@ from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.results.sampling import is_share
 from airzoo_bench.statistics.intervals import FEWEST, Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import is_share
+from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.breakdown import (
     Grouping,
     condition_title,
@@ -25,7 +26,7 @@ from airzoo_bench.tables.breakdown import (
     number_texts,
 )
 from airzoo_bench.tables.method_table import UNITS
-from airzoo_bench.tables.model import Cell, Column, Row, Table, mark_best
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.wording import (
     brackets_note,
     by_reason,
@@ -80,7 +81,7 @@ def breakdown_table(
     by: str,
     *,
     bins: Sequence[float] | None = None,
-    plan: ResamplingConfig | None = None,
+    resampling: ResamplingConfig | None = None,
 ) -> Table:
     """Lay out scores by group: over all queries of the group, whatever their scene.
 
@@ -92,7 +93,7 @@ def breakdown_table(
     scores : sequence of ScoreColumn
     by, bins
         See `group_records`.
-    plan : ResamplingConfig, optional
+    resampling : ResamplingConfig, optional
         Of the intervals, within each group; none where left out.
 
     Raises
@@ -105,10 +106,10 @@ def breakdown_table(
     shown = _Variables(methods, scores)
     averages = group_averages(shown.values, shown.by_median, grouping.codes, len(grouping.labels))
     intervals: list[list[Interval]] = []
-    if plan is not None:
-        intervals = group_intervals(shown.sample, grouping, plan)
+    if resampling is not None:
+        intervals = group_intervals(shown.sample, grouping, resampling)
     labels = _labels(methods[0], grouping)
-    about = [] if plan is None else _about_intervals(shown, labels, intervals, plan)
+    about = [] if resampling is None else _about_intervals(shown, labels, intervals, resampling)
     table = Table(
         _title(shown, by),
         (Column(condition_title(by)), Column(shown.plural.capitalize()), *_heads(shown)),
@@ -212,7 +213,7 @@ def _infinite(shown: _Variables, averages: Floats) -> list[str]:
 
 
 def group_intervals(
-    sample: Sample, grouping: Grouping, plan: ResamplingConfig
+    sample: Sample, grouping: Grouping, resampling: ResamplingConfig
 ) -> list[list[Interval]]:
     """Take the intervals of averages within groups, resampled within each group.
 
@@ -221,7 +222,7 @@ def group_intervals(
     sample : Sample
         V variables of all records, as one group.
     grouping : Grouping
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
 
     Returns
     -------
@@ -233,7 +234,7 @@ def group_intervals(
     filled = [group for group, count in enumerate(counts.values()) if count]
     parts = tuple(np.ascontiguousarray(values[:, grouping.codes == group]) for group in filled)
     named = tuple(grouping.labels[group] for group in filled)
-    found = sample_intervals(replace(sample, groups=named, values=parts), plan).groups
+    found = sample_intervals(replace(sample, groups=named, values=parts), resampling).groups
     few = f"fewer than {FEWEST} {plural(unit)}"
     nothing = [Interval(None, None, "")] * len(values)
     return [
@@ -246,7 +247,7 @@ def _about_intervals(
     shown: _Variables,
     labels: Sequence[str],
     intervals: list[list[Interval]],
-    plan: ResamplingConfig,
+    resampling: ResamplingConfig,
 ) -> list[str]:
     alone = len(shown.methods) == 1
     reasons = by_reason(
@@ -257,7 +258,7 @@ def _about_intervals(
     within = f"{shown.plural} within each group"
     return [
         *(f"{names}: no interval; {reason}" for reason, names in reasons.items() if reason),
-        *brackets_note([i for found in intervals for i in found], plan, within),
+        *brackets_note([i for found in intervals for i in found], resampling, within),
     ]
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
+from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.layouts import AVERAGE, methods_layout
 from airzoo_bench.tables.method_table import OVERALL, as_shown, identity, method_table, score_column
-from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty, mark_best
+from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty
 
 __all__ = ["POOLED", "methods_table", "scenes_table"]
 

@@ -8,15 +8,10 @@ from itertools import groupby
 
 from airzoo_bench.core.plurals import agreeing, counted, plural
 from airzoo_bench.results.comparable import first_names
-from airzoo_bench.statistics.comparison import Comparison, Pair
-from airzoo_bench.statistics.corrections import LEVEL
+from airzoo_bench.results.comparison import Comparison, Pair
+from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.model import Cell, Column, Row, Table
-from airzoo_bench.tables.verdicts import (
-    LEAST_P,
-    disagreement,
-    sentence,
-    verdict,
-)
+from airzoo_bench.tables.verdicts import LEAST_P, disagreement, sentence, verdict
 from airzoo_bench.tables.wording import (
     brackets_note,
     by_reason,
@@ -125,7 +120,7 @@ def _findings(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     scores = list(dict.fromkeys(pair.score for pair in pairs))
     decidable = [pair for pair in pairs if verdict(pair) != "too few"]
     if _has_sentences(pairs):
-        return [sentence(pair, comparison.plan) for pair in decidable]
+        return [sentence(pair, comparison.resampling) for pair in decidable]
     if len(pairs) == len(scores):
         parts = _by_verdict(decidable, [pair.score.title for pair in decidable])
         said = "; ".join(f"{word} on {names}" for word, names in parts)
@@ -200,11 +195,11 @@ def _without_interval(pairs: Sequence[Pair], comparison: Comparison) -> Iterator
 
 
 def _methods(comparison: Comparison) -> list[str]:
-    pairs, plan = comparison.pairs, comparison.plan
+    pairs, resampling = comparison.pairs, comparison.resampling
     drawn = resampled(comparison.unit)
     intervals = [pair.interval for pair in pairs]
     return [
-        *brackets_note(intervals, plan, drawn, "intervals of the difference"),
+        *brackets_note(intervals, resampling, drawn, "intervals of the difference"),
         f"p: {_tests(comparison)}; {_correction(comparison)}"
         + ("; McNemar exact, for hits" if any(p.p_mcnemar is not None for p in pairs) else ""),
         *_too_coarse(comparison),
@@ -213,18 +208,18 @@ def _methods(comparison: Comparison) -> list[str]:
 
 def _tests(comparison: Comparison) -> str:
     kinds = {pair.test.kind for pair in comparison.pairs}
-    plan, said = comparison.plan, []
+    resampling, said = comparison.resampling, []
     if "permutation" in kinds:
         said.append(f"paired permutation, two-sided, {_patterns(comparison)}")
     if "bootstrap" in kinds:
         of_medians = f"{'of medians ' * bool(said)}paired bootstrap, two-sided"
-        said.append(f"{of_medians}, {plan.resamples} resamples, seed {plan.seed}")
+        said.append(f"{of_medians}, {resampling.resamples} resamples, seed {resampling.seed}")
     return "; ".join(said)
 
 
 def _patterns(comparison: Comparison) -> str:
     exact = {pair.test.exact for pair in comparison.pairs if pair.test.kind == "permutation"}
-    some = f"{comparison.plan.resamples} random patterns, seed {comparison.plan.seed}"
+    some = f"{comparison.resampling.resamples} random patterns, seed {comparison.resampling.seed}"
     tried = {True: "all patterns", False: some}
     return tried[exact.pop()] if len(exact) == 1 else f"all patterns or {some}"
 
@@ -245,7 +240,7 @@ def _too_coarse(comparison: Comparison) -> list[str]:
     if all(pair.test.exact for pair in comparison.pairs):
         return []
     sides = 2 if any(pair.test.kind == "bootstrap" for pair in comparison.pairs) else 1
-    least = sides * comparison.family / (comparison.plan.resamples + 1)
+    least = sides * comparison.family / (comparison.resampling.resamples + 1)
     if least <= LEVEL:
         return []
     needed = math.ceil(sides * comparison.family / LEVEL)

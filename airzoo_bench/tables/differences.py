@@ -11,7 +11,7 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import make_sample
+from airzoo_bench.results.sampling import make_sample
 from airzoo_bench.statistics.samples import difference
 from airzoo_bench.tables.breakdown import condition_names, condition_title, number_texts
 from airzoo_bench.tables.method_table import UNITS

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from airzoo_bench.tables.blocks import by_block, by_count, leading_columns
-from airzoo_bench.tables.latex_document import document
-from airzoo_bench.tables.latex_float import LatexStyle, needs, placed
+from airzoo_bench.tables.latex_float import LatexStyle, document, needs, placed
 from airzoo_bench.tables.latex_numbers import NumberFormat, beside, is_number, number_format
-from airzoo_bench.tables.latex_text import escape, math_minus
-from airzoo_bench.tables.latex_width import text_width
+from airzoo_bench.tables.latex_text import escape, math_minus, text_width
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 __all__ = ["LatexStyle", "latex"]

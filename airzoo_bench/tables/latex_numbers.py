@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from airzoo_bench.tables.latex_text import escape, math_minus
-from airzoo_bench.tables.model import Cell
-from airzoo_bench.tables.numbers import is_wide
+from airzoo_bench.tables.model import Cell, is_wide
 
 __all__ = ["NumberFormat", "beside", "is_number", "number_format"]
 

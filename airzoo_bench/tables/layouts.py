@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from airzoo_bench.results.comparable import find_scene
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.benchmark_titles import benchmark_titles
+from airzoo_bench.results.selection import find_scene
 from airzoo_bench.tables.method_table import OVERALL, MethodRow, MethodTable, score_column
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-__all__ = ["AVERAGE", "benchmarks_layout", "methods_layout", "scenes_layout"]
+__all__ = ["AVERAGE", "benchmark_titles", "benchmarks_layout", "methods_layout", "scenes_layout"]
 
 AVERAGE = "Average"
 """The head of the average over scenes, where scenes stand side by side."""
+
+_Key = tuple[str, bool, bool, int]
 
 
 def methods_layout(board: MethodTable, scene: str | None = None) -> Table:
@@ -157,9 +159,6 @@ def _units_note(scores: Sequence[ScoreColumn]) -> str:
     return "; ".join([*named, f"{others} in {most}"])
 
 
-_Key = tuple[str, bool, bool, int]
-
-
 def _is_floor(key: _Key) -> bool:
     return key[2]
 
@@ -191,3 +190,25 @@ def _across(
         reported="; ".join(source for source in sources if source),
         floor=_is_floor(key),
     )
+
+
+def benchmark_titles(boards: Sequence[MethodTable]) -> list[str]:
+    """Return a head for each board: the benchmark's title, and what more tells them apart.
+
+    That is the track, such as in ``AirZoo-Mini, matching``, or else the protocol's name. The title
+    is that of a shipped protocol; a benchmark that has none goes by its name.
+    """
+    titles = _shipped_titles()
+    benchmarks = [titles.get(board.benchmark, board.benchmark) for board in boards]
+    tracks = [f"{name}, {b.track}" for name, b in zip(benchmarks, boards, strict=True)]
+    heads = []
+    for benchmark, track, board in zip(benchmarks, tracks, boards, strict=True):
+        alone = benchmarks.count(benchmark) == 1
+        heads.append(benchmark if alone else track if tracks.count(track) == 1 else board.title)
+    return heads
+
+
+def _shipped_titles() -> dict[str, str]:
+    # A protocol's title is the benchmark's, and behind a comma what is measured.
+    protocols = [load_protocol(path) for path in shipped_protocols().values()]
+    return {protocol.benchmark: protocol.title.partition(",")[0] for protocol in protocols}

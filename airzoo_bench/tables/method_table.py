@@ -14,7 +14,6 @@ from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percen
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from airzoo_bench.tables.published import PublishedTable
 
 __all__ = [
     "OVERALL",
@@ -25,7 +24,6 @@ __all__ = [
     "identity",
     "method_table",
     "score_column",
-    "with_published",
 ]
 
 OVERALL = ""
@@ -197,91 +195,3 @@ def identity(result: Result) -> str:
         f"protocol {result.protocol.fingerprint[:12]}, truth {result.truth.fingerprint[:12]}, "
         f"airzoo-bench {result.versions['airzoo-bench']}"
     )
-
-
-def with_published(
-    board: MethodTable,
-    tables: Sequence[PublishedTable],
-    *,
-    by_scene: bool,
-    average: bool = True,
-    elsewhere: Sequence[str] = (),
-) -> MethodTable:
-    """Put the rows of published tables before a board's own.
-
-    A source may print an average twice and differently. An average alone is taken from the tables
-    of averages, if there are any, and scenes with their average from the tables by scene; a note
-    names the methods whose other average differs. Where those by scene print none, the average is
-    that of the tables of averages.
-
-    Parameters
-    ----------
-    board : MethodTable
-    tables : sequence of PublishedTable
-        Of the board's benchmark and track; scores that the board lacks are left out.
-    by_scene : bool
-        Whether scenes are to be shown.
-    average : bool
-        Whether the average is to be shown: else nothing need be said of another one.
-    elsewhere : sequence of str
-        The benchmarks that something is published on, to be named where nothing is on this one.
-    """
-    scenic = [table for table in tables if table.has_scenes]
-    plain = [table for table in tables if not table.has_scenes]
-    chosen = scenic if by_scene else plain or scenic
-    if not chosen:
-        what = "by scene " if by_scene else ""
-        note = f"nothing is published {what}on {board.benchmark} ({board.track})"
-        others = [name for name in elsewhere if name != board.benchmark]
-        return board.noted(note + (f", but on {', '.join(others)}" if others else ""))
-    entries = tuple(entry for table in chosen for entry in _reported(board, table))
-    if by_scene and average:
-        entries = tuple(_with_average(board, entry, plain) for entry in entries)
-    pairs = [(table, other) for table in chosen for other in tables] if average else []
-    notes = [_disagreement(board, table, other) for table, other in pairs]
-    board = replace(board, entries=(*entries, *board.entries))
-    return board.noted(*filter(None, notes), legend=True)
-
-
-def _with_average(
-    board: MethodTable, entry: MethodRow, tables: Sequence[PublishedTable]
-) -> MethodRow:
-    """Fill in an average that the tables by scene do not print, and say from where it is."""
-    if OVERALL in entry.values:
-        return entry
-    others = (one for table in tables for one in _reported(board, table))
-    found = next((one for one in others if one.method == entry.method), None)
-    if found is None:
-        return entry
-    values = {**entry.values, OVERALL: found.values[OVERALL]}
-    return replace(entry, values=values, reported=f"{entry.reported}; average: {found.reported}")
-
-
-def _reported(board: MethodTable, table: PublishedTable) -> list[MethodRow]:
-    keys = {title: key for key, title in board.scenes.items()} | {OVERALL: OVERALL}
-    known = {score.key for score in board.scores}
-    return [
-        MethodRow(
-            method,
-            {
-                keys[title]: {key: value for key, value in values.items() if key in known}
-                for title, values in scenes.items()
-                if title in keys
-            },
-            reported=f"{table.source}, {table.label}",
-        )
-        for method, scenes in table.values.items()
-    ]
-
-
-def _disagreement(board: MethodTable, table: PublishedTable, other: PublishedTable) -> str:
-    shown = [score.key for score in board.scores]
-    differ = [
-        method
-        for method, scenes in table.values.items()
-        for here, there in [(scenes.get(OVERALL, {}), other.average_of(method))]
-        if any(key in here and there.get(key, here[key]) != here[key] for key in shown)
-    ]
-    if not differ:
-        return ""
-    return f"{other.label} of the same source prints another average of {', '.join(differ)}"

@@ -92,7 +92,7 @@ def resampled(unit: str) -> str:
 
 
 def intervals_made(
-    intervals: Iterable[Interval], plan: ResamplingConfig, drawn: str, what: str = "intervals"
+    intervals: Iterable[Interval], resampling: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> str:
     """Say how intervals were made, by the kinds that there are; empty where there are none.
 
@@ -100,7 +100,7 @@ def intervals_made(
     ----------
     intervals : iterable of Interval
         All that are shown: where BCa does not exist, they are percentile.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
     drawn : str
         What was resampled, within what; such as `resampled` says.
     what : str
@@ -119,15 +119,17 @@ def intervals_made(
     )
     how = [f"{closed} over {drawn}"] if closed else []
     if resampled:
-        how.append(f"{resampled}, {plan.resamples} resamples of {drawn}, seed {plan.seed}")
+        how.append(
+            f"{resampled}, {resampling.resamples} resamples of {drawn}, seed {resampling.seed}"
+        )
     if not how:
         return ""
-    return f"{share_to_percent(plan.confidence):g} % {what}, {'; '.join(how)}"
+    return f"{share_to_percent(resampling.confidence):g} % {what}, {'; '.join(how)}"
 
 
 def brackets_note(
-    intervals: Iterable[Interval], plan: ResamplingConfig, drawn: str, what: str = "intervals"
+    intervals: Iterable[Interval], resampling: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> list[str]:
     """Say what stands in square brackets, if anything does; see `intervals_made`."""
-    made = intervals_made(intervals, plan, drawn, what)
+    made = intervals_made(intervals, resampling, drawn, what)
     return [f"in square brackets: {made}"] if made else []

@@ -1,4 +1,4 @@
-"""Tables made to take long: how often numbers are held against each other, not how long it takes."""
+"""Tables made to take long: how often numbers are compared, whatever time that takes."""
 
 from __future__ import annotations
 

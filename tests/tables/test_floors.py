@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from airzoo_bench.results.result import Reference, Result, write_result
+from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.build import scenes_table
-from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import benchmarks_layout, scenes_layout
 from airzoo_bench.tables.method_table import method_table
-from airzoo_bench.tables.model import mark_best
 from airzoo_bench.tables.render import FORMATS, render
+from airzoo_bench.tables.reported_rows import with_floors
 from tests.statistics.support import made_method, write_method
 from tests.support import run_main
 from tests.tables.test_command import made

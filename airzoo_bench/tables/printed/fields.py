@@ -11,8 +11,7 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed.annotations import arrow, is_no_number, plain_name, read_marked
 from airzoo_bench.tables.printed.column_titles import Head, names_summary, read_heads, split_unit
-from airzoo_bench.tables.printed.grid import METHOD_NAMES, Grid, GridRow
-from airzoo_bench.tables.printed.layout import Field, Layout
+from airzoo_bench.tables.printed.grid import METHOD_NAMES, Field, Grid, GridRow, Layout
 from airzoo_bench.tables.printed.scores import is_known
 
 __all__ = ["fields_of"]

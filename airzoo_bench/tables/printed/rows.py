@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from airzoo_bench.tables.printed.annotations import is_no_number, plain_name
-from airzoo_bench.tables.printed.layout import Field
+from airzoo_bench.tables.printed.grid import Field
 
 __all__ = ["told_apart", "without_differences"]
 

@@ -14,7 +14,7 @@ from airzoo_bench.tables.printed.annotations import (
     read_marked,
 )
 from airzoo_bench.tables.printed.cells import PrintedValue
-from airzoo_bench.tables.printed.layout import Field
+from airzoo_bench.tables.printed.grid import Field
 from airzoo_bench.tables.printed.numbers import Rounded
 from airzoo_bench.tables.printed.scores import Family, Score, read_score
 

@@ -1,22 +1,37 @@
-"""Intervals of the numbers on a board, and why some have none."""
+"""Intervals in tables: a row each, or beside the numbers of a table of methods."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from airzoo_bench.results.records import Scored
-from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import score_intervals
-from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.sampling import score_intervals
+from airzoo_bench.statistics.intervals import Interval, SampleIntervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.method_table import OVERALL, MethodTable, as_shown
-from airzoo_bench.tables.model import Between, Uncertainty
-from airzoo_bench.tables.wording import brackets_note, resampled
+from airzoo_bench.tables.model import (
+    Between,
+    Cell,
+    Column,
+    Row,
+    Table,
+    Uncertainty,
+)
+from airzoo_bench.tables.wording import (
+    INTERVAL_NAMES,
+    brackets_note,
+    by_reason,
+    resampled,
+    score_cell,
+    score_title,
+)
 
-__all__ = ["with_intervals"]
+__all__ = ["intervals_table", "with_intervals"]
 
 _ONE_RECORD = "a scene has one record"
+_AVERAGE = "Average"
 
 
 @dataclass(frozen=True)
@@ -29,7 +44,10 @@ class _Missing:
 
 
 def with_intervals(
-    board: MethodTable, methods: Sequence[Scored], plan: ResamplingConfig, shown: Sequence[str]
+    board: MethodTable,
+    methods: Sequence[Scored],
+    resampling: ResamplingConfig,
+    shown: Sequence[str],
 ) -> MethodTable:
     """Put intervals beside the numbers of a board, and notes how they were made, or why not.
 
@@ -38,7 +56,7 @@ def with_intervals(
     board : MethodTable
         Of the same results, in their order, and no others.
     methods : sequence of Scored
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
     shown : sequence of str
         The scenes, or `OVERALL`, whose intervals the notes are about.
     """
@@ -48,7 +66,7 @@ def with_intervals(
     for entry, method in zip(board.entries, methods, strict=True):
         held = {column.key for column in method.result.columns}
         scores = [score for score in board.scores if score.key in held]
-        found = score_intervals(method, scores, plan)
+        found = score_intervals(method, scores, resampling)
         parts = {OVERALL: found.overall} | found.groups
         spans = {scene: _spans(scores, intervals) for scene, intervals in parts.items()}
         entries.append(replace(entry, uncertainties=spans))
@@ -59,7 +77,7 @@ def with_intervals(
     notes = [
         f"no interval for {_places(board, those)}: {reason}" for reason, those in missing.items()
     ]
-    made = brackets_note(seen, plan, resampled(methods[0].result.unit))
+    made = brackets_note(seen, resampling, resampled(methods[0].result.unit))
     return replace(board, entries=tuple(entries)).noted(*made, *notes)
 
 
@@ -104,3 +122,74 @@ def _which(board: MethodTable, by_method: Mapping[str, list[str]]) -> str:
         parts.append(f"{names}: {titles}" if names and titles else names or titles)
     said = "; ".join(filter(None, parts))
     return f" ({said})" if said else ""
+
+
+def intervals_table(
+    method: Scored,
+    scores: Sequence[ScoreColumn],
+    found: SampleIntervals,
+    resampling: ResamplingConfig,
+    scene: str | None = None,
+) -> Table:
+    """Lay out the intervals of one method: a row a scene and score, then the average.
+
+    Parameters
+    ----------
+    method : Scored
+    scores : sequence of ScoreColumn
+    found : SampleIntervals
+        From `score_intervals`, of the same scores and scene.
+    resampling : ResamplingConfig
+    scene : str, optional
+        This scene's rows only.
+    """
+    result = method.result
+    entries = list(_entries(result, scores, found, scene))
+    without = by_reason((entry.interval.reason, entry.score, entry.title) for entry in entries)
+    notes = (
+        *(f"{names}: no interval; {reason}" for reason, names in without.items() if reason),
+        *result.notes,
+        *brackets_note([entry.interval for entry in entries], resampling, resampled(result.unit)),
+    )
+    title = f"{method.name} on {result.protocol.name} v{result.protocol.version}"
+    columns = (Column("Scene"), Column("Score"), Column("Value"), Column("Interval"))
+    return Table(title, columns, tuple(map(_interval_row, entries)), notes, leading=2)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A row of a table of intervals."""
+
+    title: str
+    score: ScoreColumn
+    value: float
+    interval: Interval
+    is_average: bool
+
+
+def _entries(
+    result: Result, scores: Sequence[ScoreColumn], found: SampleIntervals, scene: str | None
+) -> Iterator[_Entry]:
+    titles = result.truth.scene_titles
+    # The average over one scene is that scene: said once.
+    one = next(iter(result.scenes)) if len(found.groups) == 1 else None
+    scene = one if scene is None else scene
+    if scene is None:
+        parts = [(titles[name], result.scenes[name], found.groups[name]) for name in found.groups]
+        last = (_AVERAGE, result.overall, found.overall)
+    else:
+        parts, last = [], (titles[scene], result.scenes[scene], found.overall)
+    for place, (title, values, intervals) in enumerate([*parts, last]):
+        is_average = scene is None and place == len(parts)
+        for score, interval in zip(scores, intervals, strict=True):
+            yield _Entry(title, score, values[score.key], interval, is_average)
+
+
+def _interval_row(entry: _Entry) -> Row:
+    cells = (
+        Cell(entry.title),
+        Cell(score_title(entry.score)),
+        score_cell(entry.score, entry.value, entry.interval),
+        Cell(INTERVAL_NAMES.get(entry.interval.method)),
+    )
+    return Row(cells, entry.is_average)

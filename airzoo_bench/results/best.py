@@ -1,17 +1,30 @@
-"""The method that others are compared with, and what it costs to choose it by its value."""
+"""The method that others are compared with, and which cannot be told from the best."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import nearest
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.results.sampling import make_sample
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.significance import LEVEL, holm, paired_tests
 
-__all__ = ["best_place", "family_of", "find_one", "find_reference", "value_of"]
+__all__ = [
+    "AgainstBest",
+    "against_best",
+    "best_place",
+    "family_of",
+    "find_one",
+    "find_reference",
+    "value_of",
+]
 
 _BEST = "best"
 
@@ -103,3 +116,67 @@ def family_of(names: Sequence[str], reference: str | None) -> int:
     chosen_by_value = reference == _BEST and _BEST not in names
     others = len(names) - 1
     return len(names) * others // 2 if chosen_by_value else others
+
+
+@dataclass(frozen=True)
+class AgainstBest:
+    """Every method against the best by a score.
+
+    Attributes
+    ----------
+    best : int
+        The place of the best method, the first of equals.
+    p_values : tuple of float
+        Of each method, paired, two-sided, after Holm's correction for all pairs of methods, since
+        the best was chosen for its value; 1 of the best itself.
+    """
+
+    best: int
+    p_values: tuple[float, ...]
+
+    @property
+    def tied(self) -> tuple[bool, ...]:
+        """Which methods cannot be told from the best at a level of 5 %; the best is one of them."""
+        return tuple(p_value > LEVEL for p_value in self.p_values)
+
+
+def against_best(
+    methods: Sequence[Scored],
+    scores: Sequence[ScoreColumn],
+    resampling: ResamplingConfig,
+    scene: str | None = None,
+) -> dict[str, AgainstBest]:
+    """Test every method against the best by each score, as `compare` with the best of it does.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        On the same queries; see `check_same_queries`.
+    scores : sequence of ScoreColumn
+    resampling : ResamplingConfig
+    scene : str, optional
+        Id of the scene to compare on, instead of the average over all.
+
+    Returns
+    -------
+    dict of str to AgainstBest
+        By the scores' keys.
+    """
+    count = len(methods)
+    best = [best_place(methods, score, scene) for score in scores]
+    places = [
+        (number * count + other, number * count + place)
+        for number, place in enumerate(best)
+        for other in range(count)
+        if other != place
+    ]
+    _, tests = paired_tests(make_sample(methods, scores, scene), resampling, places)
+    found = np.array([test.p_value for test in tests]).reshape(len(scores), count - 1)
+    return {
+        score.key: AgainstBest(place, tuple(np.insert(_corrected(row), place, 1.0).tolist()))
+        for score, place, row in zip(scores, best, found, strict=True)
+    }
+
+
+def _corrected(p_values: Floats) -> Floats:
+    return holm(p_values, len(p_values) * (len(p_values) + 1) // 2)
