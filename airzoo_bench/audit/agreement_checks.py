@@ -9,7 +9,7 @@ from itertools import combinations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
 from airzoo_bench.audit.queries import RowKey, row_of
-from airzoo_bench.tables.printed.cells import PrintedValue, Published
+from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 
 __all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 
@@ -75,13 +75,11 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     findings : iterable of Finding
         Of all checks.
     """
-    tables: dict[tuple[str, str], list[tuple[PrintedValue, PrintedValue]]] = {}
-    for pair in _pairs(published):
-        tables.setdefault((pair[0].table, pair[1].table), []).append(pair)
+    tables = grouped(_pairs(published), lambda pair: (pair[0].table, pair[1].table))
     grave = [finding for finding in findings if finding.grade is Grade.INCONSISTENT]
     said = []
     for (one, other), pairs in tables.items():
-        apart = [pair for pair in pairs if _gap(*pair) > 1]
+        apart = [pair for pair in pairs if _difference(*pair) > 1]
         cells = {id(cell) for pair in apart for cell in pair}
         rows = {row_of(cell) for pair in apart for cell in pair}
         of_this = sum(
@@ -99,7 +97,7 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     return said
 
 
-def _gap(first: PrintedValue, second: PrintedValue) -> Fraction:
+def _difference(first: PrintedValue, second: PrintedValue) -> Fraction:
     """How far two numbers are apart, in last digits of the coarser one."""
     step = 2 * max(first.number.half, second.number.half)
     return abs(first.number.value - second.number.value) / step
@@ -114,7 +112,7 @@ def _agree(first: PrintedValue, second: PrintedValue) -> bool:
 
 
 def _differ(first: PrintedValue, second: PrintedValue) -> Finding:
-    grade = Grade.ROUNDING if _gap(first, second) <= 1 else Grade.INCONSISTENT
+    grade = Grade.ROUNDING if _difference(first, second) <= 1 else Grade.INCONSISTENT
     other = second.table or "another place"
     why = (
         f"the same number is printed {first.number.text} here and {second.number.text} in {other}, "
@@ -137,7 +135,7 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
     compared = [row for row in rows.values() if _is_telling(row)]
     findings = [
         _misplaced(row, other[0])
-        for alike in _alike(compared)
+        for alike in grouped(compared, _content).values()
         for row in alike
         for other in alike[: _MOST_PLACES + 1]
         if row[0].table != other[0].table and _is_another(row, other[0], rows)
@@ -155,16 +153,10 @@ def _is_telling(row: Row) -> bool:
     return len(row) >= _FEWEST_SCORES and any(cell.number.value for cell in row)
 
 
-def _values(row: Row) -> frozenset[object]:
-    return frozenset((cell.measure, cell.number.value) for cell in row)
-
-
-def _alike(rows: Iterable[Row]) -> Iterable[list[Row]]:
-    """Group rows of equal scores and values, whosever they are."""
-    groups: dict[object, list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row[0].group, _scene(row[0]), _values(row)), []).append(row)
-    return groups.values()
+def _content(row: Row) -> tuple[object, ...]:
+    """Return what equal rows share, whosever they are: scene, scores and values."""
+    values = frozenset((cell.measure, cell.number.value) for cell in row)
+    return row[0].group, _scene(row[0]), values
 
 
 def _is_another(row: Row, other: PrintedValue, rows: dict[RowKey, Row]) -> bool:

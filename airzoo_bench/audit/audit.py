@@ -25,7 +25,7 @@ __all__ = ["audit"]
 def audit(
     published: Published, counts: Mapping[str, int] | None = None, variant: str | None = None
 ) -> Audit:
-    """Hold published tables against arithmetic.
+    """Check published tables by arithmetic.
 
     Parameters
     ----------
@@ -37,10 +37,6 @@ def audit(
     variant : str, optional
         Which average precision is meant, one of `average_precision.VARIANTS`; concluded from the
         values where not given.
-
-    Returns
-    -------
-    Audit
 
     Raises
     ------

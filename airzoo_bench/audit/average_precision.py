@@ -133,7 +133,7 @@ class Bounded:
         return row_of(self.cell)
 
     def outside(self, variant: str) -> bool:
-        """Whether the recalls beside it do not allow it by a definition."""
+        """Whether the recalls of its row do not allow it by a definition."""
         return variant in self.bounds and not self.cell.share.meets(self.bounds[variant])
 
     def is_near(self, variant: str) -> bool:
@@ -176,7 +176,6 @@ class Evidence:
     ----------
     inside : dict of str to int
         How many of `bounded` values lie within the bounds of each definition.
-    wholeness : _Wholeness
     """
 
     bounded: int

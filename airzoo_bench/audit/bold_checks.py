@@ -42,10 +42,7 @@ def check_bold(published: Published) -> Outcome:
         )
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
-    tables: dict[str, list[list[PrintedValue]]] = {}
-    for column in judged:
-        tables.setdefault(column[0].table, []).append(column)
-    for table, own in tables.items():
+    for table, own in grouped(judged, lambda column: column[0].table).items():
         found, by_section = _judge_table(own)
         findings += found
         if by_section:

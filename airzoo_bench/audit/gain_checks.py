@@ -135,7 +135,8 @@ def check_gains(published: Published) -> Outcome:
     ]
     unexplained = 0
     compared: list[PrintedValue] = []
-    for (table, method), pairs in _by_method(printed).items():
+    by_method = grouped(printed, lambda pair: (pair[0].cell.table, pair[0].cell.method))
+    for (table, method), pairs in by_method.items():
         base = _baseline(method, pairs)
         gains = [replace(gain, base=column.base(base)) for gain, column in pairs]
         place = ", ".join(filter(None, (table, method)))
@@ -151,13 +152,6 @@ def check_gains(published: Published) -> Outcome:
         left = "no gain is printed"
     tested = len(printed) - unexplained
     return Outcome(_GAIN, tested, what, left, tuple(findings), tuple(conclusions), tuple(compared))
-
-
-def _by_method(pairs: Sequence[_Pair]) -> dict[tuple[str, str], list[_Pair]]:
-    groups: dict[tuple[str, str], list[_Pair]] = {}
-    for pair in pairs:
-        groups.setdefault((pair[0].cell.table, pair[0].cell.method), []).append(pair)
-    return groups
 
 
 def _baseline(method: str, pairs: Sequence[_Pair]) -> str | None:

@@ -45,7 +45,7 @@ def check_units(published: Published) -> Outcome:
     """Find rows of shares from 0 to 1 among rows of percent.
 
     A row is one if all its shares are at most 1, and in each column it has two decimals more than
-    some number above 1: 0.1950 beside 28.64.
+    some number above 1: 0.1950 next to 28.64.
     """
     shares = [c for c in published.cells if c.score.is_share and c.full == 100]
     columns = grouped(shares, _column)
@@ -54,10 +54,10 @@ def check_units(published: Published) -> Outcome:
         printed = [cell for cell in row if cell.number.value]
         if not printed or not all(0 < cell.number.value <= 1 for cell in printed):
             continue
-        beside = [_percent_beside(cell, columns[_column(cell)]) for cell in printed]
-        if all(beside):
+        others = [_percent_in(cell, columns[_column(cell)]) for cell in printed]
+        if all(others):
             findings.extend(
-                _share_among_percent(*pair) for pair in zip(printed, beside, strict=True)
+                _share_among_percent(*pair) for pair in zip(printed, others, strict=True)
             )
     rivals = [cell for cells in columns.values() if len(cells) > 1 for cell in cells]
     what = "shares, whether those of one score are all in percent or all from 0 to 1"
@@ -69,7 +69,7 @@ def _column(cell: PrintedValue) -> tuple[str, ...]:
     return cell.table, *cell.group, cell.score.name
 
 
-def _percent_beside(cell: PrintedValue, column: Iterable[PrintedValue]) -> PrintedValue | None:
+def _percent_in(cell: PrintedValue, column: Iterable[PrintedValue]) -> PrintedValue | None:
     """Return a number of the column that is percent for sure, printed with two decimals less."""
     fitting = (
         other

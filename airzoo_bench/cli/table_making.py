@@ -64,10 +64,10 @@ class _TableMaker:
         return self._alone() if self.layout is Layout.RESULT else self._marked(self._laid_out())
 
     def _alone(self) -> Table:
-        from airzoo_bench.tables.build import scenes_table
+        from airzoo_bench.tables.layouts import scenes_table
 
         (board,) = self._boards()
-        (entry,) = board.entries
+        (entry,) = board.rows
         made = scenes_table(
             self.results[0],
             scores=board.scores,
@@ -82,7 +82,7 @@ class _TableMaker:
 
     def _without_interval(self, made: Table) -> list[str]:
         """Say why rows that are no scene and no method have no interval."""
-        from airzoo_bench.tables.build import POOLED
+        from airzoo_bench.tables.layouts import POOLED
 
         if not self.request.intervals:
             return []
@@ -140,7 +140,7 @@ class _TableMaker:
         if self.request.floors and self.layout is not Layout.RESULT:
             board = with_floors(board, [self.results[place] for place in places])
             if self.request.intervals:
-                floors = ", ".join(entry.method for entry in board.entries if entry.floor)
+                floors = ", ".join(entry.method for entry in board.rows if entry.floor)
                 board = board.noted(*_of_floors(floors), legend=True)
         return board
 
@@ -151,7 +151,7 @@ class _TableMaker:
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
-            for entry, place in zip(board.entries, places, strict=True)
+            for entry, place in zip(board.rows, places, strict=True)
         ]
         made = with_intervals(board, methods, ResamplingConfig(), self._shown(board))
         return replace(made, about_intervals=made.notes[len(board.notes) :])
@@ -173,7 +173,7 @@ class _TableMaker:
         for name in wanted:
             check_score(name, board.scores, "--score")
         board = self._beside_published(replace(board, scores=_chosen(board.scores, wanted)))
-        if not board.entries:
+        if not board.rows:
             raise UsageError(
                 f"nothing is published on {board.benchmark} ({board.track})",
                 where=f"--protocol {protocol}",
@@ -181,7 +181,7 @@ class _TableMaker:
                 + ", ".join(published_benchmarks(board.track)),
                 fix="see `airzoo-bench protocols`",
             )
-        printed = {key for e in board.entries for part in e.values.values() for key in part}
+        printed = {key for e in board.rows for part in e.values.values() for key in part}
         if wanted:
             return board
         return replace(board, scores=tuple(s for s in board.scores if s.key in printed))

@@ -22,50 +22,10 @@ __all__ = [
     "best_place",
     "family_of",
     "find_one",
-    "find_reference",
     "value_of",
 ]
 
 _BEST = "best"
-
-
-def find_reference(
-    methods: Sequence[Scored],
-    wanted: str | None,
-    score: ScoreColumn,
-    scene: str | None = None,
-    *,
-    option: str = "--reference",
-) -> int:
-    """Return the place of the method that the others are compared with.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-    wanted : str, optional
-        A method's name, or "best" for the best by `score`; by default the first.
-    score : ScoreColumn
-    scene : str, optional
-        Id of the scene on which it is the best, instead of on average.
-    option : str
-        What asked for it, for messages.
-
-    Raises
-    ------
-    UsageError
-        No method has that name.
-    """
-    names = [method.name for method in methods]
-    if wanted is None:
-        return 0
-    if wanted in names:
-        return names.index(wanted)
-    if wanted == _BEST:
-        return best_place(methods, score, scene)
-    raise UsageError(
-        f"{option} {wanted[:80]!r} is no method of these results{nearest(wanted[:80], names)}",
-        expected=f"{_BEST}, or one of " + ", ".join(names),
-    )
 
 
 def best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None = None) -> int:
@@ -81,23 +41,43 @@ def find_one(
     score: ScoreColumn,
     scene: str | None = None,
 ) -> int:
-    """Return the place of the reference, or of the method that is held against all others.
+    """Return the place of the reference, or of the method that is compared with all others.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+    reference, method : str, optional
+        One of them at most: a method's name, or "best" for the best by `score`; by default the
+        reference is the first.
+    score : ScoreColumn
+    scene : str, optional
+        Id of the scene on which it is the best, instead of on average.
 
     Raises
     ------
     UsageError
         No method has that name, or both are named.
     """
-    if method is None:
-        return find_reference(methods, reference, score, scene)
-    if reference is not None:
+    if method is not None and reference is not None:
         raise UsageError(
             "--method and --reference exclude each other",
             expected="--method for what NAME is against each other, --reference for what they "
             "are against NAME",
             fix="leave one of them out",
         )
-    return find_reference(methods, method, score, scene, option="--method")
+    wanted = reference if method is None else method
+    names = [one.name for one in methods]
+    if wanted is None:
+        return 0
+    if wanted in names:
+        return names.index(wanted)
+    if wanted == _BEST:
+        return best_place(methods, score, scene)
+    option = "--reference" if method is None else "--method"
+    raise UsageError(
+        f"{option} {wanted[:80]!r} is no method of these results{nearest(wanted[:80], names)}",
+        expected=f"{_BEST}, or one of " + ", ".join(names),
+    )
 
 
 def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> float:

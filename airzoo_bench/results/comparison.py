@@ -26,19 +26,16 @@ _ROUNDING = 1e-9  # what processors may differ by; see `paired_difference`
 
 @dataclass(frozen=True)
 class Pair:
-    """A method beside the reference, by one score.
+    """A method and the reference, by one score.
 
     Attributes
     ----------
-    score : ScoreColumn
-    method, reference : str
     value, reference_value : float
         Of the scene, or the unweighted mean over scenes.
     difference : float or None
         The method's value minus the reference's; None where both are infinite.
     interval : Interval
         Of the difference.
-    test : PairedTest
     p_holm : float
         p adjusted for the number of comparisons, `Comparison.family`.
     p_mcnemar : float or None
@@ -93,7 +90,6 @@ class Comparison:
     family : int
         So many comparisons of a score p was adjusted for: those with the reference, or where the
         reference was chosen for being the best, those of every method with every other.
-    resampling : ResamplingConfig
     notes : tuple of str
         What a reader of the numbers must know, in sentences.
     of_one : bool
@@ -111,7 +107,7 @@ class Comparison:
     of_one: bool = False
 
     def other(self, pair: Pair) -> str:
-        """Return who stands in a pair beside the one."""
+        """Return the other method of a pair."""
         return pair.reference if self.of_one else pair.method
 
 
@@ -133,7 +129,7 @@ def compare(
     scores : sequence of ScoreColumn
         From `choose_scores`.
     reference : str, optional
-        See `find_reference`.
+        See `find_one`.
     method : str, optional
         Instead of a reference: what is found is this method's, against each other one.
     scene : str, optional

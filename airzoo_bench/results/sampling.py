@@ -13,7 +13,7 @@ from airzoo_bench.statistics.intervals import SampleIntervals
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
-__all__ = ["is_hit", "is_share", "make_sample", "score_intervals"]
+__all__ = ["is_hit", "is_share", "make_sample", "pooled_sample", "score_intervals"]
 
 _HITS = {"retrieval": ("recall@", "distance<"), "matching": ("within_",)}
 """How the columns of scores begin that say of a query whether it is answered well enough."""
@@ -34,18 +34,25 @@ def make_sample(
     scene : str, optional
         This scene's queries only.
     """
+    whole = pooled_sample(methods, scores)
+    [values] = whole.values
     of_unit = methods[0].records["scene"].to_numpy(str)
-    scenes = tuple(scene_ for scene_ in methods[0].result.scenes if scene in (None, scene_))
-    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
-    values = np.array(columns).reshape(len(columns), len(of_unit))
-    medians = np.array([s.average == "median" for s in scores for _ in methods], np.bool_)
-    if methods[0].result.unit == "scene":
-        # One record a scene: their mean over scenes, whatever the average within a scene.
-        chosen = values if scene is None else values[:, of_unit == scene]
-        return Sample("scene", ("",), (chosen,), np.zeros_like(medians))
+    if whole.unit == "scene":
+        return whole if scene is None else replace(whole, values=(values[:, of_unit == scene],))
+    scenes = tuple(name for name in methods[0].result.scenes if scene in (None, name))
     parts = tuple(np.ascontiguousarray(values[:, of_unit == name]) for name in scenes)
-    shares = np.array([is_share(s) for s in scores for _ in methods], np.bool_)
-    return Sample("query", scenes, parts, medians, shares)
+    return replace(whole, groups=scenes, values=parts)
+
+
+def pooled_sample(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> Sample:
+    """Gather variables as `make_sample` does, of all records as one group, in their order."""
+    unit = methods[0].result.unit
+    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
+    values = np.array(columns).reshape(len(columns), -1)
+    # One record a scene: their mean over scenes, whatever the average within a scene.
+    medians = [unit == "query" and s.average == "median" for s in scores for _ in methods]
+    shares = [unit == "query" and is_share(s) for s in scores for _ in methods]
+    return Sample(unit, ("",), (values,), np.array(medians, np.bool_), np.array(shares, np.bool_))
 
 
 def score_intervals(

@@ -56,7 +56,6 @@ class SampleIntervals:
 
     Attributes
     ----------
-    groups : dict of str to list of Interval
     overall : list of Interval
         Of the unweighted mean over groups.
     p_values : list of float or None
@@ -118,7 +117,9 @@ def bootstrap(
         total = part if total is None else _together(total, part)
     if total is None:
         raise ValueError("a sample has at least one group")
-    overall = _mean_of(total, len(sample.groups))
+    # Moments stay sums: the acceleration is the same of any multiple of a statistic.
+    number = len(sample.groups)
+    overall = replace(total, estimates=total.estimates / number, resamples=total.resamples / number)
     return SampleIntervals(
         found,
         _intervals(overall, pairs, resampling, sample.unit),
@@ -194,12 +195,6 @@ def _together(one: _Part, other: _Part) -> _Part:
         one.even & other.even,
         min(one.fewest, other.fewest),
     )
-
-
-def _mean_of(total: _Part, groups: int) -> _Part:
-    # Moments stay sums: the acceleration is the same of any multiple of a statistic.
-    means = total.estimates / groups, total.resamples / groups
-    return replace(total, estimates=means[0], resamples=means[1])
 
 
 def _intervals(

@@ -78,8 +78,8 @@ def _of_shares(
 ) -> SampleIntervals:
     pairs = np.array([pair for pair in differences if shares[pair[0]]], np.intp).reshape(-1, 2)
     means = [part[shares] for part in sample.values]
-    gaps = [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
-    parts = list(zip(sample.groups, means, gaps, strict=True))
+    contrasts = [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
+    parts = list(zip(sample.groups, means, contrasts, strict=True))
     found = {one[0]: _limits([one], resampling, sample.unit) for one in parts} if groups else {}
     return SampleIntervals(found, _limits(parts, resampling, sample.unit), [None] * len(pairs))
 
@@ -93,10 +93,10 @@ def _limits(
     if few is not None:
         return [few] * (len(parts[0][1]) + len(parts[0][2]))
     means = average_limits([part for _, part, _ in parts], resampling.confidence).tolist()
-    gaps = difference_limits([part for *_, part in parts], resampling.confidence).tolist()
+    contrasts = difference_limits([part for *_, part in parts], resampling.confidence).tolist()
     method = "wilson" if len(parts) == 1 else "mover"
     return [Interval(low, high, method) for low, high in means] + [
-        Interval(low, high, "mover") for low, high in gaps
+        Interval(low, high, "mover") for low, high in contrasts
     ]
 
 

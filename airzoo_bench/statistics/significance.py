@@ -67,7 +67,6 @@ class PairedTest:
 
     Attributes
     ----------
-    p_value : float
     exact : bool
         Whether every pattern was tried; else `patterns` random ones were.
     patterns : int
@@ -102,17 +101,11 @@ def paired_permutation(
     resampling : ResamplingConfig
     pairs : sequence of (int, int)
         Of variables, both averaged in the same way.
-
-    Returns
-    -------
-    list of PairedTest
     """
     tests: list[PairedTest | None] = [None] * len(pairs)
     many = []
     for index, pair in enumerate(pairs):
-        unlike = [
-            paired_difference(values[pair[0]], values[pair[1]]) != 0 for values in sample.values
-        ]
+        unlike = [part[0] != 0 for part in _differences(sample, np.array([pair]))]
         bits = sum(int(mask.sum()) for mask in unlike)
         if 2**bits > resampling.resamples:
             many.append(index)
@@ -128,6 +121,11 @@ def paired_permutation(
             p_value = (extreme + 1) / (resampling.resamples + 1)
             tests[index] = PairedTest(p_value, False, resampling.resamples)
     return [test for test in tests if test is not None]
+
+
+def _differences(sample: Sample, pairs: NDArray[np.intp]) -> list[Floats]:
+    """Subtract variables unit by unit: for each group C pairs of its N units, (C, N)."""
+    return [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
 
 
 def _every_pattern(unlike: Sequence[NDArray[np.bool_]]) -> Flips:
@@ -171,10 +169,7 @@ def _by_signs(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
 ) -> NDArray[np.int64]:
     """For means: a change of places turns the sign of a unit's difference."""
-    differences = [
-        paired_difference(values[pairs[:, 0]], values[pairs[:, 1]]) for values in sample.values
-    ]
-    observed, found = _signed_means(differences, patterns, flips)
+    observed, found = _signed_means(_differences(sample, pairs), patterns, flips)
     return np.asarray((found >= observed[:, None]).sum(axis=1))
 
 
@@ -220,22 +215,14 @@ def _more_wins(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
 ) -> NDArray[np.bool_]:
     """Order infinite differences, which are all alike, by wins minus losses."""
-    signs = [
-        np.sign(paired_difference(values[pairs[:, 0]], values[pairs[:, 1]]))
-        for values in sample.values
-    ]
+    signs = [np.sign(part) for part in _differences(sample, pairs)]
     observed, found = _signed_means(signs, patterns, flips)
     return np.asarray(found >= observed[:, None])
 
 
 def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uint8]) -> Floats:
     first = np.concatenate([kept, 1 - kept])
-    return np.stack(
-        [
-            weighted_averages(pooled, medians, first),
-            weighted_averages(pooled, medians, 1 - first),
-        ]
-    )
+    return np.stack([weighted_averages(pooled, medians, side) for side in (first, 1 - first)])
 
 
 def p_floor(unlike: int) -> float:
@@ -300,10 +287,7 @@ def _test_of_medians(
 ) -> PairedTest:
     if p_value is None:
         return PairedTest(1.0, exact=False, patterns=0, kind="bootstrap")
-    one, other = place
-    unlike = sum(
-        int((paired_difference(part[one], part[other]) != 0).sum()) for part in sample.values
-    )
+    unlike = sum(int((part != 0).sum()) for part in _differences(sample, np.array([place])))
     least = p_floor(unlike)
     return PairedTest(
         max(p_value, least), exact=False, patterns=resampling.resamples, kind="bootstrap"

@@ -126,7 +126,7 @@ def _pairs(table: Table, text: str) -> list[tuple[int, int]]:
 
 
 def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
-    """Write the gains of rows over their baselines beside the values.
+    """Write the gains of rows over their baselines next to the values.
 
     A gain is the difference of the values as they are printed, so that a reader who subtracts
     finds it; there is none where a value is missing or infinite. It is signed as it is: a smaller
@@ -184,7 +184,7 @@ def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = Fals
     ----------
     table : Table
     keys : mapping of str to str
-        Keys of a bibliography, by method; several are separated by commas, blanks beside which
+        Keys of a bibliography, by method; several are separated by commas, blanks next to which
         are left out.
     names_must_exist : bool
         Whether a name that no row has is a mistake.

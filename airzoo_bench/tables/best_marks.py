@@ -26,10 +26,6 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
         Mark the second best too: what is shown with the next other digits.
     reported : bool
         Let reported rows compete.
-
-    Returns
-    -------
-    Table
     """
     open_to_all = reported or not any(row.is_own for row in table.rows)
     competes = [row.is_own or (open_to_all and not row.floor) for row in table.rows]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 
 from airzoo_bench.core.plurals import agreeing, counted, plural
@@ -14,7 +14,7 @@ from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.verdicts import LEAST_P, disagreement, sentence, verdict
 from airzoo_bench.tables.wording import (
     brackets_note,
-    by_reason,
+    notes_by_reason,
     resampled,
     score_cell,
     score_title,
@@ -26,8 +26,8 @@ _SENTENCES = 4
 _NAMES = 6
 _VERDICTS = ("better", "worse", "unclear", "equal")
 
-_HEADS = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
-_HEADS_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
+_TITLES = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
+_TITLES_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
 _TESTS = ("Paired", "Holm", "McNemar")
 _COMPARED = {"unclear": "unclear against", "equal": "equal to"}
 
@@ -52,7 +52,7 @@ def comparison_table(comparison: Comparison) -> Table:
             *_findings(pairs, comparison),
             *_disagreements(pairs, comparison),
             *_undecidable(pairs, comparison),
-            *_without_interval(pairs, comparison),
+            *_notes(pairs, comparison, "no interval; ", lambda pair: pair.interval.reason),
             *comparison.notes,
             *_methods(comparison),
         ),
@@ -66,7 +66,7 @@ def comparison_table(comparison: Comparison) -> Table:
 def _columns(comparison: Comparison) -> tuple[Column, ...]:
     unit = plural(comparison.unit).capitalize()
     return (
-        *map(Column, _HEADS_OF_ONE if comparison.of_one else _HEADS),
+        *map(Column, _TITLES_OF_ONE if comparison.of_one else _TITLES),
         *(Column(title, decimals=4, group="p") for title in _TESTS),
         *(Column(title, group=unit) for title in ("Win", "Tie", "Loss")),
     )
@@ -151,25 +151,25 @@ def _by_verdict(pairs: Sequence[Pair], names: Sequence[str]) -> list[tuple[str, 
     return [(word, first_names(found[word], _NAMES)) for word in _VERDICTS if word in found]
 
 
-def _disagreements(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
+def _notes(
+    pairs: Sequence[Pair], comparison: Comparison, prefix: str, why: Callable[[Pair], str]
+) -> list[str]:
+    """Say why of the pairs for which there is a reason, those that share one together."""
+    reasons = [(why(pair), pair.score, comparison.other(pair)) for pair in pairs]
+    return notes_by_reason(reasons, prefix, "against" if comparison.of_one else "of")
+
+
+def _disagreements(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say where verdict and interval point different ways, unless sentences do."""
-    if _has_sentences(pairs):
-        return
-    entries = [
-        (f"{verdict(pair)}, but {doubt}" if doubt else "", pair.score, comparison.other(pair))
-        for pair in pairs
-        for doubt in [disagreement(pair)]
-    ]
-    for reason, names in by_reason(entries, _linked(comparison)).items():
-        if reason:
-            yield f"{names}: {reason}"
+
+    def why(pair: Pair) -> str:
+        doubt = disagreement(pair)
+        return f"{verdict(pair)}, but {doubt}" if doubt else ""
+
+    return [] if _has_sentences(pairs) else _notes(pairs, comparison, "", why)
 
 
-def _linked(comparison: Comparison) -> str:
-    return "against" if comparison.of_one else "of"
-
-
-def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
+def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say where too few units differ for any test."""
 
     def why(pair: Pair) -> str:
@@ -181,17 +181,7 @@ def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]
         differ = f"only {counted(count, comparison.unit)} {agreeing(count, 'differs', 'differ')}"
         return f"{differ}, so p {agreeing(count, 'is', 'cannot be below')} {pair.p_floor:g}"
 
-    entries = ((why(pair), pair.score, comparison.other(pair)) for pair in pairs)
-    for reason, names in by_reason(entries, _linked(comparison)).items():
-        if reason:
-            yield f"{names}: too few to tell; {reason}"
-
-
-def _without_interval(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
-    entries = ((pair.interval.reason, pair.score, comparison.other(pair)) for pair in pairs)
-    for reason, names in by_reason(entries, _linked(comparison)).items():
-        if reason:
-            yield f"{names}: no interval; {reason}"
+    return _notes(pairs, comparison, "too few to tell; ", why)
 
 
 def _methods(comparison: Comparison) -> list[str]:

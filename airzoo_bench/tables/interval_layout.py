@@ -1,4 +1,4 @@
-"""Intervals in tables: a row each, or beside the numbers of a table of methods."""
+"""Intervals in tables: a row each, or next to the numbers of a table of methods."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals
 from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.layouts import AVERAGE
 from airzoo_bench.tables.method_table import OVERALL, MethodTable, as_shown
 from airzoo_bench.tables.model import (
     Between,
@@ -22,7 +23,7 @@ from airzoo_bench.tables.model import (
 from airzoo_bench.tables.wording import (
     INTERVAL_NAMES,
     brackets_note,
-    by_reason,
+    notes_by_reason,
     resampled,
     score_cell,
     score_title,
@@ -31,7 +32,6 @@ from airzoo_bench.tables.wording import (
 __all__ = ["intervals_table", "with_intervals"]
 
 _ONE_RECORD = "a scene has one record"
-_AVERAGE = "Average"
 
 
 @dataclass(frozen=True)
@@ -44,41 +44,41 @@ class _Missing:
 
 
 def with_intervals(
-    board: MethodTable,
+    table: MethodTable,
     methods: Sequence[Scored],
     resampling: ResamplingConfig,
     shown: Sequence[str],
 ) -> MethodTable:
-    """Put intervals beside the numbers of a board, and notes how they were made, or why not.
+    """Put intervals next to the numbers of methods, and notes how they were made, or why not.
 
     Parameters
     ----------
-    board : MethodTable
+    table : MethodTable
         Of the same results, in their order, and no others.
     methods : sequence of Scored
     resampling : ResamplingConfig
     shown : sequence of str
         The scenes, or `OVERALL`, whose intervals the notes are about.
     """
-    entries = []
+    rows = []
     missing: dict[str, list[_Missing]] = {}
     seen: list[Interval] = []
-    for entry, method in zip(board.entries, methods, strict=True):
-        held = {column.key for column in method.result.columns}
-        scores = [score for score in board.scores if score.key in held]
+    for row, method in zip(table.rows, methods, strict=True):
+        known = {column.key for column in method.result.columns}
+        scores = [score for score in table.scores if score.key in known]
         found = score_intervals(method, scores, resampling)
         parts = {OVERALL: found.overall} | found.groups
         spans = {scene: _spans(scores, intervals) for scene, intervals in parts.items()}
-        entries.append(replace(entry, uncertainties=spans))
+        rows.append(replace(row, uncertainties=spans))
         for scene in shown:
             seen += parts.get(scene, [])
             for score, reason in _reasons(scores, parts.get(scene)):
-                missing.setdefault(reason, []).append(_Missing(scene, entry.method, score.title))
+                missing.setdefault(reason, []).append(_Missing(scene, row.method, score.title))
     notes = [
-        f"no interval for {_places(board, those)}: {reason}" for reason, those in missing.items()
+        f"no interval for {_places(table, those)}: {reason}" for reason, those in missing.items()
     ]
     made = brackets_note(seen, resampling, resampled(methods[0].result.unit))
-    return replace(board, entries=tuple(entries)).noted(*made, *notes)
+    return replace(table, rows=tuple(rows)).noted(*made, *notes)
 
 
 def _spans(scores: Sequence[ScoreColumn], intervals: Sequence[Interval]) -> dict[str, Uncertainty]:
@@ -98,27 +98,27 @@ def _reasons(
     return [(score, interval.reason) for score, interval in pairs if interval.low is None]
 
 
-def _places(board: MethodTable, missing: Sequence[_Missing]) -> str:
+def _places(table: MethodTable, missing: Sequence[_Missing]) -> str:
     """Name numbers in as few words as tell which they are: scenes, in them methods and scores."""
-    titles = {**board.scenes, OVERALL: "the average"}
+    titles = {**table.scenes, OVERALL: "the average"}
     by_scene: dict[str, dict[str, list[str]]] = {}
     for one in missing:
         by_scene.setdefault(one.scene, {}).setdefault(one.method, []).append(one.score)
     parts: dict[str, list[str]] = {}
     for scene, by_method in by_scene.items():
-        parts.setdefault(_which(board, by_method), []).append(titles[scene])
+        parts.setdefault(_which(table, by_method), []).append(titles[scene])
     return "; ".join(", ".join(scenes) + which for which, scenes in parts.items())
 
 
-def _which(board: MethodTable, by_method: Mapping[str, list[str]]) -> str:
+def _which(table: MethodTable, by_method: Mapping[str, list[str]]) -> str:
     by_scores: dict[str, list[str]] = {}
     for method, scores in by_method.items():
-        every = len(scores) == len(board.scores)
+        every = len(scores) == len(table.scores)
         by_scores.setdefault("" if every else ", ".join(scores), []).append(method)
     parts = []
     for titles, methods in by_scores.items():
         # Of all methods, as of one alone, their names go without saying.
-        names = "" if len(methods) == len(board.entries) else ", ".join(methods)
+        names = "" if len(methods) == len(table.rows) else ", ".join(methods)
         parts.append(f"{names}: {titles}" if names and titles else names or titles)
     said = "; ".join(filter(None, parts))
     return f" ({said})" if said else ""
@@ -144,20 +144,21 @@ def intervals_table(
         This scene's rows only.
     """
     result = method.result
-    entries = list(_entries(result, scores, found, scene))
-    without = by_reason((entry.interval.reason, entry.score, entry.title) for entry in entries)
+    rows = list(_interval_rows(result, scores, found, scene))
     notes = (
-        *(f"{names}: no interval; {reason}" for reason, names in without.items() if reason),
+        *notes_by_reason(
+            ((row.interval.reason, row.score, row.title) for row in rows), "no interval; "
+        ),
         *result.notes,
-        *brackets_note([entry.interval for entry in entries], resampling, resampled(result.unit)),
+        *brackets_note([row.interval for row in rows], resampling, resampled(result.unit)),
     )
     title = f"{method.name} on {result.protocol.name} v{result.protocol.version}"
     columns = (Column("Scene"), Column("Score"), Column("Value"), Column("Interval"))
-    return Table(title, columns, tuple(map(_interval_row, entries)), notes, leading=2)
+    return Table(title, columns, tuple(map(_interval_row, rows)), notes, leading=2)
 
 
 @dataclass(frozen=True)
-class _Entry:
+class _IntervalRow:
     """A row of a table of intervals."""
 
     title: str
@@ -167,29 +168,29 @@ class _Entry:
     is_average: bool
 
 
-def _entries(
+def _interval_rows(
     result: Result, scores: Sequence[ScoreColumn], found: SampleIntervals, scene: str | None
-) -> Iterator[_Entry]:
+) -> Iterator[_IntervalRow]:
     titles = result.truth.scene_titles
     # The average over one scene is that scene: said once.
     one = next(iter(result.scenes)) if len(found.groups) == 1 else None
     scene = one if scene is None else scene
     if scene is None:
         parts = [(titles[name], result.scenes[name], found.groups[name]) for name in found.groups]
-        last = (_AVERAGE, result.overall, found.overall)
+        last = (AVERAGE, result.overall, found.overall)
     else:
         parts, last = [], (titles[scene], result.scenes[scene], found.overall)
     for place, (title, values, intervals) in enumerate([*parts, last]):
         is_average = scene is None and place == len(parts)
         for score, interval in zip(scores, intervals, strict=True):
-            yield _Entry(title, score, values[score.key], interval, is_average)
+            yield _IntervalRow(title, score, values[score.key], interval, is_average)
 
 
-def _interval_row(entry: _Entry) -> Row:
+def _interval_row(row: _IntervalRow) -> Row:
     cells = (
-        Cell(entry.title),
-        Cell(score_title(entry.score)),
-        score_cell(entry.score, entry.value, entry.interval),
-        Cell(INTERVAL_NAMES.get(entry.interval.method)),
+        Cell(row.title),
+        Cell(score_title(row.score)),
+        score_cell(row.score, row.value, row.interval),
+        Cell(INTERVAL_NAMES.get(row.interval.method)),
     )
-    return Row(cells, entry.is_average)
+    return Row(cells, row.is_average)

@@ -11,7 +11,7 @@ from airzoo_bench.tables.blocks import by_block, by_count, leading_columns, unit
 from airzoo_bench.tables.latex_text import COLUMN, PAGE, escape, latex_width
 from airzoo_bench.tables.model import Table
 
-__all__ = ["LatexStyle", "check_style", "document", "needs", "options_of", "placed"]
+__all__ = ["LatexStyle", "check_style", "document", "needs", "options_of", "stacked"]
 
 _LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9:._/+-]*")
 # By TeX itself, which alone knows the width: graphicx gives that of the content as \width.
@@ -114,7 +114,7 @@ def needs(table: Table, style: LatexStyle) -> str:
     return f"% needs {' '.join(packages)}\n"
 
 
-def placed(table: Table, tabulars: Sequence[str], style: LatexStyle) -> str:
+def stacked(table: Table, tabulars: Sequence[str], style: LatexStyle) -> str:
     """Put a table's tabulars under each other: shrunk and in a float where that is asked for.
 
     Parameters
@@ -171,18 +171,18 @@ def _narrower(table: Table) -> str:
     return " (--fit shrinks it" + (", --per-block 1 breaks it)" if several else ")")
 
 
-def document(head: str, tabulars: Sequence[str]) -> str:
+def document(preamble: str, tabulars: Sequence[str]) -> str:
     """Return a whole document: a page a tabular, which is shrunk to the page where it is larger.
 
     Parameters
     ----------
-    head : str
+    preamble : str
         Lines of comments.
     tabulars : sequence of str
     """
-    letters = sorted({c for c in head + "".join(tabulars) if ord(c) > 127})
+    letters = sorted({c for c in preamble + "".join(tabulars) if ord(c) > 127})
     pages = "\\clearpage\n".join(f"{_OPEN}{tabular}{_CLOSE}" for tabular in tabulars)
-    return head + _HEAD + "".join(map(_stand_in, letters)) + _BEGIN + pages + _END
+    return preamble + _HEAD + "".join(map(_stand_in, letters)) + _BEGIN + pages + _END
 
 
 def _stand_in(letter: str) -> str:

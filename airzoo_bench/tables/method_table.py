@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.results.comparable import check_comparable, version_notes
 from airzoo_bench.results.files import method_names
-from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percent
 
 if TYPE_CHECKING:
     from pathlib import Path
-
 
 __all__ = [
     "OVERALL",
@@ -24,6 +23,7 @@ __all__ = [
     "identity",
     "method_table",
     "score_column",
+    "shown_values",
 ]
 
 OVERALL = ""
@@ -39,7 +39,6 @@ class MethodRow:
 
     Attributes
     ----------
-    method : str
     values : mapping of str to mapping of str to float
         By scene, with `OVERALL` for the average, then by score.
     uncertainties : mapping of str to mapping of str to Between or PlusMinus
@@ -70,14 +69,10 @@ class MethodTable:
 
     Attributes
     ----------
-    title : str
-    benchmark, track : str
-    scores : tuple of ScoreColumn
     scenes : mapping of str to str
         Titles by id.
     queries : mapping of str to int
         How many each scene has, where that is known.
-    entries : tuple of MethodRow
     method_notes : tuple of str
         Of the results themselves; each says whose it is.
     notes : tuple of str
@@ -96,7 +91,7 @@ class MethodTable:
     scores: tuple[ScoreColumn, ...]
     scenes: Mapping[str, str]
     queries: Mapping[str, int]
-    entries: tuple[MethodRow, ...]
+    rows: tuple[MethodRow, ...]
     method_notes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     legend: tuple[str, ...] = ()
@@ -114,7 +109,7 @@ class MethodTable:
         return (*self.legend, *self.about_intervals)
 
     def noted(self, *notes: str, legend: bool = False) -> MethodTable:
-        """Return the board with further notes, which may be of the legend."""
+        """Return the table with further notes, which may be of the legend."""
         more = notes if legend else ()
         return replace(self, notes=(*self.notes, *notes), legend=(*self.legend, *more))
 
@@ -122,7 +117,7 @@ class MethodTable:
 def method_table(
     results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
 ) -> MethodTable:
-    """Put results of one protocol and one truth on one board.
+    """Put results of one protocol and one truth into one table of methods.
 
     Parameters
     ----------
@@ -152,7 +147,10 @@ def method_table(
         tuple(scores.values()),
         first.truth.scene_titles,
         {scene: counts["queries"] for scene, counts in first.counts.items()},
-        tuple(_entry(*pair) for pair in zip(names, results, strict=True)),
+        tuple(
+            MethodRow(name, shown_values(result.columns, result))
+            for name, result in zip(names, results, strict=True)
+        ),
         method_notes=_by_note(names, results),
         notes=tuple(version_notes(names, results)),
         identity=identity(first),
@@ -168,14 +166,16 @@ def _by_note(names: Sequence[str], results: Sequence[Result]) -> tuple[str, ...]
     return tuple(f"{', '.join(who)}: {note}" for note, who in methods.items())
 
 
-def _entry(name: str, result: Result) -> MethodRow:
-    by_key = {column.key: column for column in result.columns}
-    parts = {OVERALL: result.overall} | result.scenes
-    values = {
+def shown_values(
+    scores: Sequence[ScoreColumn], numbers: Result | Reference
+) -> dict[str, dict[str, float]]:
+    """Return scores as tables show them, by scene, with `OVERALL` for the average, then by key."""
+    by_key = {score.key: score for score in scores}
+    parts = {OVERALL: numbers.overall} | numbers.scenes
+    return {
         scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
         for scene, part in parts.items()
     }
-    return MethodRow(name, values)
 
 
 def as_shown(score: ScoreColumn, value: float) -> float:
@@ -184,7 +184,7 @@ def as_shown(score: ScoreColumn, value: float) -> float:
 
 
 def score_column(score: ScoreColumn, group: str = "", block: str = "") -> Column:
-    """Return the head of a score's column."""
+    """Return a score's column."""
     unit = UNITS[score.unit]
     return Column(score.title, unit, score.higher_is_better, group=group, block=block)
 

@@ -81,13 +81,12 @@ Uncertainty = Between | PlusMinus
 
 @dataclass(frozen=True)
 class Column:
-    """A column's head.
+    """A column's title and how its numbers are shown.
 
     Attributes
     ----------
-    title : str
     unit : str
-        Shown beside the title; empty for none.
+        Shown after the title; empty for none.
     higher_is_better : bool or None
         None for what is not a score.
     decimals : int
@@ -121,11 +120,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Cell:
-    """A value, its rank in the column, and what stands beside it.
+    """A value, its rank in the column, and what follows it.
 
     Attributes
     ----------
-    value : float, int, str or None
     best, second : bool
         Whether it is the best or the second best of its column.
     gain : float, optional
@@ -162,7 +160,7 @@ class Cell:
         return show_number(self.value, decimals)
 
     def suffix(self, decimals: int) -> list[str]:
-        """Return what stands beside the value: uncertainty, then gain."""
+        """Return what follows the value: uncertainty, then gain."""
         parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
         return (
             parts if self.gain is None else [*parts, f"({show_number(self.gain, decimals, '+')})"]
@@ -175,7 +173,6 @@ class Row:
 
     Attributes
     ----------
-    cells : tuple of Cell
     summary : bool
         Set apart from the rows above it.
     highlighted : bool
@@ -232,7 +229,7 @@ class Table:
     legend: tuple[str, ...] = ()
 
     def texts(self) -> list[list[str]]:
-        """Return every cell as it is shown, with what stands beside its value."""
+        """Return every cell as it is shown, with what follows its value."""
         return [
             [
                 " ".join([cell.text(column.decimals), *cell.suffix(column.decimals)])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from airzoo_bench.results.result import Reference, Result, ScoreColumn
-from airzoo_bench.tables.method_table import OVERALL, MethodRow, MethodTable, as_shown
+from airzoo_bench.results.result import Reference, Result
+from airzoo_bench.tables.method_table import OVERALL, MethodRow, MethodTable, shown_values
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.published import PublishedTable
@@ -19,14 +19,14 @@ _ROUNDING = 1e-9
 
 
 def with_published(
-    board: MethodTable,
+    method_table: MethodTable,
     tables: Sequence[PublishedTable],
     *,
     by_scene: bool,
     average: bool = True,
     elsewhere: Sequence[str] = (),
 ) -> MethodTable:
-    """Put the rows of published tables before a board's own.
+    """Put the rows of published tables before those of the methods scored here.
 
     A source may print an average twice and differently. An average alone is taken from the tables
     of averages, if there are any, and scenes with their average from the tables by scene; a note
@@ -35,9 +35,9 @@ def with_published(
 
     Parameters
     ----------
-    board : MethodTable
+    method_table : MethodTable
     tables : sequence of PublishedTable
-        Of the board's benchmark and track; scores that the board lacks are left out.
+        Of the same benchmark and track; scores that the table of methods lacks are left out.
     by_scene : bool
         Whether scenes are to be shown.
     average : bool
@@ -50,35 +50,35 @@ def with_published(
     chosen = scenic if by_scene else plain or scenic
     if not chosen:
         what = "by scene " if by_scene else ""
-        note = f"nothing is published {what}on {board.benchmark} ({board.track})"
-        others = [name for name in elsewhere if name != board.benchmark]
-        return board.noted(note + (f", but on {', '.join(others)}" if others else ""))
-    entries = tuple(entry for table in chosen for entry in _reported(board, table))
+        note = f"nothing is published {what}on {method_table.benchmark} ({method_table.track})"
+        others = [name for name in elsewhere if name != method_table.benchmark]
+        return method_table.noted(note + (f", but on {', '.join(others)}" if others else ""))
+    rows = tuple(row for table in chosen for row in _reported(method_table, table))
     if by_scene and average:
-        entries = tuple(_with_average(board, entry, plain) for entry in entries)
+        rows = tuple(_with_average(method_table, row, plain) for row in rows)
     pairs = [(table, other) for table in chosen for other in tables] if average else []
-    notes = [_disagreement(board, table, other) for table, other in pairs]
-    board = replace(board, entries=(*entries, *board.entries))
-    return board.noted(*filter(None, notes), legend=True)
+    notes = [_disagreement(method_table, table, other) for table, other in pairs]
+    method_table = replace(method_table, rows=(*rows, *method_table.rows))
+    return method_table.noted(*filter(None, notes), legend=True)
 
 
 def _with_average(
-    board: MethodTable, entry: MethodRow, tables: Sequence[PublishedTable]
+    method_table: MethodTable, row: MethodRow, tables: Sequence[PublishedTable]
 ) -> MethodRow:
     """Fill in an average that the tables by scene do not print, and say from where it is."""
-    if OVERALL in entry.values:
-        return entry
-    others = (one for table in tables for one in _reported(board, table))
-    found = next((one for one in others if one.method == entry.method), None)
+    if OVERALL in row.values:
+        return row
+    others = (one for table in tables for one in _reported(method_table, table))
+    found = next((one for one in others if one.method == row.method), None)
     if found is None:
-        return entry
-    values = {**entry.values, OVERALL: found.values[OVERALL]}
-    return replace(entry, values=values, reported=f"{entry.reported}; average: {found.reported}")
+        return row
+    values = {**row.values, OVERALL: found.values[OVERALL]}
+    return replace(row, values=values, reported=f"{row.reported}; average: {found.reported}")
 
 
-def _reported(board: MethodTable, table: PublishedTable) -> list[MethodRow]:
-    keys = {title: key for key, title in board.scenes.items()} | {OVERALL: OVERALL}
-    known = {score.key for score in board.scores}
+def _reported(method_table: MethodTable, table: PublishedTable) -> list[MethodRow]:
+    keys = {title: key for key, title in method_table.scenes.items()} | {OVERALL: OVERALL}
+    known = {score.key for score in method_table.scores}
     return [
         MethodRow(
             method,
@@ -93,8 +93,8 @@ def _reported(board: MethodTable, table: PublishedTable) -> list[MethodRow]:
     ]
 
 
-def _disagreement(board: MethodTable, table: PublishedTable, other: PublishedTable) -> str:
-    shown = [score.key for score in board.scores]
+def _disagreement(method_table: MethodTable, table: PublishedTable, other: PublishedTable) -> str:
+    shown = [score.key for score in method_table.scores]
     differ = [
         method
         for method, scenes in table.values.items()
@@ -106,20 +106,24 @@ def _disagreement(board: MethodTable, table: PublishedTable, other: PublishedTab
     return f"{other.label} of the same source prints another average of {', '.join(differ)}"
 
 
-def with_floors(board: MethodTable, results: Sequence[Result]) -> MethodTable:
-    """Put what scores without a method behind a board's entries, and say what it is.
+def with_floors(method_table: MethodTable, results: Sequence[Result]) -> MethodTable:
+    """Put what scores without a method behind the rows of methods, and say what it is.
 
     Parameters
     ----------
-    board : MethodTable
+    method_table : MethodTable
     results : sequence of Result
         Of one protocol and truth, so that all should hold the same references.
     """
     references, notes = shared_references(results)
-    columns = {column.key: column for result in results for column in result.columns}
-    entries = tuple(_floor(name, found, columns) for name, found in references.items())
-    board = replace(board, entries=(*board.entries, *entries)).noted(*notes)
-    return board.noted(*(f"{n}: {found.meaning}" for n, found in references.items()), legend=True)
+    columns = [column for result in results for column in result.columns]
+    rows = tuple(
+        MethodRow(name, shown_values(columns, found), floor=True)
+        for name, found in references.items()
+    )
+    meanings = [f"{name}: {found.meaning}" for name, found in references.items()]
+    noted = method_table.noted(*notes).noted(*meanings, legend=True)
+    return replace(noted, rows=(*method_table.rows, *rows))
 
 
 def shared_references(results: Sequence[Result]) -> tuple[dict[str, Reference], list[str]]:
@@ -150,12 +154,3 @@ def _alike(one: Reference, other: Reference) -> bool:
         and all(math.isclose(v, parts[1][scene][k], rel_tol=_ROUNDING) for k, v in part.items())
         for scene, part in parts[0].items()
     )
-
-
-def _floor(name: str, reference: Reference, columns: Mapping[str, ScoreColumn]) -> MethodRow:
-    parts = {OVERALL: reference.overall} | reference.scenes
-    values = {
-        scene: {key: as_shown(columns[key], value) for key, value in part.items()}
-        for scene, part in parts.items()
-    }
-    return MethodRow(name, values, floor=True)

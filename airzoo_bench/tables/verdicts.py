@@ -46,7 +46,8 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
     if word == "equal":
         infinite = ", and both infinite" * (pair.difference is None)
         return f"{pair.method} and {pair.reference} are equal on {title} everywhere{infinite}."
-    evidence = f"{_span(pair, resampling)}{_p_values(pair)}{_but(pair)}"
+    doubt = disagreement(pair)
+    evidence = _span(pair, resampling) + _p_values(pair) + (f"; but {doubt}" if doubt else "")
     if word in ("better", "worse"):
         ahead, behind = _by_rank(pair)
         return f"{ahead} is better than {behind} on {title} by {_amount(pair)}{evidence}."
@@ -69,11 +70,6 @@ def _standing(pair: Pair) -> str:
     if pair.difference == 0:
         return "both have the same value"
     return f"{_by_rank(pair)[0]} is ahead by {_amount(pair)}"
-
-
-def _but(pair: Pair) -> str:
-    doubt = disagreement(pair)
-    return f"; but {doubt}" if doubt else ""
 
 
 def disagreement(pair: Pair) -> str:

@@ -149,8 +149,8 @@ def board_of(table: PublishedTable) -> MethodTable:
     scenes = {scene: scene for scene in first if scene}
     empty = MethodTable(table.label, table.benchmark, table.track, scores, scenes, {}, ())
     board = with_published(empty, [table], by_scene=table.has_scenes)
-    assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.entries)
-    return replace(board, entries=tuple(replace(e, reported="") for e in board.entries))
+    assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.rows)
+    return replace(board, rows=tuple(replace(e, reported="") for e in board.rows))
 
 
 @cache

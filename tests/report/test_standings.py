@@ -16,7 +16,7 @@ from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Reference
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.build import methods_table
+from airzoo_bench.tables.layouts import methods_table
 from airzoo_bench.tables.model import show_number
 from airzoo_bench.tables.verdicts import verdict
 from tests.report.made import reconstruction_method, retrieval_method, write_methods

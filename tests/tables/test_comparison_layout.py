@@ -26,7 +26,7 @@ from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.model import Between
 from airzoo_bench.tables.render import render
 from airzoo_bench.tables.verdicts import disagreement, sentence, verdict
-from airzoo_bench.tables.wording import by_reason
+from airzoo_bench.tables.wording import notes_by_reason
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
 FAST = ResamplingConfig(resamples=1_000)
@@ -303,8 +303,8 @@ class TestReasons:
             for scene in "abc"
             for score in (HIT, SOFT, ERROR)
         ]
-        assert by_reason(entries)["few"] == "R@1; MRR, Median in b"
-        assert by_reason([("few", s, m) for _, s, m in entries]) == {"few": "all scores"}
+        assert notes_by_reason(entries) == ["R@1; MRR, Median in b: few"]
+        assert notes_by_reason([("few", s, m) for _, s, m in entries]) == ["all scores: few"]
 
     def test_many_are_counted(self) -> None:
         scores = [HIT.model_copy(update={"title": f"R@{k}"}) for k in range(9)]
@@ -313,9 +313,9 @@ class TestReasons:
             for m in range(9)
             for s in scores
         ]
-        assert by_reason(entries, "of")["few"] == (
-            "R@1, R@2, R@3, R@4, R@5, R@6 and 2 more of 0, 1, 2 and 2 more"
-        )
+        assert notes_by_reason(entries, "no; ", "of") == [
+            "R@1, R@2, R@3, R@4, R@5, R@6 and 2 more of 0, 1, 2 and 2 more: no; few"
+        ]
 
     def test_one_score_is_named(self) -> None:
-        assert by_reason([("few", HIT, "a")]) == {"few": "R@1"}
+        assert notes_by_reason([("few", HIT, "a")]) == ["R@1: few"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
 
-__all__ = ["Field", "Grid", "GridRow", "Layout", "check_width", "is_method_head"]
+__all__ = ["Field", "Grid", "GridRow", "Layout", "check_width", "is_method_title"]
 
 # What papers, and our own tables, call the column of names.
 METHOD_NAMES = frozenset(
@@ -51,10 +51,8 @@ class Grid:
     ----------
     kind : str
         CSV, Markdown or LaTeX; in the latter two names may be marked.
-    columns : tuple of str
     groups : tuple of str
         What stands above the name of each column; empty where nothing does.
-    rows : tuple of GridRow
     label : str
         Of the table, where the file holds several.
     """
@@ -81,7 +79,7 @@ def check_width(path: Path, kind: str, line: int, fields: int, columns: int) -> 
         )
 
 
-def is_method_head(name: str) -> bool:
+def is_method_title(name: str) -> bool:
     """Whether a column of this name holds methods."""
     return name.casefold() in METHOD_NAMES
 
@@ -92,18 +90,16 @@ class Field:
 
     Attributes
     ----------
-    path : Path
-    line : int
     texts : mapping of str to str
         By the names of the columns of a long table.
     columns : mapping of str to str
         How the file calls them, where otherwise.
     may_average : bool
-        Whether the scene stands above columns without an average beside it, so that it may be a
+        Whether the scene stands above columns without an average next to it, so that it may be a
         benchmark.
     row : GridRow or None
         The line of a wide table that it stands in.
-    beside : tuple of (str, str)
+    extra : tuple of (str, str)
         What else the line says in words or in numbers that are no known scores, by column.
     """
 
@@ -113,7 +109,7 @@ class Field:
     columns: Mapping[str, str]
     may_average: bool = False
     row: GridRow | None = None
-    beside: tuple[tuple[str, str], ...] = ()
+    extra: tuple[tuple[str, str], ...] = ()
 
     def __getitem__(self, name: str) -> str:
         return self.texts.get(name, "")

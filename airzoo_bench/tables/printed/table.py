@@ -56,7 +56,7 @@ def _cloud_distances(cells: Iterable[PrintedValue]) -> dict[tuple[object, ...], 
 
 
 def _of_cloud(cell: PrintedValue, distances: Container[tuple[object, ...]]) -> PrintedValue:
-    """Take R@10m, and P@10, for recall and precision of clouds where F1@10 stands beside them."""
+    """Take R@10m, and P@10, for recall and precision of clouds where F1@10 stands next to them."""
     score = cell.score
     thresholds = score.thresholds
     if score.family is Family.AVERAGE_PRECISION and score.variant == "precision":
@@ -105,9 +105,9 @@ def read_published(path: Path) -> Published:
         either long, a line a number: the columns method, scene, metric and value, and any of table,
         benchmark, track, unit, n, bold, gain (or printed_delta). Or wide, a line a method: the
         column method, and any of scene, table, benchmark, track and n; the other columns are
-        scores. A value may be marked as bold and have a gain beside it; one that is empty or a dash
-        is left out. Of a file with several tables each is read by itself, and one that holds no
-        scores, or cannot be read, is left out with a note.
+        scores. A value may be marked as bold and have a gain next to it; one that is empty or a
+        dash is left out. Of a file with several tables each is read by itself, and one that holds
+        no scores, or cannot be read, is left out with a note.
 
     Raises
     ------
@@ -186,21 +186,21 @@ def _read(path: Path, grids: Sequence[Grid], *, strict: bool) -> _Table:
     if _may_be_shares(kept):
         if strict:
             raise _ambiguous(path, kept)
-        kept = tuple(_as_share(cell) for cell in kept)
+        kept = tuple(
+            replace(cell, unit="share", full=1) if cell.score.is_share and not cell.unit else cell
+            for cell in kept
+        )
         said.append("shares that are all at most 1 are read as such, not in percent")
     label = next((cell.table for cell in kept if cell.table), "")
     unused = tuple(name for layout in layouts for name in layout.unused)
-    infinite = sum(_is_infinite(field["value"]) for field in fields)
+    odd = [field["value"].casefold() for field in fields if is_no_number(field["value"])]
+    infinite = sum("inf" in text or "∞" in text for text in odd)
     named = [f"{label}: {note}" if label and not strict else note for note in (*notes, *said)]
     return _Table(kept, unused, marked, is_markup, infinite, tuple(named))
 
 
 def _listed(lines: Sequence[int]) -> str:
     return ", ".join(map(str, lines[:10])) + (" ..." if len(lines) > 10 else "")
-
-
-def _is_infinite(text: str) -> bool:
-    return is_no_number(text) and any(sign in text.casefold() for sign in ("inf", "∞"))
 
 
 def _check_cells(path: Path, cells: tuple[PrintedValue, ...]) -> None:
@@ -224,12 +224,6 @@ def _may_be_shares(cells: Sequence[PrintedValue]) -> bool:
     # Nothing at all is 0 by either.
     printed = [cell.number.value for cell in shares if cell.number.value]
     return bool(printed) and all(0 < value <= 1 for value in printed)
-
-
-def _as_share(cell: PrintedValue) -> PrintedValue:
-    if not cell.score.is_share or cell.unit:
-        return cell
-    return replace(cell, unit="share", full=1)
 
 
 def _ambiguous(path: Path, cells: Sequence[PrintedValue]) -> ResultError:
