@@ -49,19 +49,18 @@ def test_gains_over_equal_numbers_are_tried_once(
         assert 0 < calls["_distance"] <= 10 * methods
 
 
-@pytest.mark.parametrize("gain", ["+1", "+1%"])
-def test_a_gain_is_held_against_a_bounded_number_of_rivals(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gain: str
+@pytest.mark.parametrize(("gain", "places"), [("+1", 2), ("+1%", 4)])
+def test_a_gain_is_compared_with_a_bounded_number_of_rivals(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gain: str, places: int
 ) -> None:
     """Printed without decimals, it may be over any of very many."""
-    calls = counted_calls(monkeypatch, gain_checks._Gain, "_distance")
-    found = []
-    for methods in LENGTHS:
-        calls.clear()
-        gains_over(tmp_path, methods, lambda i: f"{50 + i / 10_000:.4f}", gain)
-        found.append(calls["_distance"] / methods)
-    assert found[0] > 50
-    assert max(found) < 12 * gain_checks._MOST_NEAR
+    methods, calls = 600, counted_calls(monkeypatch, gain_checks, "_explaining")
+    compared = counted_calls(monkeypatch, gain_checks._Gain, "_distance")
+    gains_over(tmp_path, methods, lambda i: f"{50 + i / 10_000:.4f}", gain)
+    assert calls["_explaining"] == methods - 1
+    # One distance each, and of a gain in percent two; and those of the best and of the baseline.
+    most = places * gain_checks._MOST_NEAR * (places // 2) + 20
+    assert gain_checks._MOST_NEAR < compared["_distance"] / methods < most
 
 
 def test_a_long_row_is_not_compared_all_with_all(
