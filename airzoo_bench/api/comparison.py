@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any
 from airzoo_bench.api.intervals import checked_plan
 from airzoo_bench.api.results import Tabular
 from airzoo_bench.core.errors import ArgumentError, first_of
-from airzoo_bench.results.comparable import find_scene
+from airzoo_bench.results import comparison
+from airzoo_bench.results.comparable import check_same_queries
+from airzoo_bench.results.comparison import Pair
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.records import Scored, held_to_result, read_scored
 from airzoo_bench.results.result import ScoreColumn, read_result
-from airzoo_bench.statistics import comparison
-from airzoo_bench.statistics.comparison import Pair, score_intervals
-from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
+from airzoo_bench.results.sampling import score_intervals
+from airzoo_bench.results.selection import choose_scores, find_scene, score_keys
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import Method, ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.interval_layout import intervals_table
 from airzoo_bench.tables.model import Table
-from airzoo_bench.tables.statistics_layout import intervals_table
 from airzoo_bench.tables.verdicts import verdict
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Request:
             See `compare`.
         """
         methods = _read(results, scores, every=every, every_column=every_column)
-        check_comparable(methods)
+        check_same_queries(methods)
         chosen = choose_scores(methods, scores, every=every)
         titles = methods[0].result.truth.scene_titles
         return cls(methods, chosen, None if scene is None else find_scene(titles, scene))
@@ -161,7 +162,7 @@ def compare(
         reference=reference,
         method=method,
         scene=asked.scene,
-        plan=plan,
+        resampling=plan,
     )
     return Comparison(comparison_table(found), _frame([_pair(pair) for pair in found.pairs]))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.results.records import Scored, read_scored
-from airzoo_bench.tables.build import scenes_table
+from airzoo_bench.tables.layouts import scenes_table
 from airzoo_bench.tables.model import Table
 from airzoo_bench.tables.render import render
 

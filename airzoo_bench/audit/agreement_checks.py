@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from fractions import Fraction
-from itertools import combinations, permutations
+from itertools import combinations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.tables.printed.cells import PrintedValue, Published
+from airzoo_bench.audit.queries import RowKey, row_of
+from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 
 __all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 
 Row = list[PrintedValue]
-RowKey = tuple[str, ...]
 
 _SUMMARY = "overall"
 # Two scores may agree by chance; a whole row of fewer says nothing.
@@ -75,19 +75,17 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     findings : iterable of Finding
         Of all checks.
     """
-    tables: dict[tuple[str, str], list[tuple[PrintedValue, PrintedValue]]] = {}
-    for pair in _pairs(published):
-        tables.setdefault((pair[0].table, pair[1].table), []).append(pair)
+    tables = grouped(_pairs(published), lambda pair: (pair[0].table, pair[1].table))
     grave = [finding for finding in findings if finding.grade is Grade.INCONSISTENT]
     said = []
     for (one, other), pairs in tables.items():
-        apart = [pair for pair in pairs if _gap(*pair) > 1]
+        apart = [pair for pair in pairs if _difference(*pair) > 1]
         cells = {id(cell) for pair in apart for cell in pair}
-        rows = {_key(cell) for pair in apart for cell in pair}
+        rows = {row_of(cell) for pair in apart for cell in pair}
         of_this = sum(
             id(f.cell) in cells
             if f.check in ("average", "agreement")
-            else f.check == "row" and _key(f.cell) in rows
+            else f.check == "row" and row_of(f.cell) in rows
             for f in grave
         )
         if len(apart) > 1 and of_this > 1:
@@ -99,7 +97,7 @@ def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
     return said
 
 
-def _gap(first: PrintedValue, second: PrintedValue) -> Fraction:
+def _difference(first: PrintedValue, second: PrintedValue) -> Fraction:
     """How far two numbers are apart, in last digits of the coarser one."""
     step = 2 * max(first.number.half, second.number.half)
     return abs(first.number.value - second.number.value) / step
@@ -114,7 +112,7 @@ def _agree(first: PrintedValue, second: PrintedValue) -> bool:
 
 
 def _differ(first: PrintedValue, second: PrintedValue) -> Finding:
-    grade = Grade.ROUNDING if _gap(first, second) <= 1 else Grade.INCONSISTENT
+    grade = Grade.ROUNDING if _difference(first, second) <= 1 else Grade.INCONSISTENT
     other = second.table or "another place"
     why = (
         f"the same number is printed {first.number.text} here and {second.number.text} in {other}, "
@@ -133,12 +131,13 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
         The `id` of each cell that is no average of its scenes: of two such rows, the one that
         holds none is right.
     """
-    rows = published.by(_key)
+    rows = published.by(row_of)
     compared = [row for row in rows.values() if _is_telling(row)]
     findings = [
         _misplaced(row, other[0])
-        for alike in _alike(compared)
-        for row, other in permutations(alike, 2)
+        for alike in grouped(compared, _content).values()
+        for row in alike
+        for other in alike[: _MOST_PLACES + 1]
         if row[0].table != other[0].table and _is_another(row, other[0], rows)
         if reported & set(map(id, row)) or not reported & set(map(id, other))
     ]
@@ -150,24 +149,14 @@ def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Ou
     return Outcome("row", tested, what, left, tuple(findings), cells=cells)
 
 
-def _key(cell: PrintedValue) -> RowKey:
-    return cell.table, *cell.group, cell.scene, cell.method
-
-
 def _is_telling(row: Row) -> bool:
     return len(row) >= _FEWEST_SCORES and any(cell.number.value for cell in row)
 
 
-def _values(row: Row) -> frozenset[object]:
-    return frozenset((cell.measure, cell.number.value) for cell in row)
-
-
-def _alike(rows: Iterable[Row]) -> Iterable[list[Row]]:
-    """Group rows of equal scores and values, whosever they are."""
-    groups: dict[object, list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row[0].group, _scene(row[0]), _values(row)), []).append(row)
-    return groups.values()
+def _content(row: Row) -> tuple[object, ...]:
+    """Return what equal rows share, whosever they are: scene, scores and values."""
+    values = frozenset((cell.measure, cell.number.value) for cell in row)
+    return row[0].group, _scene(row[0]), values
 
 
 def _is_another(row: Row, other: PrintedValue, rows: dict[RowKey, Row]) -> bool:

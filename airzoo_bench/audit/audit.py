@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from airzoo_bench.audit.agreement_checks import check_agreement, check_misplaced_rows, overview
 from airzoo_bench.audit.average_checks import check_averages
+from airzoo_bench.audit.bold_checks import check_bold
 from airzoo_bench.audit.count_checks import check_counts
 from airzoo_bench.audit.findings import Audit, Grade
-from airzoo_bench.audit.mark_checks import check_bold, check_gains
+from airzoo_bench.audit.gain_checks import check_gains
 from airzoo_bench.audit.order_checks import check_medians, check_order, check_ranges, check_units
 from airzoo_bench.audit.precision_checks import check_average_precision, define_average_precision
 from airzoo_bench.audit.queries import resolve_queries, row_of
@@ -24,7 +25,7 @@ __all__ = ["audit"]
 def audit(
     published: Published, counts: Mapping[str, int] | None = None, variant: str | None = None
 ) -> Audit:
-    """Hold published tables against arithmetic.
+    """Check published tables by arithmetic.
 
     Parameters
     ----------
@@ -36,10 +37,6 @@ def audit(
     variant : str, optional
         Which average precision is meant, one of `average_precision.VARIANTS`; concluded from the
         values where not given.
-
-    Returns
-    -------
-    Audit
 
     Raises
     ------

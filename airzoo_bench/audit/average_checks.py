@@ -3,24 +3,119 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
-from airzoo_bench.audit.averages import Averaged, example_text, has_common_weights, shown_mean
+import numpy as np
+
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.counts import counted_share
-from airzoo_bench.tables.printed.numbers import Interval, decimal_text, mean_interval
+from airzoo_bench.tables.printed.numbers import (
+    Interval,
+    Rounded,
+    counted_share,
+    decimal_text,
+    mean_interval,
+)
 from airzoo_bench.tables.printed.scores import Family
 
-__all__ = ["check_averages"]
+__all__ = ["Averaged", "check_averages", "has_common_weights"]
 
 _CHECK = "average"
-# Averages of a paper's table, before it can be told that they are over other scenes.
-_FEWEST = 4
 _WHAT = "averages against the scenes they are of"
+_FEWEST = 4  # averages of a paper's table that show that they are over other scenes
 Scenes = Mapping[tuple[str, ...], Mapping[str, Mapping[str, PrintedValue]]]
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """A printed average with the scenes' values it should be made of.
+
+    Attributes
+    ----------
+    over_scenes : Interval
+        Where the unweighted mean of the exact values lies.
+    over_queries : Interval
+        Where the mean over all queries lies; between the least and the greatest scene where it is
+        not known how many queries these have, and for medians.
+    of_rounded : Fraction
+        The unweighted mean of the values as printed.
+    is_weighed : bool
+        Whether it is known how many queries the scenes have.
+    """
+
+    cell: PrintedValue
+    scenes: tuple[PrintedValue, ...]
+    over_scenes: Interval
+    over_queries: Interval
+    of_rounded: Fraction
+    is_weighed: bool
+
+    @property
+    def is_median(self) -> bool:
+        """Whether it is of medians."""
+        return self.cell.score.family is Family.MEDIAN
+
+    @property
+    def fits_scenes(self) -> bool:
+        """Whether it rounds the unweighted mean over scenes."""
+        return self.cell.number.interval.meets(self.over_scenes)
+
+    @property
+    def fits_queries(self) -> bool:
+        """Whether it rounds a mean over all queries."""
+        return self.cell.number.interval.meets(self.over_queries)
+
+    @property
+    def fits_rounded(self) -> bool:
+        """Whether it rounds the mean of the values as printed."""
+        return abs(self.cell.number.value - self.of_rounded) <= self.cell.number.half
+
+
+def has_common_weights(averages: Sequence[Averaged]) -> bool:
+    """Whether some weights of the scenes, alike for all methods and scores, explain all averages.
+
+    A linear program: with values v between l and h, and an average between a and b, weights w are
+    to satisfy sum w (l - b) <= 0 <= sum w (h - a).
+    """
+    from scipy.optimize import linprog
+
+    scenes = {part.scene: None for average in averages for part in average.scenes}
+    columns = {scene: index for index, scene in enumerate(scenes)}
+    bounds = np.zeros((2 * len(averages), len(columns)))
+    for row, average in enumerate(averages):
+        printed = average.cell.number.interval
+        for part in average.scenes:
+            value, column = part.number.interval, columns[part.scene]
+            bounds[2 * row, column] = float(value.low - printed.high)
+            bounds[2 * row + 1, column] = float(printed.low - value.high)
+    nothing, limits = np.zeros(len(columns)), np.zeros(len(bounds))
+    whole = np.ones((1, len(columns)))
+    found = linprog(nothing, bounds, limits, whole, [1.0], bounds=(1e-6, None))
+    return bool(found.status == 0)
+
+
+def _shown_mean(mean: Interval, number: Rounded) -> str:
+    """Write a mean with two digits more than printed, or as far as it is known."""
+    low, high = (decimal_text(end, number.decimals + 2) for end in (mean.low, mean.high))
+    return low if low == high else f"{low} to {high}"
+
+
+def _example_text(weighed: Sequence[Averaged]) -> str:
+    """Show the method whose averages tell the two ways apart most."""
+    fitting = [average for average in weighed if average.fits_scenes]
+    if not fitting:
+        return ""
+    most = max(fitting, key=lambda a: abs(a.over_scenes.low - a.over_queries.low))
+    shown = []
+    for average in (a for a in fitting if a.cell.method == most.cell.method):
+        ways = (average.over_scenes, average.over_queries)
+        digits = average.cell.number.decimals
+        scenes, pooled = (decimal_text((way.low + way.high) / 2, digits) for way in ways)
+        shown.append(f"{average.cell.score.name} {scenes} and {pooled}")
+    return f"; {most.cell.method}, over scenes and over all queries: {', '.join(shown)}"
 
 
 def check_averages(
@@ -71,19 +166,12 @@ def check_averages(
 def _left(summaries: int, tested: int, loose: int) -> str:
     if not summaries:
         return "nothing is printed for several scenes"
-    parts = [
-        f"{number} {why}"
-        for number, why in (
-            (
-                loose,
-                "may be over all queries, whose numbers are not known (--counts), so that only "
-                "lying between the scenes' values was checked",
-            ),
-            (summaries - tested - loose, "whose scenes are not all, or not at all, in the file"),
-        )
-        if number
-    ]
-    return "; ".join(parts)
+    counts = {
+        "may be over all queries, whose numbers are not known (--counts), so that only lying "
+        "between the scenes' values was checked": loose,
+        "whose scenes are not all, or not at all, in the file": summaries - tested - loose,
+    }
+    return "; ".join(f"{number} {why}" for why, number in counts.items() if number)
 
 
 def _scenes(published: Published) -> Scenes:
@@ -161,10 +249,8 @@ def _is_pooled(known: Sequence[Averaged]) -> bool:
 
 def _kinds(known: Sequence[Averaged]) -> list[list[Averaged]]:
     """Group averages that are judged together: by what is known of their weights, medians last."""
-    kinds: dict[tuple[bool, bool], list[Averaged]] = {}
-    for average in sorted(known, key=lambda a: (not a.is_weighed, a.is_median)):
-        kinds.setdefault((average.is_weighed, average.is_median), []).append(average)
-    return list(kinds.values())
+    ordered = sorted(known, key=lambda a: (not a.is_weighed, a.is_median))
+    return list(grouped(ordered, lambda a: (a.is_weighed, a.is_median)).values())
 
 
 def _conclusion(known: Sequence[Averaged]) -> str:
@@ -183,7 +269,7 @@ def _conclusion(known: Sequence[Averaged]) -> str:
         pooled = sum(average.fits_queries for average in weighed)
         are = agreeing(pooled, "is a mean", "are means")
         text += f"; {pooled} of {len(weighed)} {are} over all queries"
-    return text + example_text(weighed)
+    return text + _example_text(weighed)
 
 
 def _judge(average: Averaged, same: Sequence[PrintedValue], *, pooled: bool) -> Finding | None:
@@ -191,7 +277,7 @@ def _judge(average: Averaged, same: Sequence[PrintedValue], *, pooled: bool) -> 
     mean = average.over_queries if pooled else average.over_scenes
     if number.interval.meets(mean):
         return None
-    shown, rounded = shown_mean(mean, number), decimal_text(mean.low, number.decimals)
+    shown, rounded = _shown_mean(mean, number), decimal_text(mean.low, number.decimals)
     of = counted(len(average.scenes), "scene")
     if pooled and not average.is_weighed:
         why = f"no average of {of} whose values lie between {shown.replace(' to ', ' and ')}"
@@ -199,7 +285,8 @@ def _judge(average: Averaged, same: Sequence[PrintedValue], *, pooled: bool) -> 
         kind = f"mean over all queries of {of}" if pooled else f"mean of {of}"
         why = f"the {kind} is {shown}, which rounds to {rounded}"
     why += f"; printed here is {number.text}"
-    why += "".join(f", in {c.table} {c.number.text}" for c in _elsewhere(cell, same))
+    others = [c for c in same if c.table != cell.table and c.number.value != number.value]
+    why += "".join(f", in {other.table} {other.number.text}" for other in others)
     if not pooled and average.fits_rounded:
         twice = decimal_text(average.of_rounded, number.decimals + 2)
         why += f"; the scenes' values as printed have the mean {twice}, so it was rounded twice"
@@ -211,9 +298,3 @@ def _judge(average: Averaged, same: Sequence[PrintedValue], *, pooled: bool) -> 
 
 def _identity(cell: PrintedValue) -> tuple[object, ...]:
     return cell.group, cell.method, cell.measure
-
-
-def _elsewhere(cell: PrintedValue, same: Sequence[PrintedValue]) -> list[PrintedValue]:
-    """Return the same average where another table prints it differently."""
-    value = cell.number.value
-    return [other for other in same if other.table != cell.table and other.number.value != value]

@@ -10,8 +10,13 @@ from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.counts import count_text, is_cut, is_near, possible_counts
-from airzoo_bench.tables.printed.numbers import decimal_text
+from airzoo_bench.tables.printed.numbers import (
+    count_text,
+    decimal_text,
+    is_cut,
+    is_near,
+    possible_counts,
+)
 from airzoo_bench.tables.printed.scores import Family
 
 __all__ = ["Share", "check_counts", "judge_shares"]
@@ -28,7 +33,6 @@ class Share:
 
     Attributes
     ----------
-    queries : Queries
     places : int
         For each query: 1, or K for mean precision at K.
     is_sure : bool
@@ -102,7 +106,7 @@ def judge_shares(check: str, shares: Sequence[Share]) -> tuple[list[Finding], li
     """
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
-    for table, own in _by_table(shares).items():
+    for table, own in grouped(shares, lambda share: share.cell.table).items():
         wrong = [share for share in own if not share.fits]
         all_cut = bool(wrong) and all(share.is_cut for share in own)
         cut = all_cut or _shows_cuts(wrong, own)
@@ -127,13 +131,6 @@ def _shows_cuts(wrong: Sequence[Share], own: Sequence[Share]) -> bool:
         if not share.is_cut:
             shown.discard(key_of(share.cell))
     return bool(shown)
-
-
-def _by_table(shares: Sequence[Share]) -> dict[str, list[Share]]:
-    """Group shares by table."""
-    by_cell = {id(share.cell): share for share in shares}
-    tables = grouped((share.cell for share in shares), lambda cell: cell.table)
-    return {table: [by_cell[id(cell)] for cell in cells] for table, cells in tables.items()}
 
 
 def _no_count(check: str, share: Share, *, cut: bool) -> Finding:

@@ -1,15 +1,22 @@
-"""Findings: what is wrong, how sure that is, and the arithmetic; and what was checked at all."""
+"""Findings: what is wrong, how sure that is, and why; what was checked; as a table and as text."""
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import groupby
 
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.tables.model import Cell, Column, Row, Table
+from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 from airzoo_bench.tables.printed.cells import PrintedValue
 
-__all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table"]
+__all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table", "audit_text"]
+
+# Longer lines are hard to read, shorter ones hold no sentence.
+_WIDEST, _NARROWEST = 100, 40
+_BOLD, _USUAL = "\x1b[1m", "\x1b[0m"
 
 
 class Grade(StrEnum):
@@ -33,10 +40,8 @@ class Finding:
 
     Attributes
     ----------
-    grade : Grade
     check : str
         Which check found it.
-    cell : PrintedValue
     why : str
         The arithmetic, in words and numbers.
     """
@@ -62,17 +67,14 @@ class Outcome:
 
     Attributes
     ----------
-    check : str
     tested : int
-        How many things it held against arithmetic.
+        How many things it compared.
     what : str
         What these are: "shares of queries".
     left : str
         What could not be checked and why; empty where nothing was left.
-    findings : tuple of Finding
-    conclusions : tuple of Conclusion
     cells : tuple of PrintedValue
-        The values that were held against others, or against what is known.
+        The values that were compared with others, or with what is known.
     said : str
         What is wrong but was found by another check, and so is no finding of this one.
     """
@@ -152,7 +154,7 @@ class Audit:
 
     @property
     def checked(self) -> int:
-        """How many values were held against others, or against what is known."""
+        """How many values were compared with others, or with what is known."""
         return len({id(cell) for outcome in self.outcomes for cell in outcome.cells})
 
     def count(self, grade: Grade) -> int:
@@ -168,8 +170,8 @@ class Audit:
 def audit_table(audit: Audit) -> Table:
     """Lay out an audit: a row a finding; what was checked and concluded are notes."""
     tables = any(finding.cell.table for finding in audit.findings)
-    heads = ["Grade", "Check", *(["Table"] if tables else []), "Scene", "Method", "Score"]
-    columns = tuple(Column(title) for title in [*heads, "Printed", "Why"])
+    titles = ["Grade", "Check", *(["Table"] if tables else []), "Scene", "Method", "Score"]
+    columns = tuple(Column(title) for title in [*titles, "Printed", "Why"])
     rows = [_finding_row(finding, tables) for finding in audit.findings]
     checked = (f"checked, {outcome.check}: {outcome.text}" for outcome in audit.outcomes)
     notes = (*audit.overview, *checked, *map(_note, audit.conclusions), *audit.notes)
@@ -194,3 +196,81 @@ def _finding_row(finding: Finding, tables: bool) -> Row:
 def _note(conclusion: Conclusion) -> str:
     place = f" of {conclusion.place}" if conclusion.place else ""
     return f"concluded, {conclusion.check}{place}: {conclusion.text}"
+
+
+_MEANING = {
+    Grade.IMPOSSIBLE: "the number cannot be, by itself, its row, and what was given",
+    Grade.INCONSISTENT: "two numbers contradict each other; which of them is wrong is not told",
+    Grade.ROUNDING: "off by the last digit",
+}
+
+
+def audit_text(audit: Audit, width: int, *, styled: bool = False) -> str:
+    """Lay out an audit as text.
+
+    Parameters
+    ----------
+    audit : Audit
+    width : int
+        Of the terminal, in characters; no line is longer, nor than 100.
+    styled : bool
+        Write bold by escape sequences.
+    """
+    room = min(max(width, _NARROWEST), _WIDEST)
+    titles: set[str] = set()
+    lines: list[str] = []
+    for title, body in _sections(audit, room):
+        titles.update(_wrapped(title, room))
+        lines += [*_wrapped(title, room), *body, ""]
+    shown = (f"{_BOLD}{line}{_USUAL}" if styled and line in titles else line for line in lines[:-1])
+    return "".join(f"{line}\n" for line in shown)
+
+
+def _sections(audit: Audit, room: int) -> Iterator[tuple[str, list[str]]]:
+    none = "Nothing found." if audit.checked else "Nothing could be checked, so nothing was found."
+    said = [line for text in audit.overview for line in _wrapped(text, room)]
+    yield audit.summary, said if audit.findings else [none]
+    for grade, findings in groupby(audit.findings, key=lambda finding: finding.grade):
+        own = list(findings)
+        yield f"{grade.value.upper()} ({len(own)}): {_MEANING[grade]}", list(_found(own, room))
+    yield (
+        "CHECKED",
+        [
+            line
+            for outcome in audit.outcomes
+            for line in _wrapped(outcome.text, room, hanging=13, lead=f"  {outcome.check:<10} ")
+        ],
+    )
+    if audit.conclusions:
+        yield "WHAT THE NUMBERS SAY", list(_concluded(audit.conclusions, room))
+    if audit.notes:
+        yield "NOTES", [line for note in audit.notes for line in _wrapped(note, room, 2)]
+
+
+def _found(findings: Iterable[Finding], room: int) -> Iterator[str]:
+    places = groupby(findings, key=lambda finding: (finding.cell.table, finding.cell.place))
+    for (table, place), own in places:
+        yield from _wrapped(", ".join(filter(None, (table, place))), room, 2)
+        for finding in own:
+            cell = finding.cell
+            printed = f"{cell.method}, {cell.score.name}: {cell.number.text} [{finding.check}]"
+            yield from _wrapped(printed, room, 4)
+            yield from _wrapped(finding.why, room, 8)
+
+
+def _concluded(conclusions: Iterable[Conclusion], room: int) -> Iterator[str]:
+    for conclusion in conclusions:
+        place = f" of {conclusion.place}" if conclusion.place else ""
+        yield from _wrapped(f"{conclusion.check}{place}: {conclusion.text}", room, 2, hanging=6)
+
+
+def _wrapped(
+    text: str, room: int, indent: int = 0, *, hanging: int = 0, lead: str = ""
+) -> list[str]:
+    return textwrap.wrap(
+        plain(text),
+        room,
+        initial_indent=lead or " " * indent,
+        subsequent_indent=" " * (hanging or indent),
+        break_on_hyphens=False,
+    )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from itertools import permutations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
+from airzoo_bench.audit.queries import row_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 from airzoo_bench.tables.printed.scores import Family, at_most
@@ -21,6 +21,7 @@ _DISTANCES = (
     Family.ERROR,
 )
 _HALF = Fraction(1, 2)
+_MOST_NEAR = 50
 
 
 def check_ranges(published: Published) -> Outcome:
@@ -44,19 +45,19 @@ def check_units(published: Published) -> Outcome:
     """Find rows of shares from 0 to 1 among rows of percent.
 
     A row is one if all its shares are at most 1, and in each column it has two decimals more than
-    some number above 1: 0.1950 beside 28.64.
+    some number above 1: 0.1950 next to 28.64.
     """
     shares = [c for c in published.cells if c.score.is_share and c.full == 100]
     columns = grouped(shares, _column)
     findings: list[Finding] = []
-    for row in grouped(shares, _row).values():
+    for row in grouped(shares, row_of).values():
         printed = [cell for cell in row if cell.number.value]
         if not printed or not all(0 < cell.number.value <= 1 for cell in printed):
             continue
-        beside = [_percent_beside(cell, columns[_column(cell)]) for cell in printed]
-        if all(beside):
+        others = [_percent_in(cell, columns[_column(cell)]) for cell in printed]
+        if all(others):
             findings.extend(
-                _share_among_percent(*pair) for pair in zip(printed, beside, strict=True)
+                _share_among_percent(*pair) for pair in zip(printed, others, strict=True)
             )
     rivals = [cell for cells in columns.values() if len(cells) > 1 for cell in cells]
     what = "shares, whether those of one score are all in percent or all from 0 to 1"
@@ -68,7 +69,7 @@ def _column(cell: PrintedValue) -> tuple[str, ...]:
     return cell.table, *cell.group, cell.score.name
 
 
-def _percent_beside(cell: PrintedValue, column: Iterable[PrintedValue]) -> PrintedValue | None:
+def _percent_in(cell: PrintedValue, column: Iterable[PrintedValue]) -> PrintedValue | None:
     """Return a number of the column that is percent for sure, printed with two decimals less."""
     fitting = (
         other
@@ -91,8 +92,8 @@ def check_order(published: Published) -> Outcome:
     """Find recalls at a smaller threshold that exceed those at a larger one."""
     pairs = [
         (first, second)
-        for row in published.by(_row).values()
-        for first, second in permutations(row, 2)
+        for row in published.by(row_of).values()
+        for first, second in _pairs(row)
         if at_most(first.score, second.score)
     ]
     findings = [_disordered(*pair) for pair in pairs if _exceeds(*pair)]
@@ -102,6 +103,14 @@ def check_order(published: Published) -> Outcome:
     return Outcome("order", len(pairs), what, left, tuple(findings), cells=cells)
 
 
+def _pairs(row: Sequence[PrintedValue]) -> Iterator[tuple[PrintedValue, PrintedValue]]:
+    """Yield all pairs of a row, either way round; of a very long one those that stand near."""
+    for place, first in enumerate(row):
+        for second in row[max(0, place - _MOST_NEAR) : place + _MOST_NEAR + 1]:
+            if second is not first:
+                yield first, second
+
+
 def _disordered(first: PrintedValue, second: PrintedValue) -> Finding:
     small, large = first.score.name, second.score.name
     why = (
@@ -109,10 +118,6 @@ def _disordered(first: PrintedValue, second: PrintedValue) -> Finding:
         f"{small} counts for {large} too, so {large} cannot be smaller"
     )
     return Finding(Grade.IMPOSSIBLE, "order", first, why)
-
-
-def _row(cell: PrintedValue) -> tuple[str, ...]:
-    return cell.table, *cell.group, cell.scene, cell.method
 
 
 def _exceeds(first: PrintedValue, second: PrintedValue) -> bool:
@@ -129,10 +134,9 @@ def check_medians(published: Published) -> Outcome:
     """
     pairs = [
         (median, recall)
-        for row in published.by(_row).values()
-        for median in row
+        for row in published.by(row_of).values()
+        for median, recall in _pairs(row)
         if median.score.family is Family.MEDIAN and median.is_of_one_set
-        for recall in row
         if _is_within(recall, median.unit)
     ]
     findings = [finding for pair in pairs if (finding := _contradiction(*pair))]

@@ -8,19 +8,17 @@ from fractions import Fraction
 
 from airzoo_bench.audit.average_precision import (
     LARGEST_CUTOFF,
+    NAMES,
     VARIANTS,
+    Bounded,
+    Definition,
     bounds_of,
+    evidence_of,
+    has_known_queries,
     recalls_for,
 )
 from airzoo_bench.audit.count_checks import Share, judge_shares
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.audit.precision_evidence import (
-    NAMES,
-    Bounded,
-    Definition,
-    evidence_of,
-    has_known_queries,
-)
 from airzoo_bench.audit.queries import Key, Queries, RowKey, key_of
 from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
 from airzoo_bench.tables.printed.numbers import decimal_text

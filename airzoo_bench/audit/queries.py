@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import ResultError, UsageError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed.cells import PrintedValue, Published
-from airzoo_bench.tables.printed.counts import possible_counts
+from airzoo_bench.tables.printed.numbers import possible_counts
 from airzoo_bench.tables.printed.scores import Family
 
 __all__ = [
@@ -42,7 +42,6 @@ class Queries:
 
     Attributes
     ----------
-    number : int
     is_given : bool
         By the user or in the file; else it was concluded from the values.
     """
@@ -126,7 +125,7 @@ def resolve_queries(
             queries[key] = Queries(implied.total, False)
         if implied:
             text = _implied_text(implied, given, _fits(cells, averaged, given))
-            conclusions.append(Conclusion(_CHECK, _place(key), text))
+            conclusions.append(Conclusion(_CHECK, ", ".join(filter(None, key)), text))
     return queries, conclusions
 
 
@@ -196,10 +195,6 @@ def _given(cells: list[PrintedValue], counts: Mapping[str, int]) -> int | None:
             expected="one number a scene",
         )
     return next(iter(stated), None)
-
-
-def _place(key: Key) -> str:
-    return ", ".join(part for part in key if part)
 
 
 def _implied_text(implied: Implied, given: int | None, fits_given: int) -> str:

@@ -34,7 +34,7 @@ def _cells(rows: Iterable[Row], *families: Family) -> tuple[PrintedValue, ...]:
 
 
 def check_f1(published: Published) -> Outcome:
-    """Find F1 that the precision and recall beside it do not give.
+    """Find F1 that the precision and recall of its row do not give.
 
     An average over scenes has bounds only. F1 is concave in precision and recall together, so the
     mean of F1 is at most the F1 of the means; and F1 is at least P + R - 1 in each scene.

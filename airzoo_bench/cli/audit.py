@@ -75,8 +75,7 @@ def audit(
 
 
 def _show(done: Audit, form: Format) -> None:
-    from airzoo_bench.audit.findings import audit_table
-    from airzoo_bench.audit.text import audit_text
+    from airzoo_bench.audit.findings import audit_table, audit_text
 
     if form is Format.TERMINAL:
         width = shutil.get_terminal_size((80, 24)).columns

@@ -54,10 +54,11 @@ def breakdown(
 
     One result gives a column a score; several give a column a method, under each score.
     """
+    from airzoo_bench.results.comparable import check_same_queries
     from airzoo_bench.results.files import result_paths
     from airzoo_bench.results.records import read_records, read_scored
     from airzoo_bench.results.result import read_result
-    from airzoo_bench.statistics.compatibility import check_comparable, choose_scores, score_keys
+    from airzoo_bench.results.selection import choose_scores, score_keys
     from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.breakdown import check_column
     from airzoo_bench.tables.breakdown_layout import breakdown_table
@@ -67,7 +68,7 @@ def breakdown(
     paths = result_paths(results)
     keys = score_keys(read_result(paths[0]), wanted)
     methods = read_scored(paths, {by, *keys})
-    check_comparable(methods)
+    check_same_queries(methods)
     if by not in methods[0].records:
         check_column(read_records(paths[0], methods[0].result), by)
     scores = choose_scores(methods, wanted)
@@ -75,7 +76,7 @@ def breakdown(
         scores = scores[:1]
     with_intervals = intervals or len(methods) == len(scores) == 1
     plan = ResamplingConfig(resamples, seed) if with_intervals else None
-    show(breakdown_table(methods, scores, by, bins=edges, plan=plan), form)
+    show(breakdown_table(methods, scores, by, bins=edges, resampling=plan), form)
 
 
 def parse_bins(text: str) -> list[float]:

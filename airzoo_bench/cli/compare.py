@@ -117,8 +117,7 @@ def compare(
 def _printed(
     results: list[Path] | None, printed: tuple[str, str] | None, queries: int | None
 ) -> Table:
-    from airzoo_bench.tables.printed_comparison import printed_bounds
-    from airzoo_bench.tables.statistics_layout import bounds_table
+    from airzoo_bench.tables.printed_comparison import bounds_table, printed_bounds
 
     if results or printed is None or queries is None:
         raise UsageError(
@@ -172,7 +171,7 @@ def _answer(request: _Request) -> Table:
 
 def _differences(request: _Request, most: int) -> Table:
     from airzoo_bench.api.comparison import Request
-    from airzoo_bench.statistics.reference import find_one
+    from airzoo_bench.results.best import find_one
     from airzoo_bench.tables.differences import differences_table
 
     asked = Request.of(

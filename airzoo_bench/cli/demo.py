@@ -29,7 +29,7 @@ def demo(
     from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.datasets.mini.demo import demo_benchmark, demo_tracks, run_track
     from airzoo_bench.evaluation.resources import Resources
-    from airzoo_bench.tables.build import scenes_table
+    from airzoo_bench.tables.layouts import scenes_table
 
     check_output_folder(out, ())
     say(f"AirZoo-Mini: a made-up city and a valley, kept in {data_root()}")

@@ -152,7 +152,7 @@ def _named_after(out: Path | None, method: str | None) -> str | None:
 
 
 def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
-    from airzoo_bench.tables.build import scenes_table
+    from airzoo_bench.tables.layouts import scenes_table
 
     if form is Format.JSON:
         content = json.loads(result.model_dump_json(by_alias=True))

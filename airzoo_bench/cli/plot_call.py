@@ -86,14 +86,14 @@ class Call:
         from airzoo_bench.report import draw
         from airzoo_bench.report.figures import save_figure
         from airzoo_bench.report.sheet import check_room
+        from airzoo_bench.results.comparable import check_same_queries
         from airzoo_bench.results.records import read_scored
-        from airzoo_bench.statistics.compatibility import check_comparable
 
         given, file = self._checked()
         aside: list[str] = []
         sheet = self._sheet(aside)
         methods = read_scored(given)
-        check_comparable(methods)
+        check_same_queries(methods)
         if self.scene is not None:
             methods = draw.of_scene(methods, self.scene)
         chosen = draw.choose_score(methods, score, of_errors=self.kind == "errors")

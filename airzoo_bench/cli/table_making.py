@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.selection import check_score, find_scene, named_scores
 from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
-from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.layouts import AVERAGE
-from airzoo_bench.tables.method_table import OVERALL, MethodTable, method_table, with_published
+from airzoo_bench.tables.method_table import OVERALL, MethodTable, method_table
 from airzoo_bench.tables.rename import rename
+from airzoo_bench.tables.reported_rows import with_floors, with_published
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
@@ -64,10 +64,10 @@ class _TableMaker:
         return self._alone() if self.layout is Layout.RESULT else self._marked(self._laid_out())
 
     def _alone(self) -> Table:
-        from airzoo_bench.tables.build import scenes_table
+        from airzoo_bench.tables.layouts import scenes_table
 
         (board,) = self._boards()
-        (entry,) = board.entries
+        (entry,) = board.rows
         made = scenes_table(
             self.results[0],
             scores=board.scores,
@@ -82,7 +82,7 @@ class _TableMaker:
 
     def _without_interval(self, made: Table) -> list[str]:
         """Say why rows that are no scene and no method have no interval."""
-        from airzoo_bench.tables.build import POOLED
+        from airzoo_bench.tables.layouts import POOLED
 
         if not self.request.intervals:
             return []
@@ -140,18 +140,18 @@ class _TableMaker:
         if self.request.floors and self.layout is not Layout.RESULT:
             board = with_floors(board, [self.results[place] for place in places])
             if self.request.intervals:
-                floors = ", ".join(entry.method for entry in board.entries if entry.floor)
+                floors = ", ".join(entry.method for entry in board.rows if entry.floor)
                 board = board.noted(*_of_floors(floors), legend=True)
         return board
 
     def _with_intervals(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
         from airzoo_bench.results.records import Scored, read_records
         from airzoo_bench.statistics.samples import ResamplingConfig
-        from airzoo_bench.tables.method_intervals import with_intervals
+        from airzoo_bench.tables.interval_layout import with_intervals
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
-            for entry, place in zip(board.entries, places, strict=True)
+            for entry, place in zip(board.rows, places, strict=True)
         ]
         made = with_intervals(board, methods, ResamplingConfig(), self._shown(board))
         return replace(made, about_intervals=made.notes[len(board.notes) :])
@@ -173,7 +173,7 @@ class _TableMaker:
         for name in wanted:
             check_score(name, board.scores, "--score")
         board = self._beside_published(replace(board, scores=_chosen(board.scores, wanted)))
-        if not board.entries:
+        if not board.rows:
             raise UsageError(
                 f"nothing is published on {board.benchmark} ({board.track})",
                 where=f"--protocol {protocol}",
@@ -181,7 +181,7 @@ class _TableMaker:
                 + ", ".join(published_benchmarks(board.track)),
                 fix="see `airzoo-bench protocols`",
             )
-        printed = {key for e in board.entries for part in e.values.values() for key in part}
+        printed = {key for e in board.rows for part in e.values.values() for key in part}
         if wanted:
             return board
         return replace(board, scores=tuple(s for s in board.scores if s.key in printed))
@@ -214,7 +214,7 @@ class _TableMaker:
 
     def _marked(self, made: Table) -> Table:
         from airzoo_bench.tables.annotations import add_gains, highlight, parse_baselines
-        from airzoo_bench.tables.model import mark_best
+        from airzoo_bench.tables.best_marks import mark_best
 
         asked = self.request
         made = self._in_digits(self._sorted(made))
@@ -245,7 +245,7 @@ class _TableMaker:
         return sort_rows(made, wanted, AVERAGE)
 
     def _cited(self, made: Table) -> Table:
-        from airzoo_bench.tables.citations import add_citations
+        from airzoo_bench.tables.annotations import add_citations
         from airzoo_bench.tables.published import published_sources, read_source_file
 
         sources = {

@@ -21,15 +21,13 @@ from airzoo_bench.report.curves import (
 from airzoo_bench.report.labels import small_print, who
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet
-from airzoo_bench.results.comparable import find_scene
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import make_sample
-from airzoo_bench.statistics.compatibility import choose_scores
+from airzoo_bench.results.sampling import is_share, make_sample
+from airzoo_bench.results.selection import choose_scores, find_scene
 from airzoo_bench.statistics.intervals import FEWEST, Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import is_share
 from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
 from airzoo_bench.tables.breakdown_layout import group_intervals
 from airzoo_bench.tables.wording import intervals_made, resampled

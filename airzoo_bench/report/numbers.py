@@ -14,7 +14,7 @@ from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import marks_of
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import make_sample
+from airzoo_bench.results.sampling import make_sample
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig

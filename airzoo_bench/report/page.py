@@ -20,7 +20,7 @@ from airzoo_bench.report.parts import make_part
 from airzoo_bench.report.places import Place, find_places
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.result import Result
-from airzoo_bench.tables.build import methods_table
+from airzoo_bench.tables.layouts import methods_table
 from airzoo_bench.tables.render import render
 
 __all__ = ["Report", "make_report"]

@@ -11,9 +11,9 @@ import numpy as np
 from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import test_plan
-from airzoo_bench.statistics.comparison import Pair, compare
-from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.results.comparison import Pair, compare
 from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.method_table import as_shown
 from airzoo_bench.tables.model import Cell, show_number
 from airzoo_bench.tables.verdicts import LEAST_P, sentence, verdict
@@ -50,7 +50,7 @@ def compared_pairs(section: Section, blobs: Blobs) -> dict[str, Any] | None:
 def _later(section: Section, count: int, place: int, plan: ResamplingConfig) -> list[list[Pair]]:
     """Compare a method with each one behind it: by score, then by method."""
     methods = section.methods[place:count]
-    made = compare(methods, section.headline, reference=methods[0].name, plan=plan)
+    made = compare(methods, section.headline, reference=methods[0].name, resampling=plan)
     step = len(methods) - 1
     return [made.pairs[at : at + step] for at in range(0, len(made.pairs), step)]
 

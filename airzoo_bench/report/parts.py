@@ -19,7 +19,7 @@ from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import references, standings
 from airzoo_bench.results.result import Result
-from airzoo_bench.statistics.significance import is_hit
+from airzoo_bench.results.sampling import is_hit
 
 __all__ = ["make_part"]
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.workers import parallel_map
+from airzoo_bench.results.comparable import check_same_queries
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.retrieval.scores import RANKED_TILE
-from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
 from airzoo_bench.tables.breakdown import condition_names, is_condition
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
     for name, result, rows in zip(method_names(paths, results), results, records, strict=True):
         groups.setdefault(_key(result), []).append(Scored(name, result, rows))
     for methods in groups.values():
-        check_comparable(methods)
+        check_same_queries(methods)
     return _in_order([Section(_best_first(methods), ranks[key]) for key, methods in groups.items()])
 
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from airzoo_bench.report.sections import Section
+from airzoo_bench.results.best import AgainstBest, against_best
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.best import AgainstBest, against_best
-from airzoo_bench.statistics.corrections import LEVEL
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.floors import shared_references
+from airzoo_bench.statistics.significance import LEVEL
+from airzoo_bench.tables.best_marks import best_texts
 from airzoo_bench.tables.method_table import as_shown, score_column
-from airzoo_bench.tables.model import Cell, best_texts, share_to_percent
+from airzoo_bench.tables.model import Cell, share_to_percent
+from airzoo_bench.tables.reported_rows import shared_references
 
 __all__ = ["BEST", "TIED", "marks_of", "references", "standings", "test_plan"]
 

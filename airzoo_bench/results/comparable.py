@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
-from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.core.errors import ResultError, first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
 
 __all__ = [
     "check_comparable",
-    "check_score",
-    "find_scene",
+    "check_same_queries",
     "first_names",
-    "named_scores",
     "other_settings",
     "version_notes",
 ]
@@ -71,73 +69,6 @@ def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
             parts = ", ".join(f"{version} ({first_names(who)})" for version, who in users.items())
             found.append(f"{package}: {parts}")
     return [f"made with different versions of {'; '.join(found)}"] if found else []
-
-
-def find_scene(titles: Mapping[str, str], wanted: str) -> str:
-    """Return the id of a scene that is named by id or title; an id goes before a title.
-
-    Parameters
-    ----------
-    titles : mapping of str to str
-        Of each scene, by id.
-    wanted : str
-
-    Raises
-    ------
-    ResultError
-        There is no such scene, or several have that title.
-    """
-    if wanted in titles:
-        return wanted
-    found = [scene for scene, title in titles.items() if title == wanted]
-    if not found:
-        known = list(dict.fromkeys([*titles, *titles.values()]))
-        raise ResultError(
-            f"there is no scene {wanted!r} in the results{nearest(wanted, known)}",
-            expected="one of " + ", ".join(titles),
-        )
-    if len(found) > 1:
-        raise ResultError(
-            f"{len(found)} scenes have the title {wanted!r}", expected="one of " + ", ".join(found)
-        )
-    return found[0]
-
-
-def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
-    """Return scores by key and by title, as people name them."""
-    listed = list(scores)
-    return {score.key: score for score in listed} | {score.title: score for score in listed}
-
-
-def check_score(name: str, scores: Sequence[ScoreColumn], option: str, fix: str = "") -> None:
-    """Refuse the name of a score that is none of these.
-
-    Parameters
-    ----------
-    name : str
-        Key or title.
-    scores : sequence of ScoreColumn
-        Those that there are.
-    option : str
-        The one that named it.
-    fix : str
-        How it can be had, if it can.
-
-    Raises
-    ------
-    UsageError
-        None has that name; it says which there are, and the nearest.
-    """
-    known = named_scores(scores)
-    if name not in known:
-        # Titles hold commas, such as @1m,1°.
-        titles = "; ".join(dict.fromkeys(score.title for score in scores))
-        raise UsageError(
-            f"no score here is called {name[:80]!r}{nearest(name[:80], list(known))}",
-            where=option,
-            expected=f"one of: {titles}",
-            fix=fix or None,
-        )
 
 
 def first_names(names: Sequence[str], shown: int = _SHOWN) -> str:
@@ -233,3 +164,31 @@ def _other_truth(first: Result, other: Result) -> str:
         if len(set(counts)) > 1:
             return f"{why}; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
     return why
+
+
+def check_same_queries(methods: Sequence[Scored]) -> None:
+    """Refuse results whose numbers do not measure the same on the same queries.
+
+    Raises
+    ------
+    ResultError
+        Protocol, truth or queries of one differ from those of the first; it says in what.
+    """
+    check_comparable([m.name for m in methods], [m.result for m in methods])
+    for other in methods[1:]:
+        _check_queries(methods[0], other)
+
+
+def _check_queries(first: Scored, other: Scored) -> None:
+    if first.records["query"].equals(other.records["query"]):
+        return
+    one, two = set(first.records["query"]), set(other.records["query"])
+    if one == two:
+        return
+    lonely = first_of(sorted(one ^ two), len(one | two))
+    shared = f"only {counted(len(one & two), 'query')}" if one & two else "no query"
+    raise ResultError(
+        f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
+        expected="results on the same queries",
+        fix="score all predictions again with the same benchmark folder",
+    )

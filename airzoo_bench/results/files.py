@@ -47,8 +47,8 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
 def records_path(path: Path) -> Path:
     """Return where the records of a result lie.
 
-    That is ``records.csv`` beside it; of ``a.json`` also ``a.records.csv``, so that several results
-    can share a folder.
+    That is ``records.csv`` next to it; of ``a.json`` also ``a.records.csv``, so that several
+    results can share a folder.
     """
     own = path.with_name(f"{path.stem}.{_RECORDS}")
     return own if own.is_file() else path.with_name(_RECORDS)

@@ -1,4 +1,4 @@
-"""Records: a row a query or scene, read from beside their result and held to it."""
+"""Records: a row a query or scene, read from next to their result and compared with it."""
 
 from __future__ import annotations
 
@@ -40,16 +40,7 @@ _TRUTH = "^(True|False)$"
 
 @dataclass(frozen=True)
 class Scored:
-    """A method's result and records.
-
-    Attributes
-    ----------
-    name : str
-        The method's, with the file's where several methods have the same.
-    result : Result
-    records : DataFrame
-        See `read_records`.
-    """
+    """A method's name, with the file's where several have the same, its result and its records."""
 
     name: str
     result: Result
@@ -85,7 +76,7 @@ def read_scored(paths: Sequence[Path], columns: Collection[str] | None = None) -
 def read_records(
     path: Path, result: Result | None = None, columns: Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Read the records that stand beside a result, see `airzoo_bench.results.files.records_path`.
+    """Read the records that stand next to a result, see `airzoo_bench.results.files.records_path`.
 
     Parameters
     ----------
@@ -94,7 +85,7 @@ def read_records(
     result : Result, optional
         Its content, where it was read before.
     columns : collection of str, optional
-        What to read beside ``scene`` and ``query``; all where left out. Names that the file does
+        What to read besides ``scene`` and ``query``; all where left out. Names that the file does
         not have are passed over. The checksum is that of the whole file all the same.
 
     Returns
@@ -132,33 +123,33 @@ def read_records(
             fix=_SCORE_AGAIN,
         )
     scores = [column.key for column in result.columns]
-    wanted = _wanted(_heads(content, file), scores, columns, file)
+    wanted = _wanted(_column_names(content, file), scores, columns, file)
     records = _parsed(content, wanted, scores, file)
     return held_to_result(records, result, file)
 
 
-def _heads(content: bytes, file: Path) -> list[str]:
+def _column_names(content: bytes, file: Path) -> list[str]:
     try:
         stream = io.TextIOWrapper(io.BytesIO(content), "utf-8", newline="")
-        heads = next(csv.reader(stream), [])
+        names = next(csv.reader(stream), [])
     except (UnicodeDecodeError, csv.Error) as error:
         raise ResultError(f"not a table: {error}", where=file, fix=_SCORE_AGAIN) from error
-    for head, times in Counter(heads).items():
+    for name, times in Counter(names).items():
         if times > 1:
-            raise ResultError(f"has {times} columns {head}", where=file, fix=_SCORE_AGAIN)
-    return heads
+            raise ResultError(f"has {times} columns {name}", where=file, fix=_SCORE_AGAIN)
+    return names
 
 
 def _wanted(
-    heads: list[str], scores: list[str], columns: Collection[str] | None, file: Path
+    names: list[str], scores: list[str], columns: Collection[str] | None, file: Path
 ) -> list[str]:
     """Return the columns to read, in their order; those that every result has must be there."""
-    lacking = [name for name in ("scene", *scores) if name not in heads]
+    lacking = [name for name in ("scene", *scores) if name not in names]
     if lacking:
         raise ResultError(f"has no column {', '.join(lacking)}", where=file, fix=_SCORE_AGAIN)
     if columns is None:
-        return heads
-    return [head for head in heads if head in ("scene", "query") or head in columns]
+        return names
+    return [name for name in names if name in ("scene", "query") or name in columns]
 
 
 def _parsed(content: bytes, wanted: list[str], scores: list[str], file: Path) -> pd.DataFrame:
@@ -205,8 +196,8 @@ def _refusal(content: bytes, scores: list[str], error: Exception, file: Path) ->
         try:
             _read(content, {name: False})
             _read(content, {name: True})
-        except pa.ArrowInvalid as fault:
-            if "conversion error" in str(fault):
+        except pa.ArrowInvalid as cause:
+            if "conversion error" in str(cause):
                 return _no_number(name, file)
             break
     return ResultError(f"not a table: {error}", where=file, fix=_SCORE_AGAIN)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -86,7 +87,7 @@ class ProtocolUsed(_Model):
 
 
 class TruthUsed(_Model):
-    """The truth that predictions were held against."""
+    """The truth that predictions were compared with."""
 
     benchmark: str
     version: int
@@ -165,7 +166,7 @@ class Result(_Model):
     references : dict of str to Reference
         By the name that tables print; none in results of older versions.
     records_sha256 : str
-        Of the file of records that was written beside it; empty where none was.
+        Of the file of records that was written with it; empty where none was.
     checksum : str
         Over everything else.
     """
@@ -238,17 +239,8 @@ class Result(_Model):
 
 def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
     """Turn a track's scores into a result's columns."""
-    return tuple(
-        ScoreColumn(
-            key=score.column,
-            title=score.title,
-            unit=score.unit,
-            higher_is_better=score.higher_is_better,
-            average=score.average,
-            headline=score.headline,
-        )
-        for score in scores
-    )
+    fields = [asdict(score) for score in scores]
+    return tuple(ScoreColumn(key=given.pop("column"), **given) for given in fields)
 
 
 def with_summary(summary: Summary) -> dict[str, Any]:

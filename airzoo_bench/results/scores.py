@@ -26,7 +26,6 @@ class Score:
         What tables call it.
     unit : {"share", "m", "deg"}
         Shares are 0 to 1 in records and results, and percent in tables.
-    higher_is_better : bool
     average : {"mean", "median"}
         Over the rows of a scene.
     headline : bool
@@ -47,7 +46,6 @@ class Summary:
 
     Attributes
     ----------
-    scenes : dict of str to dict of str to float
     overall : dict of str to float
         The unweighted mean over scenes, of medians too, as the paper has it.
     pooled : dict of str to float
@@ -78,10 +76,6 @@ def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> 
         What to average.
     scenes : list of str
         The scenes, in the order of the protocol; each has records.
-
-    Returns
-    -------
-    Summary
 
     Raises
     ------

@@ -10,25 +10,24 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted, plural
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.averages import leave_one_out, weighted_averages
-from airzoo_bench.statistics.draws import blocks, resample_counts, stream_key
-from airzoo_bench.statistics.percentiles import percentile_p_values, quantiles
+from airzoo_bench.statistics.bootstrap_limits import (
+    acceleration,
+    interval_limits,
+    percentile_p_values,
+)
+from airzoo_bench.statistics.resampling import (
+    blocks,
+    leave_one_out,
+    resample_counts,
+    stream_key,
+    weighted_averages,
+)
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
 
-__all__ = [
-    "FEWEST",
-    "Interval",
-    "SampleIntervals",
-    "acceleration",
-    "bootstrap",
-    "few_units",
-    "interval_limits",
-]
+__all__ = ["FEWEST", "Interval", "SampleIntervals", "bootstrap", "few_units"]
 
 FEWEST = 5
 """Fewer units in a group than these have no interval: resamples of them repeat each other."""
-
-_TIE = 1e-12  # of the numbers' size: closer ones differ by rounding alone
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,6 @@ class SampleIntervals:
 
     Attributes
     ----------
-    groups : dict of str to list of Interval
     overall : list of Interval
         Of the unweighted mean over groups.
     p_values : list of float or None
@@ -83,7 +81,7 @@ class _Part:
 
 def bootstrap(
     sample: Sample,
-    plan: ResamplingConfig,
+    resampling: ResamplingConfig,
     differences: Sequence[tuple[int, int]] = (),
     *,
     groups: bool = True,
@@ -94,7 +92,7 @@ def bootstrap(
     ----------
     sample : Sample
         Values are finite or +inf.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second.
     groups : bool
@@ -113,16 +111,18 @@ def bootstrap(
     found: dict[str, list[Interval]] = {}
     total: _Part | None = None
     for group, values in zip(sample.groups, sample.values, strict=True):
-        part = _resampled(group, values, sample.medians, pairs, plan)
+        part = _resampled(group, values, sample.medians, pairs, resampling)
         if groups:
-            found[group] = _intervals(part, pairs, plan, sample.unit)
+            found[group] = _intervals(part, pairs, resampling, sample.unit)
         total = part if total is None else _together(total, part)
     if total is None:
         raise ValueError("a sample has at least one group")
-    overall = _mean_of(total, len(sample.groups))
+    # Moments stay sums: the acceleration is the same of any multiple of a statistic.
+    number = len(sample.groups)
+    overall = replace(total, estimates=total.estimates / number, resamples=total.resamples / number)
     return SampleIntervals(
         found,
-        _intervals(overall, pairs, plan, sample.unit),
+        _intervals(overall, pairs, resampling, sample.unit),
         _p_values(overall, pairs, sample.medians),
     )
 
@@ -145,7 +145,7 @@ def _resampled(
     values: Floats,
     medians: NDArray[np.bool_],
     pairs: NDArray[np.intp],
-    plan: ResamplingConfig,
+    resampling: ResamplingConfig,
 ) -> _Part:
     units = values.shape[1]
     differences = paired_difference(values[pairs[:, 0]], values[pairs[:, 1]])
@@ -156,9 +156,9 @@ def _resampled(
     fewest = (units, group)
     if units < FEWEST:
         return _Part(estimates, np.empty((len(values), 0)), np.zeros((len(even), 2)), even, fewest)
-    key = stream_key(plan.seed, "bootstrap", group)
-    resamples = np.empty((len(values), plan.resamples))
-    for first, count in blocks(units, plan.resamples):
+    key = stream_key(resampling.seed, "bootstrap", group)
+    resamples = np.empty((len(values), resampling.resamples))
+    for first, count in blocks(units, resampling.resamples):
         counts = resample_counts(units, first, count, key)
         resamples[:, first : first + count] = weighted_averages(values, medians, counts)
     left_out = leave_one_out(values, medians)
@@ -197,14 +197,8 @@ def _together(one: _Part, other: _Part) -> _Part:
     )
 
 
-def _mean_of(total: _Part, groups: int) -> _Part:
-    # Moments stay sums: the acceleration is the same of any multiple of a statistic.
-    means = total.estimates / groups, total.resamples / groups
-    return replace(total, estimates=means[0], resamples=means[1])
-
-
 def _intervals(
-    part: _Part, pairs: NDArray[np.intp], plan: ResamplingConfig, unit: str
+    part: _Part, pairs: NDArray[np.intp], resampling: ResamplingConfig, unit: str
 ) -> list[Interval]:
     few = few_units(*part.fewest, unit)
     if few is not None:
@@ -219,9 +213,9 @@ def _intervals(
         np.concatenate(estimates),
         np.concatenate(scales),
         acceleration(part.moments),
-        plan,
+        resampling,
     )
-    methods = np.where(exists, plan.interval, "percentile").tolist()
+    methods = np.where(exists, resampling.interval, "percentile").tolist()
     whose = [f"all {plural(unit)} are", f"the differences of all {plural(unit)} are"]
     alike = [Interval(None, None, "", f"{who} alike: resamples cannot differ") for who in whose]
     kinds = [alike[0]] * len(part.estimates) + [alike[1]] * len(pairs)
@@ -241,78 +235,3 @@ def few_units(units: int, group: str, unit: str) -> Interval | None:
     return Interval(
         None, None, "", f"only {counted(units, unit)}{where}: an interval needs {FEWEST}"
     )
-
-
-def acceleration(moments: Floats) -> Floats:
-    """Return the acceleration of BCa (Efron and Tibshirani 1993, eq. 14.15), NaN where none.
-
-    Parameters
-    ----------
-    moments : (R, 2) array
-        Sums over units of the influence values to the third and second power.
-
-    Returns
-    -------
-    (R,) array
-    """
-    third, second = moments.T
-    defined = (second > 0) & np.isfinite(second)
-    found: Floats = np.divide(
-        third,
-        6 * np.where(defined, second, 1.0) ** 1.5,
-        out=np.full(len(third), np.nan),
-        where=defined,
-    )
-    return found
-
-
-def interval_limits(
-    resamples: Floats,
-    estimates: Floats,
-    scales: Floats,
-    accelerations: Floats,
-    plan: ResamplingConfig,
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Take the limits of intervals from resamples.
-
-    Parameters
-    ----------
-    resamples : (R, B) array
-        B resamples of R statistics.
-    estimates : (R,) array
-    scales : (R,) array
-        Of what size the numbers are that a statistic was made of: those of a difference may be
-        large where it is almost 0, and their rounding with them.
-    accelerations : (R,) array
-    plan : ResamplingConfig
-
-    Returns
-    -------
-    limits : (R, 2) array
-    exists : (R,) bool
-        Whether the method that was asked for exists; elsewhere the limits are percentile's.
-    """
-    tails = np.array([(1 - plan.confidence) / 2, (1 + plan.confidence) / 2])
-    levels = np.broadcast_to(tails, (len(resamples), 2))
-    exists = np.ones(len(resamples), np.bool_)
-    if plan.interval == "bca":
-        adjusted = _bca_levels(resamples, estimates, scales, accelerations, tails)
-        exists = np.asarray(np.isfinite(adjusted).all(axis=1))
-        levels = np.where(exists[:, None], adjusted, levels)
-    return quantiles(np.sort(resamples, axis=1), levels), exists
-
-
-def _bca_levels(
-    resamples: Floats, estimates: Floats, scales: Floats, accelerations: Floats, tails: Floats
-) -> Floats:
-    """Return the levels of Efron and Tibshirani 1993, eq. 14.10; a tie counts half."""
-    from scipy.special import ndtr, ndtri
-
-    tie = (_TIE * scales)[:, None]
-    below = (resamples < estimates[:, None] - tie).sum(axis=1)
-    up_to = (resamples <= estimates[:, None] + tie).sum(axis=1)
-    bias = ndtri((below + up_to) / (2.0 * resamples.shape[1]))[:, None]
-    finite = np.isfinite(bias)
-    shifted = np.where(finite, bias, 0.0) + ndtri(tails)
-    levels = ndtr(bias + shifted / (1 - accelerations[:, None] * shifted))
-    return np.where(finite, levels, np.nan)

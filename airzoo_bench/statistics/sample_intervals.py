@@ -19,14 +19,14 @@ _Pairs = Sequence[tuple[int, int]]
 
 
 def sample_intervals(
-    sample: Sample, plan: ResamplingConfig, differences: _Pairs = (), *, groups: bool = True
+    sample: Sample, resampling: ResamplingConfig, differences: _Pairs = (), *, groups: bool = True
 ) -> SampleIntervals:
     """Take intervals: of shares by Wilson and MOVER, of all else by bootstrap.
 
     Parameters
     ----------
     sample : Sample
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second, both shares or neither.
     groups : bool
@@ -39,12 +39,12 @@ def sample_intervals(
     """
     shares = sample.shares
     if shares is None or not shares.any():
-        return bootstrap(sample, plan, differences, groups=groups)
-    closed = _of_shares(sample, plan, shares, differences, groups=groups)
+        return bootstrap(sample, resampling, differences, groups=groups)
+    closed = _of_shares(sample, resampling, shares, differences, groups=groups)
     if shares.all():
         return closed
     drawn, pairs = _without_shares(sample, shares, differences)
-    others = bootstrap(drawn, plan, pairs, groups=groups)
+    others = bootstrap(drawn, resampling, pairs, groups=groups)
     of_shares = np.concatenate(
         [shares, np.array([shares[one] for one, _ in differences], np.bool_)]
     )
@@ -70,7 +70,7 @@ def _without_shares(
 
 def _of_shares(
     sample: Sample,
-    plan: ResamplingConfig,
+    resampling: ResamplingConfig,
     shares: NDArray[np.bool_],
     differences: _Pairs,
     *,
@@ -78,25 +78,25 @@ def _of_shares(
 ) -> SampleIntervals:
     pairs = np.array([pair for pair in differences if shares[pair[0]]], np.intp).reshape(-1, 2)
     means = [part[shares] for part in sample.values]
-    gaps = [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
-    parts = list(zip(sample.groups, means, gaps, strict=True))
-    found = {one[0]: _limits([one], plan, sample.unit) for one in parts} if groups else {}
-    return SampleIntervals(found, _limits(parts, plan, sample.unit), [None] * len(pairs))
+    contrasts = [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
+    parts = list(zip(sample.groups, means, contrasts, strict=True))
+    found = {one[0]: _limits([one], resampling, sample.unit) for one in parts} if groups else {}
+    return SampleIntervals(found, _limits(parts, resampling, sample.unit), [None] * len(pairs))
 
 
 def _limits(
-    parts: Sequence[tuple[str, Floats, Floats]], plan: ResamplingConfig, unit: str
+    parts: Sequence[tuple[str, Floats, Floats]], resampling: ResamplingConfig, unit: str
 ) -> list[Interval]:
     """Take the intervals of groups' means and differences, each (R, N)."""
     units, group = min((means.shape[1], group) for group, means, _ in parts)
     few = few_units(units, group, unit)
     if few is not None:
         return [few] * (len(parts[0][1]) + len(parts[0][2]))
-    means = average_limits([part for _, part, _ in parts], plan.confidence).tolist()
-    gaps = difference_limits([part for *_, part in parts], plan.confidence).tolist()
+    means = average_limits([part for _, part, _ in parts], resampling.confidence).tolist()
+    contrasts = difference_limits([part for *_, part in parts], resampling.confidence).tolist()
     method = "wilson" if len(parts) == 1 else "mover"
     return [Interval(low, high, method) for low, high in means] + [
-        Interval(low, high, "mover") for low, high in gaps
+        Interval(low, high, "mover") for low, high in contrasts
     ]
 
 

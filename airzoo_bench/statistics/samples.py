@@ -26,8 +26,6 @@ class ResamplingConfig:
     ----------
     resamples : int
         Of the bootstrap and, where not all can be tried, of the permutation test.
-    seed : int
-    interval : {"bca", "percentile"}
     confidence : float
         Between 0 and 1.
     """

@@ -1,4 +1,4 @@
-"""Paired tests of two methods on the same units: permutation, and McNemar's for hits."""
+"""Paired tests of methods on the same units: permutation, bootstrap, McNemar; Holm."""
 
 from __future__ import annotations
 
@@ -10,21 +10,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.averages import weighted_averages
-from airzoo_bench.statistics.draws import blocks, sign_flips, stream_key
+from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.resampling import blocks, sign_flips, stream_key, weighted_averages
+from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
 
-__all__ = ["PairedTest", "is_hit", "is_share", "mcnemar", "p_floor", "paired_permutation"]
+__all__ = [
+    "LEVEL",
+    "PairedTest",
+    "holm",
+    "mcnemar",
+    "p_floor",
+    "paired_permutation",
+    "paired_tests",
+]
+
+LEVEL = 0.05
+"""A p-value up to here is a finding."""
 
 _SLACK = 1e-9  # as `paired_difference`: sums that are closer differ by the processor alone
 _P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
-
-_HITS = {"retrieval": ("recall@", "distance<"), "matching": ("within_",)}
-"""How the columns of scores begin that say of a query whether it is answered well enough."""
-
 Flips = Callable[[int, int, int], NDArray[np.uint8]]
 """Group, first pattern, count of patterns -> (N, count): 0 where two values change places."""
+
+
+def holm(p_values: Floats, family: int | None = None) -> Floats:
+    """Adjust p-values so that the chance of any false finding stays below the level.
+
+    Parameters
+    ----------
+    p_values : (M,) array
+    family : int, optional
+        How many were looked at, at least M; M where left out. Those that are not given count as 1,
+        so that the given ones come out as large as they can.
+
+    Returns
+    -------
+    (M,) array
+        In the same order, at most 1.
+
+    References
+    ----------
+    S. Holm, A simple sequentially rejective multiple test procedure, Scandinavian Journal of
+    Statistics 6 (1979).
+    """
+    order = np.argsort(p_values, kind="stable")
+    factors = (family or len(p_values)) - np.arange(len(p_values))
+    adjusted = np.empty(len(p_values))
+    adjusted[order] = np.minimum(np.maximum.accumulate(p_values[order] * factors), 1.0)
+    return adjusted
 
 
 @dataclass(frozen=True)
@@ -33,7 +67,6 @@ class PairedTest:
 
     Attributes
     ----------
-    p_value : float
     exact : bool
         Whether every pattern was tried; else `patterns` random ones were.
     patterns : int
@@ -49,14 +82,14 @@ class PairedTest:
 
 
 def paired_permutation(
-    sample: Sample, plan: ResamplingConfig, pairs: Sequence[tuple[int, int]]
+    sample: Sample, resampling: ResamplingConfig, pairs: Sequence[tuple[int, int]]
 ) -> list[PairedTest]:
     """Test whether two means differ: values change places, unit by unit.
 
     The statistic is the difference of the averages over groups. Where units are exchangeable
     between the two, each of the 2**k patterns of the k units that differ is as likely as the one
-    observed; p is the share of patterns that differ at least as much, either way. All are
-    tried where they are no more than `plan.resamples`; else that many random ones are, the same
+    observed; p is the share of patterns that differ at least as much, either way. All are tried
+    where they are no more than `resampling.resamples`; else that many random ones are, the same
     for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0.
     Where one side's average is infinite, patterns that make it so too are ordered by wins minus
     losses. Of medians this would test whether units are exchangeable, which they are not where
@@ -65,33 +98,34 @@ def paired_permutation(
     Parameters
     ----------
     sample : Sample
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
     pairs : sequence of (int, int)
         Of variables, both averaged in the same way.
-
-    Returns
-    -------
-    list of PairedTest
     """
     tests: list[PairedTest | None] = [None] * len(pairs)
     many = []
     for index, pair in enumerate(pairs):
-        unlike = [
-            paired_difference(values[pair[0]], values[pair[1]]) != 0 for values in sample.values
-        ]
+        unlike = [part[0] != 0 for part in _differences(sample, np.array([pair]))]
         bits = sum(int(mask.sum()) for mask in unlike)
-        if 2**bits > plan.resamples:
+        if 2**bits > resampling.resamples:
             many.append(index)
         else:
             extreme = _count_extreme(sample, [pair], 2**bits, _every_pattern(unlike))
             tests[index] = PairedTest(int(extreme[0]) / 2**bits, True, 2**bits)
     if many:
         chosen = [pairs[index] for index in many]
-        counts = _count_extreme(sample, chosen, plan.resamples, _random_patterns(sample, plan))
+        counts = _count_extreme(
+            sample, chosen, resampling.resamples, _random_patterns(sample, resampling)
+        )
         for index, extreme in zip(many, counts.tolist(), strict=True):
-            p_value = (extreme + 1) / (plan.resamples + 1)
-            tests[index] = PairedTest(p_value, False, plan.resamples)
+            p_value = (extreme + 1) / (resampling.resamples + 1)
+            tests[index] = PairedTest(p_value, False, resampling.resamples)
     return [test for test in tests if test is not None]
+
+
+def _differences(sample: Sample, pairs: NDArray[np.intp]) -> list[Floats]:
+    """Subtract variables unit by unit: for each group C pairs of its N units, (C, N)."""
+    return [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
 
 
 def _every_pattern(unlike: Sequence[NDArray[np.bool_]]) -> Flips:
@@ -107,8 +141,8 @@ def _every_pattern(unlike: Sequence[NDArray[np.bool_]]) -> Flips:
     return flips
 
 
-def _random_patterns(sample: Sample, plan: ResamplingConfig) -> Flips:
-    keys = [stream_key(plan.seed, "permutation", group) for group in sample.groups]
+def _random_patterns(sample: Sample, resampling: ResamplingConfig) -> Flips:
+    keys = [stream_key(resampling.seed, "permutation", group) for group in sample.groups]
 
     def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
         return sign_flips(sample.values[group].shape[1], first, count, keys[group])
@@ -135,10 +169,7 @@ def _by_signs(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
 ) -> NDArray[np.int64]:
     """For means: a change of places turns the sign of a unit's difference."""
-    differences = [
-        paired_difference(values[pairs[:, 0]], values[pairs[:, 1]]) for values in sample.values
-    ]
-    observed, found = _signed_means(differences, patterns, flips)
+    observed, found = _signed_means(_differences(sample, pairs), patterns, flips)
     return np.asarray((found >= observed[:, None]).sum(axis=1))
 
 
@@ -184,32 +215,14 @@ def _more_wins(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
 ) -> NDArray[np.bool_]:
     """Order infinite differences, which are all alike, by wins minus losses."""
-    signs = [
-        np.sign(paired_difference(values[pairs[:, 0]], values[pairs[:, 1]]))
-        for values in sample.values
-    ]
+    signs = [np.sign(part) for part in _differences(sample, pairs)]
     observed, found = _signed_means(signs, patterns, flips)
     return np.asarray(found >= observed[:, None])
 
 
 def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uint8]) -> Floats:
     first = np.concatenate([kept, 1 - kept])
-    return np.stack(
-        [
-            weighted_averages(pooled, medians, first),
-            weighted_averages(pooled, medians, 1 - first),
-        ]
-    )
-
-
-def is_hit(track: str, score: ScoreColumn) -> bool:
-    """Whether a score is 0 or 1 for each query by its definition, whatever its values are."""
-    return score.unit == "share" and score.key.startswith(_HITS.get(track, ()))
-
-
-def is_share(score: ScoreColumn) -> bool:
-    """Whether a score of queries is a mean of shares from 0 to 1."""
-    return score.unit == "share" and score.average == "mean"
+    return np.stack([weighted_averages(pooled, medians, side) for side in (first, 1 - first)])
 
 
 def p_floor(unlike: int) -> float:
@@ -241,3 +254,41 @@ def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
     # A multiple of a power of 2, which `bdtr` misses by a hair: 0.34375 shall not print as 0.3437.
     digits, power = np.frexp(np.minimum(1.0, 2.0 * bdtr(fewer, wins + losses, 0.5)))
     return np.asarray(np.ldexp(np.rint(digits * _P_STEPS) / _P_STEPS, power))
+
+
+def paired_tests(
+    sample: Sample, resampling: ResamplingConfig, places: Sequence[tuple[int, int]]
+) -> tuple[list[Interval], list[PairedTest]]:
+    """Take the interval of paired differences, and test whether they are 0.
+
+    Means by permutation, medians by the interval itself: p of a median is that of the bootstrap's
+    percentile interval, but never below what any test could find on as many units as differ.
+
+    Parameters
+    ----------
+    sample : Sample
+    resampling : ResamplingConfig
+    places : sequence of (int, int)
+        Of variables, both averaged in the same way.
+    """
+    found = sample_intervals(sample, resampling, places, groups=False)
+    by_median = [bool(sample.medians[one]) for one, _ in places]
+    means = [place for place, median in zip(places, by_median, strict=True) if not median]
+    permuted = iter(paired_permutation(sample, resampling, means))
+    tests = [
+        _test_of_medians(sample, place, p_value, resampling) if median else next(permuted)
+        for place, median, p_value in zip(places, by_median, found.p_values, strict=True)
+    ]
+    return found.overall[len(sample.medians) :], tests
+
+
+def _test_of_medians(
+    sample: Sample, place: tuple[int, int], p_value: float | None, resampling: ResamplingConfig
+) -> PairedTest:
+    if p_value is None:
+        return PairedTest(1.0, exact=False, patterns=0, kind="bootstrap")
+    unlike = sum(int((part != 0).sum()) for part in _differences(sample, np.array([place])))
+    least = p_floor(unlike)
+    return PairedTest(
+        max(p_value, least), exact=False, patterns=resampling.resamples, kind="bootstrap"
+    )

@@ -6,13 +6,15 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.core.validation import nearest, read_toml
 from airzoo_bench.tables.model import Cell, Row, Table
 
 __all__ = [
     "BY_NAME",
+    "add_citations",
     "add_gains",
     "cite",
     "highlight",
@@ -124,7 +126,7 @@ def _pairs(table: Table, text: str) -> list[tuple[int, int]]:
 
 
 def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
-    """Write the gains of rows over their baselines beside the values.
+    """Write the gains of rows over their baselines next to the values.
 
     A gain is the difference of the values as they are printed, so that a reader who subtracts
     finds it; there is none where a value is missing or infinite. It is signed as it is: a smaller
@@ -182,7 +184,7 @@ def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = Fals
     ----------
     table : Table
     keys : mapping of str to str
-        Keys of a bibliography, by method; several are separated by commas, blanks beside which
+        Keys of a bibliography, by method; several are separated by commas, blanks next to which
         are left out.
     names_must_exist : bool
         Whether a name that no row has is a mistake.
@@ -239,3 +241,53 @@ def _unknown(name: str, names: list[str], option: str) -> UsageError:
         where=option,
         expected="one of " + ", ".join(names[:20]),
     )
+
+
+def add_citations(
+    table: Table, given: Sequence[str], sources: Mapping[str, Mapping[str, str]]
+) -> Table:
+    """Attach citations; what is given later goes before what was given earlier.
+
+    Parameters
+    ----------
+    table : Table
+    given : sequence of str
+        Each ``METHOD=KEY``, a ``.toml`` file with a key for each method, at its top or under
+        ``[citations]``, or the name of a source.
+    sources : mapping of str to mapping of str to str
+        The citations of each source.
+
+    Raises
+    ------
+    UsageError
+        One is none of these, a file cannot be read, or a key is none.
+    """
+    keys: dict[str, str] = {}
+    named: dict[str, str] = {}
+    for text in given:
+        method, sign, key = text.rpartition("=")
+        if text.endswith(".toml"):
+            keys |= _read(Path(text))
+        elif text in sources:
+            keys |= sources[text]
+        elif sign and method:
+            named[method] = key
+        else:
+            raise UsageError(
+                f"--cite {text[:80]!r} is no citation",
+                expected="METHOD=KEY, a .toml file, or one of " + ", ".join(sources),
+            )
+    cite(table, named, names_must_exist=True)
+    return cite(table, keys | named)
+
+
+def _read(path: Path) -> dict[str, str]:
+    content = read_toml(path, UsageError, "file of citations")
+    found = content.get("citations", content)
+    if not isinstance(found, dict) or not all(isinstance(key, str) for key in found.values()):
+        raise UsageError(
+            "holds something else than citation keys",
+            where=path,
+            expected='a line such as "MegaLoc" = "berton2025megaloc" for each method',
+        )
+    return found

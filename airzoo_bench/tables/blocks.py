@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
 
-from airzoo_bench.tables.latex_width import PAGE, latex_width
+from airzoo_bench.tables.latex_text import PAGE, latex_width
 from airzoo_bench.tables.model import Row, Table
 
 __all__ = ["as_asked", "by_block", "by_count", "by_width", "leading_columns", "units"]
@@ -45,7 +45,7 @@ def by_count(table: Table) -> list[Table]:
     """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole.
 
     Unless their number is fixed there are fewer, down to one, where they would have more than
-    twelve columns; and down to two, as papers have them, where with what stands beside the numbers
+    twelve columns; and down to two, as papers have them, where with what follows the numbers
     they would be wider than a page.
     """
     return [piece for part in by_block(table) for piece in _counted(part)]
@@ -72,7 +72,9 @@ def as_asked(table: Table) -> list[Table]:
     return by_count(table) if table.fixed else by_block(table)
 
 
-def by_width(table: Table, measure: Callable[[list[int]], int], room: int, gap: int) -> list[Table]:
+def by_width(
+    table: Table, measure: Callable[[list[int]], int], room: int, space: int
+) -> list[Table]:
     """Split a table into pieces that fit a width, wherever a single score does.
 
     A group that is too wide by itself is broken between its columns.
@@ -84,17 +86,17 @@ def by_width(table: Table, measure: Callable[[list[int]], int], room: int, gap: 
         From columns that stand together to their width.
     room : int
         For a piece, with its leading columns.
-    gap : int
+    space : int
         Between columns or units.
     """
-    taken = sum(measure([index]) + gap for index in range(leading_columns(table)))
+    taken = sum(measure([index]) + space for index in range(leading_columns(table)))
     # A very long name shall not put every score into a block of its own.
     left = max(room - taken, room // 2)
     pieces: list[list[list[int]]] = []
     used = 0
     for unit in _broken(units(table), measure, left):
         width = measure(unit)
-        used += gap + width
+        used += space + width
         if not pieces or used > left:
             pieces.append([])
             used = width

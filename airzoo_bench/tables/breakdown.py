@@ -92,12 +92,8 @@ def condition_names(method: Scored) -> list[str]:
         if is_condition(name)
         and name not in scores
         and records[name].nunique(dropna=False) > 1
-        and _groupable(records[name])
+        and (_is_number(records[name]) or records[name].nunique() <= _MOST_CATEGORIES)
     ]
-
-
-def _groupable(column: pd.Series[str]) -> bool:
-    return _is_number(column) or column.nunique() <= _MOST_CATEGORIES
 
 
 def condition_title(name: str) -> str:

@@ -13,10 +13,11 @@ from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.results.sampling import pooled_sample
 from airzoo_bench.statistics.intervals import FEWEST, Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import is_share
+from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.breakdown import (
     Grouping,
     condition_title,
@@ -25,10 +26,10 @@ from airzoo_bench.tables.breakdown import (
     number_texts,
 )
 from airzoo_bench.tables.method_table import UNITS
-from airzoo_bench.tables.model import Cell, Column, Row, Table, mark_best
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.wording import (
     brackets_note,
-    by_reason,
+    notes_by_reason,
     score_cell,
     score_title,
 )
@@ -48,24 +49,6 @@ class _Variables:
         return [(score, method) for score in self.scores for method in self.methods]
 
     @property
-    def values(self) -> Floats:
-        columns = [m.records[s.key].to_numpy(np.float64) for s, m in self.all]
-        return np.array(columns).reshape(len(columns), -1)
-
-    @property
-    def by_median(self) -> NDArray[np.bool_]:
-        # Scenes are averaged by their mean, whatever the average within a scene.
-        of_scenes = self.unit == "scene"
-        return np.array([s.average == "median" and not of_scenes for s, _ in self.all], np.bool_)
-
-    @property
-    def sample(self) -> Sample:
-        """All records as one group."""
-        of_queries = self.unit == "query"
-        shares = np.array([is_share(s) and of_queries for s, _ in self.all], np.bool_)
-        return Sample(self.unit, ("",), (self.values,), self.by_median, shares)
-
-    @property
     def unit(self) -> str:
         return self.methods[0].result.unit
 
@@ -80,7 +63,7 @@ def breakdown_table(
     by: str,
     *,
     bins: Sequence[float] | None = None,
-    plan: ResamplingConfig | None = None,
+    resampling: ResamplingConfig | None = None,
 ) -> Table:
     """Lay out scores by group: over all queries of the group, whatever their scene.
 
@@ -92,7 +75,7 @@ def breakdown_table(
     scores : sequence of ScoreColumn
     by, bins
         See `group_records`.
-    plan : ResamplingConfig, optional
+    resampling : ResamplingConfig, optional
         Of the intervals, within each group; none where left out.
 
     Raises
@@ -103,22 +86,25 @@ def breakdown_table(
     _check_shared(methods, by)
     grouping = group_records(methods[0].records, by, bins, keep_empty=True)
     shown = _Variables(methods, scores)
-    averages = group_averages(shown.values, shown.by_median, grouping.codes, len(grouping.labels))
+    sample = pooled_sample(methods, scores)
+    averages = group_averages(
+        sample.values[0], sample.medians, grouping.codes, len(grouping.labels)
+    )
     intervals: list[list[Interval]] = []
-    if plan is not None:
-        intervals = group_intervals(shown.sample, grouping, plan)
+    if resampling is not None:
+        intervals = group_intervals(sample, grouping, resampling)
     labels = _labels(methods[0], grouping)
-    about = [] if plan is None else _about_intervals(shown, labels, intervals, plan)
+    about = [] if resampling is None else _about_intervals(shown, labels, intervals, resampling)
     table = Table(
         _title(shown, by),
-        (Column(condition_title(by)), Column(shown.plural.capitalize()), *_heads(shown)),
+        (Column(condition_title(by)), Column(shown.plural.capitalize()), *_columns(shown)),
         tuple(
             _rows(shown, zip(labels, grouping.counts.tolist(), strict=True), averages, intervals)
         ),
         (
             *_how(shown, by),
             *_range(methods[0], grouping, shown.plural),
-            *_infinite(shown, averages),
+            *_infinite(sample.medians, averages),
             *about,
         ),
         leading=2,
@@ -156,7 +142,7 @@ def _check_shared(methods: Sequence[Scored], by: str) -> None:
             )
 
 
-def _heads(shown: _Variables) -> list[Column]:
+def _columns(shown: _Variables) -> list[Column]:
     several = len(shown.methods) > 1
     group = len(shown.scores) > 1 and several
     return [
@@ -201,18 +187,18 @@ def _range(method: Scored, grouping: Grouping, units: str) -> list[str]:
     return [f"bins without {units}: {condition_title(grouping.by)} is from {low} to {high}"]
 
 
-def _infinite(shown: _Variables, averages: Floats) -> list[str]:
+def _infinite(by_median: NDArray[np.bool_], averages: Floats) -> list[str]:
     infinite = np.isinf(averages).any(axis=1)
     notes = []
-    if (infinite & shown.by_median).any():
+    if (infinite & by_median).any():
         notes.append("inf: half of the group or more failed, so its median is infinite")
-    if (infinite & ~shown.by_median).any():
+    if (infinite & ~by_median).any():
         notes.append("inf: one of the group or more failed, so its mean is infinite")
     return notes
 
 
 def group_intervals(
-    sample: Sample, grouping: Grouping, plan: ResamplingConfig
+    sample: Sample, grouping: Grouping, resampling: ResamplingConfig
 ) -> list[list[Interval]]:
     """Take the intervals of averages within groups, resampled within each group.
 
@@ -221,7 +207,7 @@ def group_intervals(
     sample : Sample
         V variables of all records, as one group.
     grouping : Grouping
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
 
     Returns
     -------
@@ -233,7 +219,7 @@ def group_intervals(
     filled = [group for group, count in enumerate(counts.values()) if count]
     parts = tuple(np.ascontiguousarray(values[:, grouping.codes == group]) for group in filled)
     named = tuple(grouping.labels[group] for group in filled)
-    found = sample_intervals(replace(sample, groups=named, values=parts), plan).groups
+    found = sample_intervals(replace(sample, groups=named, values=parts), resampling).groups
     few = f"fewer than {FEWEST} {plural(unit)}"
     nothing = [Interval(None, None, "")] * len(values)
     return [
@@ -246,18 +232,18 @@ def _about_intervals(
     shown: _Variables,
     labels: Sequence[str],
     intervals: list[list[Interval]],
-    plan: ResamplingConfig,
+    resampling: ResamplingConfig,
 ) -> list[str]:
     alone = len(shown.methods) == 1
-    reasons = by_reason(
+    reasons = (
         (interval.reason, score, label if alone else f"{label} ({method.name})")
         for label, found in zip(labels, intervals, strict=True)
         for interval, (score, method) in zip(found, shown.all, strict=True)
     )
     within = f"{shown.plural} within each group"
     return [
-        *(f"{names}: no interval; {reason}" for reason, names in reasons.items() if reason),
-        *brackets_note([i for found in intervals for i in found], plan, within),
+        *notes_by_reason(reasons, "no interval; "),
+        *brackets_note([i for found in intervals for i in found], resampling, within),
     ]
 
 
@@ -268,9 +254,9 @@ def _best_of_rows(table: Table, shown: _Variables) -> Table:
     for row in table.rows:
         cells = list(row.cells[:2])
         for number, score in enumerate(shown.scores):
-            head = Column("", "", score.higher_is_better)
+            column = Column("", "", score.higher_is_better)
             part = row.cells[2 + number * count : 2 + (number + 1) * count]
-            turned = mark_best(Table("", (head,), tuple(Row((cell,)) for cell in part)))
+            turned = mark_best(Table("", (column,), tuple(Row((cell,)) for cell in part)))
             cells += [marked.cells[0] for marked in turned.rows]
         rows.append(replace(row, cells=tuple(cells)))
     return replace(table, rows=tuple(rows))

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 
 from airzoo_bench.core.plurals import agreeing, counted, plural
 from airzoo_bench.results.comparable import first_names
-from airzoo_bench.statistics.comparison import Comparison, Pair
-from airzoo_bench.statistics.corrections import LEVEL
+from airzoo_bench.results.comparison import Comparison, Pair
+from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.model import Cell, Column, Row, Table
-from airzoo_bench.tables.verdicts import (
-    LEAST_P,
-    disagreement,
-    sentence,
-    verdict,
-)
+from airzoo_bench.tables.verdicts import LEAST_P, disagreement, sentence, verdict
 from airzoo_bench.tables.wording import (
     brackets_note,
-    by_reason,
+    notes_by_reason,
     resampled,
     score_cell,
     score_title,
@@ -31,8 +26,8 @@ _SENTENCES = 4
 _NAMES = 6
 _VERDICTS = ("better", "worse", "unclear", "equal")
 
-_HEADS = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
-_HEADS_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
+_TITLES = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
+_TITLES_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
 _TESTS = ("Paired", "Holm", "McNemar")
 _COMPARED = {"unclear": "unclear against", "equal": "equal to"}
 
@@ -57,7 +52,7 @@ def comparison_table(comparison: Comparison) -> Table:
             *_findings(pairs, comparison),
             *_disagreements(pairs, comparison),
             *_undecidable(pairs, comparison),
-            *_without_interval(pairs, comparison),
+            *_notes(pairs, comparison, "no interval; ", lambda pair: pair.interval.reason),
             *comparison.notes,
             *_methods(comparison),
         ),
@@ -71,7 +66,7 @@ def comparison_table(comparison: Comparison) -> Table:
 def _columns(comparison: Comparison) -> tuple[Column, ...]:
     unit = plural(comparison.unit).capitalize()
     return (
-        *map(Column, _HEADS_OF_ONE if comparison.of_one else _HEADS),
+        *map(Column, _TITLES_OF_ONE if comparison.of_one else _TITLES),
         *(Column(title, decimals=4, group="p") for title in _TESTS),
         *(Column(title, group=unit) for title in ("Win", "Tie", "Loss")),
     )
@@ -125,7 +120,7 @@ def _findings(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     scores = list(dict.fromkeys(pair.score for pair in pairs))
     decidable = [pair for pair in pairs if verdict(pair) != "too few"]
     if _has_sentences(pairs):
-        return [sentence(pair, comparison.plan) for pair in decidable]
+        return [sentence(pair, comparison.resampling) for pair in decidable]
     if len(pairs) == len(scores):
         parts = _by_verdict(decidable, [pair.score.title for pair in decidable])
         said = "; ".join(f"{word} on {names}" for word, names in parts)
@@ -156,25 +151,25 @@ def _by_verdict(pairs: Sequence[Pair], names: Sequence[str]) -> list[tuple[str, 
     return [(word, first_names(found[word], _NAMES)) for word in _VERDICTS if word in found]
 
 
-def _disagreements(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
+def _notes(
+    pairs: Sequence[Pair], comparison: Comparison, prefix: str, why: Callable[[Pair], str]
+) -> list[str]:
+    """Say why of the pairs for which there is a reason, those that share one together."""
+    reasons = [(why(pair), pair.score, comparison.other(pair)) for pair in pairs]
+    return notes_by_reason(reasons, prefix, "against" if comparison.of_one else "of")
+
+
+def _disagreements(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say where verdict and interval point different ways, unless sentences do."""
-    if _has_sentences(pairs):
-        return
-    entries = [
-        (f"{verdict(pair)}, but {doubt}" if doubt else "", pair.score, comparison.other(pair))
-        for pair in pairs
-        for doubt in [disagreement(pair)]
-    ]
-    for reason, names in by_reason(entries, _linked(comparison)).items():
-        if reason:
-            yield f"{names}: {reason}"
+
+    def why(pair: Pair) -> str:
+        doubt = disagreement(pair)
+        return f"{verdict(pair)}, but {doubt}" if doubt else ""
+
+    return [] if _has_sentences(pairs) else _notes(pairs, comparison, "", why)
 
 
-def _linked(comparison: Comparison) -> str:
-    return "against" if comparison.of_one else "of"
-
-
-def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
+def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say where too few units differ for any test."""
 
     def why(pair: Pair) -> str:
@@ -186,25 +181,15 @@ def _undecidable(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]
         differ = f"only {counted(count, comparison.unit)} {agreeing(count, 'differs', 'differ')}"
         return f"{differ}, so p {agreeing(count, 'is', 'cannot be below')} {pair.p_floor:g}"
 
-    entries = ((why(pair), pair.score, comparison.other(pair)) for pair in pairs)
-    for reason, names in by_reason(entries, _linked(comparison)).items():
-        if reason:
-            yield f"{names}: too few to tell; {reason}"
-
-
-def _without_interval(pairs: Sequence[Pair], comparison: Comparison) -> Iterator[str]:
-    entries = ((pair.interval.reason, pair.score, comparison.other(pair)) for pair in pairs)
-    for reason, names in by_reason(entries, _linked(comparison)).items():
-        if reason:
-            yield f"{names}: no interval; {reason}"
+    return _notes(pairs, comparison, "too few to tell; ", why)
 
 
 def _methods(comparison: Comparison) -> list[str]:
-    pairs, plan = comparison.pairs, comparison.plan
+    pairs, resampling = comparison.pairs, comparison.resampling
     drawn = resampled(comparison.unit)
     intervals = [pair.interval for pair in pairs]
     return [
-        *brackets_note(intervals, plan, drawn, "intervals of the difference"),
+        *brackets_note(intervals, resampling, drawn, "intervals of the difference"),
         f"p: {_tests(comparison)}; {_correction(comparison)}"
         + ("; McNemar exact, for hits" if any(p.p_mcnemar is not None for p in pairs) else ""),
         *_too_coarse(comparison),
@@ -213,18 +198,18 @@ def _methods(comparison: Comparison) -> list[str]:
 
 def _tests(comparison: Comparison) -> str:
     kinds = {pair.test.kind for pair in comparison.pairs}
-    plan, said = comparison.plan, []
+    resampling, said = comparison.resampling, []
     if "permutation" in kinds:
         said.append(f"paired permutation, two-sided, {_patterns(comparison)}")
     if "bootstrap" in kinds:
         of_medians = f"{'of medians ' * bool(said)}paired bootstrap, two-sided"
-        said.append(f"{of_medians}, {plan.resamples} resamples, seed {plan.seed}")
+        said.append(f"{of_medians}, {resampling.resamples} resamples, seed {resampling.seed}")
     return "; ".join(said)
 
 
 def _patterns(comparison: Comparison) -> str:
     exact = {pair.test.exact for pair in comparison.pairs if pair.test.kind == "permutation"}
-    some = f"{comparison.plan.resamples} random patterns, seed {comparison.plan.seed}"
+    some = f"{comparison.resampling.resamples} random patterns, seed {comparison.resampling.seed}"
     tried = {True: "all patterns", False: some}
     return tried[exact.pop()] if len(exact) == 1 else f"all patterns or {some}"
 
@@ -245,7 +230,7 @@ def _too_coarse(comparison: Comparison) -> list[str]:
     if all(pair.test.exact for pair in comparison.pairs):
         return []
     sides = 2 if any(pair.test.kind == "bootstrap" for pair in comparison.pairs) else 1
-    least = sides * comparison.family / (comparison.plan.resamples + 1)
+    least = sides * comparison.family / (comparison.resampling.resamples + 1)
     if least <= LEVEL:
         return []
     needed = math.ceil(sides * comparison.family / LEVEL)

@@ -11,7 +11,7 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import make_sample
+from airzoo_bench.results.sampling import make_sample
 from airzoo_bench.statistics.samples import difference
 from airzoo_bench.tables.breakdown import condition_names, condition_title, number_texts
 from airzoo_bench.tables.method_table import UNITS
@@ -34,7 +34,7 @@ def differences_table(
     """List the queries on which methods differ most by the first score.
 
     Equal differences are ordered by the other scores, then by id. Of two methods the difference
-    is that from the reference, and the conditions of each query stand beside; of more it is that
+    is that from the reference, and the conditions of each query follow; of more it is that
     of the best and the worst.
 
     Parameters
@@ -58,13 +58,18 @@ def differences_table(
     score, two = scores[0], len(methods) == 2
     shown = _shown(methods, score, by_score[0][:, chosen], base)
     named = [(Column(sample.unit.capitalize()), [Cell(name) for name in ids[chosen].tolist()])]
-    columns = named + shown + (_conditions(methods[0], rows[chosen]) if two else [])
+    columns = named + shown
+    if two:
+        columns += [
+            (Column(condition_title(name)), _cells(methods[0], name, rows[chosen]))
+            for name in condition_names(methods[0])
+        ]
     notes = [_how_many(spread[0], score, sample.unit)]
     if two:
         notes.append(f"difference: {methods[1 - base].name} minus {methods[base].name}")
     return Table(
         f"Where the methods differ most on {score.title}",
-        tuple(head for head, _ in columns),
+        tuple(column for column, _ in columns),
         tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True)),
         tuple(notes),
         leading=1,
@@ -81,19 +86,12 @@ def _shown(
         if two
         else difference(values.max(0), values.min(0))
     )
-    heads = [Column(method.name, unit, score.higher_is_better) for method in methods]
-    heads.insert(2 if two else 0, Column("Difference" if two else "Best to worst", unit))
+    titles = [Column(method.name, unit, score.higher_is_better) for method in methods]
+    titles.insert(2 if two else 0, Column("Difference" if two else "Best to worst", unit))
     numbers = np.insert(values, 2 if two else 0, amounts, axis=0).tolist()
     return [
-        (head, [score_cell(score, number) for number in row])
-        for head, row in zip(heads, numbers, strict=True)
-    ]
-
-
-def _conditions(method: Scored, rows: NDArray[np.intp]) -> list[_Filled]:
-    return [
-        (Column(condition_title(name)), _cells(method, name, rows))
-        for name in condition_names(method)
+        (column, [score_cell(score, number) for number in row])
+        for column, row in zip(titles, numbers, strict=True)
     ]
 
 

@@ -14,11 +14,16 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from airzoo_bench.tables.blocks import by_block, by_count, leading_columns
-from airzoo_bench.tables.latex_document import document
-from airzoo_bench.tables.latex_float import LatexStyle, needs, placed
-from airzoo_bench.tables.latex_numbers import NumberFormat, beside, is_number, number_format
-from airzoo_bench.tables.latex_text import escape, math_minus
-from airzoo_bench.tables.latex_width import text_width
+from airzoo_bench.tables.latex_float import LatexStyle, document, needs, stacked
+from airzoo_bench.tables.latex_text import (
+    NumberFormat,
+    escape,
+    is_number,
+    math_minus,
+    number_format,
+    suffix_text,
+    text_width,
+)
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 __all__ = ["LatexStyle", "latex"]
@@ -60,19 +65,14 @@ def latex(table: Table, style: LatexStyle | None = None) -> str:
 
     A last block with fewer groups is stretched to the full width where that is a multiple of its
     own, as the paper has it for an average.
-
-    Parameters
-    ----------
-    table : Table
-    style : LatexStyle, optional
     """
     chosen = style or LatexStyle()
     comments = [plain(table.title), *(note for note in table.notes if note not in table.legend)]
-    head = needs(table, chosen) + "".join(f"% {plain(line)}\n" for line in comments)
+    preamble = needs(table, chosen) + "".join(f"% {plain(line)}\n" for line in comments)
     tabulars = [_tabular(part, chosen) for part in by_block(table)]
     if chosen.standalone:
-        return document(head, tabulars)
-    return head + placed(table, tabulars, chosen)
+        return document(preamble, tabulars)
+    return preamble + stacked(table, tabulars, chosen)
 
 
 def _tabular(table: Table, style: LatexStyle) -> str:
@@ -81,7 +81,7 @@ def _tabular(table: Table, style: LatexStyle) -> str:
     lines = [rf"\begin{{tabular}}{{{''.join(widest.types)}}}", r"\toprule"]
     for number, piece in enumerate(pieces):
         lines += [r"\midrule"] * bool(number)
-        lines += [*_group_heads(piece), _head(piece), r"\midrule", *_body(piece)]
+        lines += [*_group_lines(piece), _title_line(piece), r"\midrule", *_body(piece)]
     lines += [r"\bottomrule", *_legend(table, pieces), r"\end{tabular}"]
     return "\n".join(lines) + "\n"
 
@@ -104,8 +104,8 @@ def _legend(table: Table, pieces: list[_Piece]) -> list[str]:
 
 def _letters(table: Table) -> int:
     """Estimate how many letters of a footnote are as wide as a table."""
-    heads = [column.title + column.title_suffix for column in table.columns]
-    widest = [max(map(len, texts)) for texts in zip(heads, *table.texts(), strict=True)]
+    titles = [column.title + column.title_suffix for column in table.columns]
+    widest = [max(map(len, texts)) for texts in zip(titles, *table.texts(), strict=True)]
     widest[0] += _CITATION * any(row.cells[0].cite for row in table.rows)
     return round(_PER_LETTER * sum(widest) + _PER_GAP * (len(widest) - 1))
 
@@ -115,7 +115,7 @@ def _pieces(table: Table, style: LatexStyle) -> list[_Piece]:
     leading = leading_columns(table)
     room = max(len(piece.columns) for piece in tables) - leading
     cells = [cell for row in table.rows for cell in row.cells]
-    # With something beside the numbers these are centred, as in the paper.
+    # With something next to the numbers these are centred, as in the paper.
     centred = any(cell.gain is not None or cell.uncertainty for cell in cells)
     pieces = []
     for piece in tables:
@@ -148,7 +148,7 @@ def _types(
 
 
 def _stands_alone(piece: Table, index: int) -> bool:
-    """Whether a column is its whole group, and the head of such a one is wider than it."""
+    """Whether a column is its whole group, and the title of such a one is wider than it."""
     groups = [column.group for column in piece.columns]
     lone = [c for c in piece.columns if c.group and groups.count(c.group) == 1]
     return piece.columns[index] in lone and any(
@@ -156,37 +156,30 @@ def _stands_alone(piece: Table, index: int) -> bool:
     )
 
 
-def _group_heads(piece: _Piece) -> list[str]:
+def _group_lines(piece: _Piece) -> list[str]:
     columns = piece.table.columns[piece.leading :]
     if not any(column.group for column in columns):
         return []
-    heads, rules, at = [""] * piece.leading, [], piece.leading + 1
+    titles, rules, at = [""] * piece.leading, [], piece.leading + 1
     for group, members in groupby(columns, key=lambda column: column.group):
         width = len(list(members)) * piece.span
         named = rf"\multicolumn{{{width}}}{{c}}{{{_bold(escape(group))}}}"
-        heads += [named] if group else [""] * width
+        titles += [named] if group else [""] * width
         rules += [rf"\cmidrule(lr){{{at}-{at + width - 1}}}"] if group else []
         at += width
-    return [_line(piece, heads), "".join(rules)]
+    return [_line(piece, titles), "".join(rules)]
 
 
-def _head(piece: _Piece) -> str:
-    heads = []
+def _title_line(piece: _Piece) -> str:
+    titles = []
     for index, column in enumerate(piece.table.columns):
-        text = _bold(escape(column.title)) + _beside_title(column) + _room(piece, index)
-        heads.append(_spanned(piece, index, _braced(piece, index, text), "c"))
-    return _line(piece, heads)
-
-
-def _room(piece: _Piece, index: int) -> str:
-    """Keep the room of what stands beside the numbers free, so that a head is above these."""
-    after = piece.formats[index].after if index in piece.formats else ""
-    return rf"\phantom{{{after}}}" if after else ""
-
-
-def _beside_title(column: Column) -> str:
-    beside_title = escape(column.title_suffix)
-    return f" {beside_title}" if beside_title else ""
+        suffix = escape(column.title_suffix)
+        text = _bold(escape(column.title)) + f" {suffix}" * bool(suffix)
+        # The room of what follows the numbers stays free, so that a title is above these.
+        if index in piece.formats and piece.formats[index].after:
+            text += rf"\phantom{{{piece.formats[index].after}}}"
+        titles.append(_spanned(piece, index, _braced(piece, index, text), "c"))
+    return _line(piece, titles)
 
 
 def _body(piece: _Piece) -> list[str]:
@@ -207,7 +200,7 @@ def _cell(piece: _Piece, index: int, cell: Cell, column: Column, row: Row) -> st
         value = math_minus(escape(cell.text(column.decimals)))
         shown = rf"\underline{{{value}}}" if cell.second else _bold(value) if cell.best else value
         shown = _FLOOR % shown if row.floor else shown
-        text = _braced(piece, index, shown + beside(cell, column.decimals))
+        text = _braced(piece, index, shown + suffix_text(cell, column.decimals))
     if index == 0:
         text += rf"~\cite{{{cell.cite}}}" if cell.cite else ""
         text += _DAGGER if row.reported else ""

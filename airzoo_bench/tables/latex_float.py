@@ -1,4 +1,4 @@
-"""What stands around the tabulars of LaTeX: needed packages, how to use them, float, shrunk box."""
+"""What stands around the tabulars of LaTeX: packages, a float, a shrunk box, or a document."""
 
 from __future__ import annotations
 
@@ -8,16 +8,45 @@ from dataclasses import asdict, dataclass
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.tables.blocks import by_block, by_count, leading_columns, units
-from airzoo_bench.tables.latex_text import escape
-from airzoo_bench.tables.latex_width import COLUMN, PAGE, latex_width
+from airzoo_bench.tables.latex_text import COLUMN, PAGE, escape, latex_width
 from airzoo_bench.tables.model import Table
 
-__all__ = ["LatexStyle", "check_style", "needs", "options_of", "placed"]
+__all__ = ["LatexStyle", "check_style", "document", "needs", "options_of", "stacked"]
 
 _LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9:._/+-]*")
-
 # By TeX itself, which alone knows the width: graphicx gives that of the content as \width.
 _SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+_HEAD = r"""\documentclass{article}
+\usepackage[utf8]{inputenc}
+\usepackage[landscape,margin=1cm]{geometry}
+\usepackage{graphicx}
+\usepackage{booktabs}
+\usepackage[table]{xcolor}
+\usepackage{siunitx}
+\pagestyle{empty}
+\setlength{\parindent}{0pt}
+\renewcommand{\arraystretch}{1.1}
+% Here is no bibliography: keys are printed instead of numbers. The font has no underscore.
+{\catcode`\_=12
+\gdef\keyparts#1_#2\keyend{#1\ifx\relax#2\relax\else\_\keyparts#2\keyend\fi}
+\gdef\cite#1{[\expandafter\keyparts\detokenize{#1}_\keyend]}}
+"""
+_BEGIN = r"""\newsavebox{\tablebox}
+\begin{document}
+"""
+_OPEN = r"""\begin{lrbox}{\tablebox}
+"""
+_CLOSE = r"""\end{lrbox}
+\ifdim\wd\tablebox>\linewidth
+  \sbox{\tablebox}{\resizebox{\linewidth}{!}{\usebox{\tablebox}}}
+\fi
+\ifdim\dimexpr\ht\tablebox+\dp\tablebox\relax>\textheight
+  \sbox{\tablebox}{\resizebox*{!}{\textheight}{\usebox{\tablebox}}}
+\fi
+\usebox{\tablebox}
+"""
+_END = r"""\end{document}
+"""
 
 
 @dataclass(frozen=True)
@@ -85,7 +114,7 @@ def needs(table: Table, style: LatexStyle) -> str:
     return f"% needs {' '.join(packages)}\n"
 
 
-def placed(table: Table, tabulars: Sequence[str], style: LatexStyle) -> str:
+def stacked(table: Table, tabulars: Sequence[str], style: LatexStyle) -> str:
     """Put a table's tabulars under each other: shrunk and in a float where that is asked for.
 
     Parameters
@@ -140,3 +169,26 @@ def _narrower(table: Table) -> str:
     in_groups = all(column.group for column in table.columns[leading_columns(table) :])
     several = in_groups and max(map(len, map(units, by_count(table)))) > 1
     return " (--fit shrinks it" + (", --per-block 1 breaks it)" if several else ")")
+
+
+def document(preamble: str, tabulars: Sequence[str]) -> str:
+    """Return a whole document: a page a tabular, which is shrunk to the page where it is larger.
+
+    Parameters
+    ----------
+    preamble : str
+        Lines of comments.
+    tabulars : sequence of str
+    """
+    letters = sorted({c for c in preamble + "".join(tabulars) if ord(c) > 127})
+    pages = "\\clearpage\n".join(f"{_OPEN}{tabular}{_CLOSE}" for tabular in tabulars)
+    return preamble + _HEAD + "".join(map(_stand_in, letters)) + _BEGIN + pages + _END
+
+
+def _stand_in(letter: str) -> str:
+    """Let pdfLaTeX print the code of a letter that it does not know, instead of stopping."""
+    code = f"{ord(letter):04X}"
+    known = rf"\ifcsname u8:\detokenize{{{letter}}}\endcsname"
+    return rf"\ifdefined\DeclareUnicodeCharacter{known}\else\DeclareUnicodeCharacter{{{code}}}" + (
+        rf"{{[U+{code}]}}\fi\fi" + "\n"
+    )

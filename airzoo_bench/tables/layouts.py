@@ -1,28 +1,52 @@
-"""Layouts of tables of methods: by average, by scene, and over several benchmarks."""
+"""Layouts of results: one by scene; methods by average, by scene, and over several benchmarks."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from airzoo_bench.results.comparable import find_scene
-from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.benchmark_titles import benchmark_titles
-from airzoo_bench.tables.method_table import OVERALL, MethodRow, MethodTable, score_column
-from airzoo_bench.tables.model import Cell, Column, Row, Table
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.results.result import Reference, Result, ScoreColumn
+from airzoo_bench.results.selection import find_scene
+from airzoo_bench.tables.best_marks import mark_best
+from airzoo_bench.tables.method_table import (
+    OVERALL,
+    MethodRow,
+    MethodTable,
+    as_shown,
+    identity,
+    method_table,
+    score_column,
+    shown_values,
+)
+from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty
+from airzoo_bench.tables.wording import units_note
 
-__all__ = ["AVERAGE", "benchmarks_layout", "methods_layout", "scenes_layout"]
+__all__ = [
+    "AVERAGE",
+    "POOLED",
+    "benchmarks_layout",
+    "methods_layout",
+    "methods_table",
+    "scenes_layout",
+    "scenes_table",
+]
 
 AVERAGE = "Average"
-"""The head of the average over scenes, where scenes stand side by side."""
+"""The title of the average over scenes."""
+
+POOLED = "Pooled"
+"""The row of means over all queries, whatever their scene."""
+
+_Key = tuple[str, bool, bool, int]  # name, whether reported, whether a floor, number of that kind
 
 
-def methods_layout(board: MethodTable, scene: str | None = None) -> Table:
+def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
     """Lay out a row a method, a column a score: of the average over scenes, or of one scene.
 
     Parameters
     ----------
-    board : MethodTable
+    methods : MethodTable
     scene : str, optional
         Id or title.
 
@@ -31,23 +55,28 @@ def methods_layout(board: MethodTable, scene: str | None = None) -> Table:
     ResultError
         There is no such scene, or several have that title.
     """
-    key = OVERALL if scene is None else find_scene(board.scenes, scene)
-    columns = (Column("Method"), *map(score_column, board.scores))
-    cells = [[entry.cell(key, score) for score in board.scores] for entry in board.entries]
-    title = f"{board.title}, {board.scenes.get(key, 'average over scenes')}"
+    key = OVERALL if scene is None else find_scene(methods.scenes, scene)
     return Table(
-        title, columns, _rows(board.entries, cells), board.all_notes, legend=board.whole_legend
+        f"{methods.title}, {methods.scenes.get(key, 'average over scenes')}",
+        (Column("Method"), *map(score_column, methods.scores)),
+        _rows(methods, [key]),
+        methods.all_notes,
+        legend=methods.whole_legend,
     )
 
 
 def scenes_layout(
-    board: MethodTable, *, average: bool = True, queries: bool = False, per_block: int | None = None
+    methods: MethodTable,
+    *,
+    average: bool = True,
+    queries: bool = False,
+    per_block: int | None = None,
 ) -> Table:
     """Lay out scenes side by side, the scores under each, and the average over scenes last.
 
     Parameters
     ----------
-    board : MethodTable
+    methods : MethodTable
     average : bool
     queries : bool
         Write the number of queries behind a scene's title.
@@ -55,139 +84,210 @@ def scenes_layout(
         How many scenes stand side by side where a format breaks the table; two by default, or one
         where two would have more than twelve columns.
     """
-    heads = {key: _head(board, key, queries) for key in board.scenes}
+    titles = dict(methods.scenes)
+    if queries:
+        titles |= {key: f"{titles[key]} ({n})" for key, n in methods.queries.items()}
     # Of published scenes alone an average may be printed nowhere.
-    has_average = any(entry.values.get(OVERALL) for entry in board.entries)
-    heads |= {OVERALL: AVERAGE} if average and has_average else {}
-    columns = [score_column(score, head) for head in heads.values() for score in board.scores]
-    cells = [
-        [entry.cell(key, score) for key in heads for score in board.scores]
-        for entry in board.entries
-    ]
+    if average and any(row.values.get(OVERALL) for row in methods.rows):
+        titles[OVERALL] = AVERAGE
+    columns = [score_column(score, title) for title in titles.values() for score in methods.scores]
     return Table(
-        f"{board.title}, by scene",
+        f"{methods.title}, by scene",
         (Column("Method"), *columns),
-        _rows(board.entries, cells),
-        (_units_note(board.scores), *board.all_notes),
+        _rows(methods, list(titles)),
+        (units_note(methods.scores), *methods.all_notes),
         per_block or 2,
         fixed=per_block is not None,
-        legend=board.whole_legend,
+        legend=methods.whole_legend,
     )
 
 
-def benchmarks_layout(boards: Sequence[MethodTable], *, per_block: int | None = None) -> Table:
+def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
+    return tuple(
+        Row(
+            (Cell(row.method), *(c for s in scenes for c in _cells(row, s, methods.scores))),
+            summary=row.floor,
+            reported=row.reported,
+            floor=row.floor,
+        )
+        for row in methods.rows
+    )
+
+
+def benchmarks_layout(parts: Sequence[MethodTable], *, per_block: int | None = None) -> Table:
     """Lay out a row a method and benchmarks side by side, the average of each over its scenes.
 
     Benchmarks of one track follow each other, in the order of the first ones.
 
     Parameters
     ----------
-    boards : sequence of MethodTable
+    parts : sequence of MethodTable
         Each of another protocol.
     per_block : int, optional
         How many benchmarks stand side by side where a format breaks the table; up to four by
         default, as their width allows.
     """
-    tracks = [board.track for board in boards]
-    boards = sorted(boards, key=lambda board: tracks.index(board.track))
-    heads = benchmark_titles(boards)
-    numbered = [_numbered(board.entries) for board in boards]
-    keys = sorted(dict.fromkeys(key for found in numbered for key in found), key=_is_floor)
+    tracks = [part.track for part in parts]
+    parts = sorted(parts, key=lambda part: tracks.index(part.track))
+    titles = _benchmark_titles(parts)
+    numbered = [_numbered(part.rows) for part in parts]
+    keys = sorted(dict.fromkeys(key for found in numbered for key in found), key=lambda key: key[2])
     columns = [
-        score_column(score, head, board.track)
-        for board, head in zip(boards, heads, strict=True)
-        for score in board.scores
+        score_column(score, title, part.track)
+        for part, title in zip(parts, titles, strict=True)
+        for score in part.scores
     ]
-    rows = tuple(_across(key, boards, numbered) for key in keys)
-    scores = [score for board in boards for score in board.scores]
-    said = _notes_of(boards, heads)
-    made_by = [f"{board.title}: {board.identity}" for board in boards if board.identity]
-    title = "Averages over scenes: " + ", ".join(board.title for board in boards)
-    columns = [Column("Method"), *columns]
-    legend = dict.fromkeys(said[note] for board in boards for note in board.whole_legend)
+    notes = _notes(parts, titles)
+    made_by = [f"{part.title}: {part.identity}" for part in parts if part.identity]
     return Table(
-        title,
-        tuple(columns),
-        rows,
-        (_units_note(scores), *said.values(), *made_by),
+        "Averages over scenes: " + ", ".join(part.title for part in parts),
+        (Column("Method"), *columns),
+        tuple(_across(key, parts, numbered) for key in keys),
+        (units_note([s for part in parts for s in part.scores]), *notes.values(), *made_by),
         per_block or 4,
         fixed=per_block is not None,
-        legend=tuple(legend),
+        legend=tuple(dict.fromkeys(notes[note] for part in parts for note in part.whole_legend)),
     )
 
 
-def _notes_of(boards: Sequence[MethodTable], heads: Sequence[str]) -> dict[str, str]:
-    """Return what is said for each note of boards; what is not of all says of which it is."""
-    titles: dict[str, list[str]] = {}
-    for board, head in zip(boards, heads, strict=True):
-        for note in (*board.notes, *board.method_notes):
-            titles.setdefault(note, []).append(head)
-    of_all = {note for board in boards for note in board.legend}
-    of_all |= {note for note, those in titles.items() if len(those) == len(boards)}
-    return {n: n if n in of_all else f"{', '.join(those)}: {n}" for n, those in titles.items()}
+def _notes(parts: Sequence[MethodTable], titles: Sequence[str]) -> dict[str, str]:
+    """Return each note as it is said; one that is not of all benchmarks names its own."""
+    benchmarks: dict[str, list[str]] = {}
+    for part, title in zip(parts, titles, strict=True):
+        for note in (*part.notes, *part.method_notes):
+            benchmarks.setdefault(note, []).append(title)
+    of_all = {note for part in parts for note in part.legend}
+    of_all |= {note for note, those in benchmarks.items() if len(those) == len(parts)}
+    return {n: n if n in of_all else f"{', '.join(those)}: {n}" for n, those in benchmarks.items()}
 
 
-def _rows(entries: Sequence[MethodRow], cells: Sequence[list[Cell]]) -> tuple[Row, ...]:
-    return tuple(
-        Row(
-            (Cell(entry.method), *own),
-            summary=entry.floor,
-            reported=entry.reported,
-            floor=entry.floor,
-        )
-        for entry, own in zip(entries, cells, strict=True)
-    )
-
-
-def _head(board: MethodTable, key: str, queries: bool) -> str:
-    number = board.queries.get(key)
-    counted = queries and number is not None
-    return f"{board.scenes[key]} ({number})" if counted else board.scenes[key]
-
-
-def _units_note(scores: Sequence[ScoreColumn]) -> str:
-    by_unit: dict[str, dict[str, None]] = {}
-    for score in scores:
-        by_unit.setdefault(score_column(score).unit, {})[score.title] = None
-    most = max(by_unit, key=lambda unit: len(by_unit[unit]))
-    rest = by_unit.pop(most)
-    named = [f"{', '.join(titles)} in {unit}" for unit, titles in by_unit.items()]
-    # Where units differ, naming those of the fewer scores is enough.
-    others = "all other scores" if named else ", ".join(rest)
-    return "; ".join([*named, f"{others} in {most}"])
-
-
-_Key = tuple[str, bool, bool, int]
-
-
-def _is_floor(key: _Key) -> bool:
-    return key[2]
-
-
-def _numbered(entries: Sequence[MethodRow]) -> dict[_Key, MethodRow]:
-    """Return entries by what makes them one row across benchmarks: two of one name stay two."""
+def _numbered(rows: Sequence[MethodRow]) -> dict[_Key, MethodRow]:
+    """Return rows by what makes them one across benchmarks: two of one name stay two."""
     seen: Counter[tuple[str, bool, bool]] = Counter()
     found = {}
-    for entry in entries:
-        name = (entry.method, bool(entry.reported), entry.floor)
-        found[(*name, seen[name])] = entry
+    for row in rows:
+        name = (row.method, bool(row.reported), row.floor)
+        found[(*name, seen[name])] = row
         seen[name] += 1
     return found
 
 
 def _across(
-    key: _Key, boards: Sequence[MethodTable], numbered: Sequence[dict[_Key, MethodRow]]
+    key: _Key, parts: Sequence[MethodTable], numbered: Sequence[dict[_Key, MethodRow]]
 ) -> Row:
-    empty = MethodRow(key[0], {})
+    name, _, is_floor, _ = key
+    empty = MethodRow(name, {})
     cells = [
         found.get(key, empty).cell(OVERALL, score)
-        for board, found in zip(boards, numbered, strict=True)
-        for score in board.scores
+        for part, found in zip(parts, numbered, strict=True)
+        for score in part.scores
     ]
     sources = dict.fromkeys(found[key].reported for found in numbered if key in found)
-    return Row(
-        (Cell(key[0]), *cells),
-        summary=_is_floor(key),
-        reported="; ".join(source for source in sources if source),
-        floor=_is_floor(key),
+    reported = "; ".join(filter(None, sources))
+    return Row((Cell(name), *cells), summary=is_floor, reported=reported, floor=is_floor)
+
+
+def _benchmark_titles(parts: Sequence[MethodTable]) -> list[str]:
+    """Return the title of each benchmark, with what tells those of one title apart.
+
+    That is the track, such as in ``AirZoo-Mini, matching``, or else the protocol's name. The title
+    is that of a shipped protocol; a benchmark that has none goes by its name.
+    """
+    protocols = [load_protocol(path) for path in shipped_protocols().values()]
+    # A protocol's title is the benchmark's, and behind a comma what is measured.
+    shipped = {protocol.benchmark: protocol.title.partition(",")[0] for protocol in protocols}
+    names = [shipped.get(part.benchmark, part.benchmark) for part in parts]
+    tracks = [f"{name}, {part.track}" for name, part in zip(names, parts, strict=True)]
+    return [
+        name if names.count(name) == 1 else track if tracks.count(track) == 1 else part.title
+        for name, track, part in zip(names, tracks, parts, strict=True)
+    ]
+
+
+def scenes_table(
+    result: Result,
+    *,
+    every_score: bool = False,
+    scores: Sequence[ScoreColumn] | None = None,
+    uncertainties: Mapping[str, Mapping[str, Uncertainty]] | None = None,
+    floors: bool = False,
+) -> Table:
+    """Lay out one result: a row a scene, the average over scenes, the mean over all queries.
+
+    Parameters
+    ----------
+    result : Result
+    every_score : bool
+        Show all scores instead of the headline ones.
+    scores : sequence of ScoreColumn, optional
+        Show these.
+    uncertainties : mapping of str to mapping of str to Between or PlusMinus, optional
+        By scene, with `OVERALL` for the average, then by score.
+    floors : bool
+        Show what scores without a method below, where the result holds it.
+    """
+    if scores is None:
+        scores = [c for c in result.columns if every_score or c.headline]
+    own = MethodRow("", shown_values(result.columns, result), uncertainties or {})
+    # Where a scene is one query, their number says nothing.
+    counted = "points" if result.unit == "scene" else "queries"
+    titles = result.truth.scene_titles
+    rows = [
+        Row((Cell(titles[s]), Cell(result.counts[s].get(counted)), *_cells(own, s, scores)))
+        for s in result.scenes
+    ]
+    rows.append(Row((Cell(AVERAGE), Cell(None), *_cells(own, OVERALL, scores)), summary=True))
+    total = sum(counts["queries"] for counts in result.counts.values())
+    if total > len(result.scenes):
+        pooled = [Cell(as_shown(score, result.pooled[score.key])) for score in scores]
+        rows.append(Row((Cell(POOLED), Cell(total), *pooled), summary=True))
+    references = result.references if floors else {}
+    for name, reference in references.items():
+        rows += _floor_rows(name, reference, result, scores)
+    meanings = [f"{name}: {reference.meaning}" for name, reference in references.items()]
+    return Table(
+        f"{result.predictions.method} on {result.protocol.name} v{result.protocol.version}",
+        (Column("Scene"), Column(counted.capitalize()), *map(score_column, scores)),
+        tuple(rows),
+        (*meanings, *result.notes, identity(result)),
+        legend=tuple(meanings),
     )
+
+
+def _floor_rows(
+    name: str, reference: Reference, result: Result, scores: Sequence[ScoreColumn]
+) -> list[Row]:
+    row = MethodRow(name, shown_values(result.columns, reference), floor=True)
+    # The average first: the name alone is short, and of one scene it is all there is to say.
+    parts = {OVERALL: name}
+    if len(reference.scenes) > 1:
+        parts |= {scene: f"in {result.truth.scene_titles[scene]}" for scene in result.scenes}
+    return [
+        Row((Cell(title), Cell(None), *_cells(row, scene, scores)), summary=True, floor=True)
+        for scene, title in parts.items()
+    ]
+
+
+def methods_table(
+    results: Sequence[Result], *, every_score: bool = False, scene: str | None = None
+) -> Table:
+    """Lay out several results of one protocol: a row a method, the best marked.
+
+    Parameters
+    ----------
+    results : sequence of Result
+    every_score : bool
+        Show all scores instead of the headline ones.
+    scene : str, optional
+        Show this scene instead of the average over scenes.
+
+    Raises
+    ------
+    ResultError
+        The results are not of one protocol and one truth, or have no such scene.
+    """
+    return mark_best(methods_layout(method_table(results, every_score=every_score), scene))
+
+
+def _cells(row: MethodRow, scene: str, scores: Sequence[ScoreColumn]) -> list[Cell]:
+    return [row.cell(scene, score) for score in scores]

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.results.comparable import check_comparable, version_notes
 from airzoo_bench.results.files import method_names
-from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percent
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from airzoo_bench.tables.published import PublishedTable
 
 __all__ = [
     "OVERALL",
@@ -25,7 +23,7 @@ __all__ = [
     "identity",
     "method_table",
     "score_column",
-    "with_published",
+    "shown_values",
 ]
 
 OVERALL = ""
@@ -41,7 +39,6 @@ class MethodRow:
 
     Attributes
     ----------
-    method : str
     values : mapping of str to mapping of str to float
         By scene, with `OVERALL` for the average, then by score.
     uncertainties : mapping of str to mapping of str to Between or PlusMinus
@@ -72,14 +69,10 @@ class MethodTable:
 
     Attributes
     ----------
-    title : str
-    benchmark, track : str
-    scores : tuple of ScoreColumn
     scenes : mapping of str to str
         Titles by id.
     queries : mapping of str to int
         How many each scene has, where that is known.
-    entries : tuple of MethodRow
     method_notes : tuple of str
         Of the results themselves; each says whose it is.
     notes : tuple of str
@@ -98,7 +91,7 @@ class MethodTable:
     scores: tuple[ScoreColumn, ...]
     scenes: Mapping[str, str]
     queries: Mapping[str, int]
-    entries: tuple[MethodRow, ...]
+    rows: tuple[MethodRow, ...]
     method_notes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     legend: tuple[str, ...] = ()
@@ -116,7 +109,7 @@ class MethodTable:
         return (*self.legend, *self.about_intervals)
 
     def noted(self, *notes: str, legend: bool = False) -> MethodTable:
-        """Return the board with further notes, which may be of the legend."""
+        """Return the table with further notes, which may be of the legend."""
         more = notes if legend else ()
         return replace(self, notes=(*self.notes, *notes), legend=(*self.legend, *more))
 
@@ -124,7 +117,7 @@ class MethodTable:
 def method_table(
     results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
 ) -> MethodTable:
-    """Put results of one protocol and one truth on one board.
+    """Put results of one protocol and one truth into one table of methods.
 
     Parameters
     ----------
@@ -154,7 +147,10 @@ def method_table(
         tuple(scores.values()),
         first.truth.scene_titles,
         {scene: counts["queries"] for scene, counts in first.counts.items()},
-        tuple(_entry(*pair) for pair in zip(names, results, strict=True)),
+        tuple(
+            MethodRow(name, shown_values(result.columns, result))
+            for name, result in zip(names, results, strict=True)
+        ),
         method_notes=_by_note(names, results),
         notes=tuple(version_notes(names, results)),
         identity=identity(first),
@@ -170,14 +166,16 @@ def _by_note(names: Sequence[str], results: Sequence[Result]) -> tuple[str, ...]
     return tuple(f"{', '.join(who)}: {note}" for note, who in methods.items())
 
 
-def _entry(name: str, result: Result) -> MethodRow:
-    by_key = {column.key: column for column in result.columns}
-    parts = {OVERALL: result.overall} | result.scenes
-    values = {
+def shown_values(
+    scores: Sequence[ScoreColumn], numbers: Result | Reference
+) -> dict[str, dict[str, float]]:
+    """Return scores as tables show them, by scene, with `OVERALL` for the average, then by key."""
+    by_key = {score.key: score for score in scores}
+    parts = {OVERALL: numbers.overall} | numbers.scenes
+    return {
         scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
         for scene, part in parts.items()
     }
-    return MethodRow(name, values)
 
 
 def as_shown(score: ScoreColumn, value: float) -> float:
@@ -186,7 +184,7 @@ def as_shown(score: ScoreColumn, value: float) -> float:
 
 
 def score_column(score: ScoreColumn, group: str = "", block: str = "") -> Column:
-    """Return the head of a score's column."""
+    """Return a score's column."""
     unit = UNITS[score.unit]
     return Column(score.title, unit, score.higher_is_better, group=group, block=block)
 
@@ -197,91 +195,3 @@ def identity(result: Result) -> str:
         f"protocol {result.protocol.fingerprint[:12]}, truth {result.truth.fingerprint[:12]}, "
         f"airzoo-bench {result.versions['airzoo-bench']}"
     )
-
-
-def with_published(
-    board: MethodTable,
-    tables: Sequence[PublishedTable],
-    *,
-    by_scene: bool,
-    average: bool = True,
-    elsewhere: Sequence[str] = (),
-) -> MethodTable:
-    """Put the rows of published tables before a board's own.
-
-    A source may print an average twice and differently. An average alone is taken from the tables
-    of averages, if there are any, and scenes with their average from the tables by scene; a note
-    names the methods whose other average differs. Where those by scene print none, the average is
-    that of the tables of averages.
-
-    Parameters
-    ----------
-    board : MethodTable
-    tables : sequence of PublishedTable
-        Of the board's benchmark and track; scores that the board lacks are left out.
-    by_scene : bool
-        Whether scenes are to be shown.
-    average : bool
-        Whether the average is to be shown: else nothing need be said of another one.
-    elsewhere : sequence of str
-        The benchmarks that something is published on, to be named where nothing is on this one.
-    """
-    scenic = [table for table in tables if table.has_scenes]
-    plain = [table for table in tables if not table.has_scenes]
-    chosen = scenic if by_scene else plain or scenic
-    if not chosen:
-        what = "by scene " if by_scene else ""
-        note = f"nothing is published {what}on {board.benchmark} ({board.track})"
-        others = [name for name in elsewhere if name != board.benchmark]
-        return board.noted(note + (f", but on {', '.join(others)}" if others else ""))
-    entries = tuple(entry for table in chosen for entry in _reported(board, table))
-    if by_scene and average:
-        entries = tuple(_with_average(board, entry, plain) for entry in entries)
-    pairs = [(table, other) for table in chosen for other in tables] if average else []
-    notes = [_disagreement(board, table, other) for table, other in pairs]
-    board = replace(board, entries=(*entries, *board.entries))
-    return board.noted(*filter(None, notes), legend=True)
-
-
-def _with_average(
-    board: MethodTable, entry: MethodRow, tables: Sequence[PublishedTable]
-) -> MethodRow:
-    """Fill in an average that the tables by scene do not print, and say from where it is."""
-    if OVERALL in entry.values:
-        return entry
-    others = (one for table in tables for one in _reported(board, table))
-    found = next((one for one in others if one.method == entry.method), None)
-    if found is None:
-        return entry
-    values = {**entry.values, OVERALL: found.values[OVERALL]}
-    return replace(entry, values=values, reported=f"{entry.reported}; average: {found.reported}")
-
-
-def _reported(board: MethodTable, table: PublishedTable) -> list[MethodRow]:
-    keys = {title: key for key, title in board.scenes.items()} | {OVERALL: OVERALL}
-    known = {score.key for score in board.scores}
-    return [
-        MethodRow(
-            method,
-            {
-                keys[title]: {key: value for key, value in values.items() if key in known}
-                for title, values in scenes.items()
-                if title in keys
-            },
-            reported=f"{table.source}, {table.label}",
-        )
-        for method, scenes in table.values.items()
-    ]
-
-
-def _disagreement(board: MethodTable, table: PublishedTable, other: PublishedTable) -> str:
-    shown = [score.key for score in board.scores]
-    differ = [
-        method
-        for method, scenes in table.values.items()
-        for here, there in [(scenes.get(OVERALL, {}), other.average_of(method))]
-        if any(key in here and there.get(key, here[key]) != here[key] for key in shown)
-    ]
-    if not differ:
-        return ""
-    return f"{other.label} of the same source prints another average of {', '.join(differ)}"

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-from airzoo_bench.tables.numbers import share_to_percent, show_number
+from dataclasses import dataclass
+from typing import Literal
 
 __all__ = [
     "FLOOR",
@@ -18,13 +16,13 @@ __all__ = [
     "Row",
     "Table",
     "Uncertainty",
-    "best_texts",
-    "mark_best",
+    "is_wide",
     "plain",
     "share_to_percent",
     "show_number",
 ]
 
+_LARGEST = 1e9  # shown with all its digits
 REPORTED = "reported, not re-scored"
 """What every row says whose numbers somebody else has printed."""
 
@@ -32,6 +30,27 @@ FLOOR = "what scores without a method"
 """What rows are called that are of no method."""
 
 _DAGGER = "†"
+
+
+def share_to_percent(value: float) -> float:
+    """Turn a share into percent."""
+    return 100.0 * value
+
+
+def is_wide(value: float | int | str | None) -> bool:
+    """Whether a number is so large that only powers of ten keep its width bounded."""
+    return isinstance(value, float) and abs(value) >= _LARGEST
+
+
+def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> str:
+    """Return a number with so many digits after the point, an infinite one as ``inf``.
+
+    From 1e9 on, the digits are those before a power of ten, such as ``1.00e+200``. What rounds to
+    zero is not negative; with the sign "+" all other numbers have one.
+    """
+    if math.isinf(value):
+        return "inf" if value > 0 else "-inf"
+    return f"{value:{sign}z.{decimals}{'e' if is_wide(value) else 'f'}}"
 
 
 @dataclass(frozen=True)
@@ -62,13 +81,12 @@ Uncertainty = Between | PlusMinus
 
 @dataclass(frozen=True)
 class Column:
-    """A column's head.
+    """A column's title and how its numbers are shown.
 
     Attributes
     ----------
-    title : str
     unit : str
-        Shown beside the title; empty for none.
+        Shown after the title; empty for none.
     higher_is_better : bool or None
         None for what is not a score.
     decimals : int
@@ -102,11 +120,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Cell:
-    """A value, its rank in the column, and what stands beside it.
+    """A value, its rank in the column, and what follows it.
 
     Attributes
     ----------
-    value : float, int, str or None
     best, second : bool
         Whether it is the best or the second best of its column.
     gain : float, optional
@@ -143,7 +160,7 @@ class Cell:
         return show_number(self.value, decimals)
 
     def suffix(self, decimals: int) -> list[str]:
-        """Return what stands beside the value: uncertainty, then gain."""
+        """Return what follows the value: uncertainty, then gain."""
         parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
         return (
             parts if self.gain is None else [*parts, f"({show_number(self.gain, decimals, '+')})"]
@@ -156,7 +173,6 @@ class Row:
 
     Attributes
     ----------
-    cells : tuple of Cell
     summary : bool
         Set apart from the rows above it.
     highlighted : bool
@@ -213,7 +229,7 @@ class Table:
     legend: tuple[str, ...] = ()
 
     def texts(self) -> list[list[str]]:
-        """Return every cell as it is shown, with what stands beside its value."""
+        """Return every cell as it is shown, with what follows its value."""
         return [
             [
                 " ".join([cell.text(column.decimals), *cell.suffix(column.decimals)])
@@ -250,50 +266,3 @@ def plain(text: str) -> str:
         c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
     )
     return "".join(printed)
-
-
-def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:
-    """Mark the best cell of each score, and every cell that is shown with the same digits.
-
-    An infinite value, which is a failure, is never the best; the only finite one is. Rows of
-    reported numbers neither compete nor are marked, unless `reported` is true or there are no
-    others; floors never are.
-
-    Parameters
-    ----------
-    table : Table
-        Rows to be compared with each other, such as methods.
-    second : bool
-        Mark the second best too: what is shown with the next other digits.
-    reported : bool
-        Let reported rows compete.
-
-    Returns
-    -------
-    Table
-    """
-    open_to_all = reported or not any(row.is_own for row in table.rows)
-    competes = [row.is_own or (open_to_all and not row.floor) for row in table.rows]
-    rows = [list(row.cells) for row in table.rows]
-    for index, column in enumerate(table.columns):
-        if column.higher_is_better is None:
-            continue
-        racing = [row[index] for row, runs in zip(rows, competes, strict=True) if runs]
-        first, runner_up = [*best_texts(column, racing), None, None][:2]
-        for row, runs in zip(rows, competes, strict=True):
-            text = row[index].text(column.decimals)
-            is_second = runs and second and text == runner_up
-            row[index] = replace(row[index], best=runs and text == first, second=is_second)
-    marked = [replace(row, cells=tuple(new)) for row, new in zip(table.rows, rows, strict=True)]
-    return replace(table, rows=tuple(marked))
-
-
-def best_texts(column: Column, cells: Sequence[Cell]) -> list[str]:
-    """Return the different texts of a column's finite numbers, the best first."""
-    numbers = [c for c in cells if isinstance(c.value, float) and math.isfinite(c.value)]
-    ordered = sorted(numbers, key=_value, reverse=bool(column.higher_is_better))
-    return list(dict.fromkeys(cell.text(column.decimals) for cell in ordered))
-
-
-def _value(cell: Cell) -> float:
-    return float(cell.value or 0)

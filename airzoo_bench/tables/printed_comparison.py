@@ -14,11 +14,26 @@ import numpy as np
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.significance import mcnemar
-from airzoo_bench.tables.printed.counts import count_text, possible_counts
-from airzoo_bench.tables.printed.numbers import MOST_DECIMALS, Rounded, decimal_text, parse_number
+from airzoo_bench.statistics.significance import LEVEL, mcnemar
+from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
+from airzoo_bench.tables.printed.numbers import (
+    MOST_DECIMALS,
+    Rounded,
+    count_text,
+    decimal_text,
+    parse_number,
+    possible_counts,
+)
+from airzoo_bench.tables.verdicts import LEAST_P, p_text
 
-__all__ = ["Bounds", "hit_rate_interval", "hits_that_print", "printed_bounds"]
+__all__ = [
+    "Bounds",
+    "bounds_table",
+    "bounds_verdict",
+    "hit_rate_interval",
+    "hits_that_print",
+    "printed_bounds",
+]
 
 _MOST_PAIRS = 1_000_000
 
@@ -125,3 +140,63 @@ def hit_rate_interval(hits: int, queries: int, confidence: float = 0.95) -> Floa
     low = 0.0 if hits == 0 else float(betaincinv(hits, queries - hits + 1, tail))
     high = 1.0 if hits == queries else float(betaincinv(hits + 1, queries - hits, 1 - tail))
     return np.array([low, high])
+
+
+def bounds_table(first: str, second: str, bounds: Bounds) -> Table:
+    """Lay out what two printed hit rates can mean, with a verdict.
+
+    Parameters
+    ----------
+    first, second : str
+        As printed.
+    bounds : Bounds
+        From `printed_bounds`.
+    """
+    cases = (
+        ("hits overlap the most", bounds.least),
+        ("hits overlap the least", bounds.most),
+    )
+    columns = (
+        Column("If"),
+        Column(f"Only {first} hits"),
+        Column(f"Only {second} hits"),
+        Column("p, McNemar", decimals=4),
+    )
+    rows = tuple(
+        Row((Cell(name), Cell(one), Cell(other), Cell(p, least=LEAST_P)))
+        for name, (one, other, p) in cases
+    )
+    title = f"{first} % against {second} % on {counted(bounds.queries, 'query')}"
+    rates = [
+        _rate(text, counts, bounds.queries)
+        for text, counts in zip((first, second), bounds.counts, strict=True)
+    ]
+    return Table(title, columns, rows, (bounds_verdict(first, second, bounds), *rates))
+
+
+def _rate(text: str, counts: range, queries: int) -> str:
+    limits = hit_rate_interval(counts[0], queries)[0], hit_rate_interval(counts[-1], queries)[1]
+    hits = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    low, high = (share_to_percent(float(limit)) for limit in limits)
+    return (
+        f"{text} % is {hits} of {queries}; on its own between {low:.2f} and {high:.2f} % "
+        "(95 %, Clopper and Pearson)"
+    )
+
+
+def bounds_verdict(first: str, second: str, bounds: Bounds) -> str:
+    """Say in one sentence what two printed hit rates show."""
+    least, most = bounds.least[2], bounds.most[2]
+    ahead, behind = (first, second) if float(first) > float(second) else (second, first)
+    if most <= LEVEL:
+        at_most = "at most " * (most >= LEAST_P) + p_text(most)
+        return f"{ahead} % is better than {behind} %, whichever the queries are: p {at_most}."
+    if least > LEVEL:
+        return (
+            f"{ahead} % and {behind} % cannot be told apart, whichever the queries are: "
+            f"p at least {p_text(least)}."
+        )
+    return (
+        f"Whether {ahead} % is better than {behind} % depends on the queries: p lies between "
+        f"{p_text(least)} and {p_text(most)}; compare the results themselves."
+    )

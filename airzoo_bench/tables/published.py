@@ -2,7 +2,7 @@
 
 A source is a TOML file that says where numbers come from and what the paper's names mean here, and
 a CSV file that holds every number as it is printed. Such numbers were not scored here: they have
-no fingerprint, and stand beside results, never among them.
+no fingerprint, and stand next to results, never among them.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def read_source(path: Path) -> list[PublishedTable]:
     Parameters
     ----------
     path : Path
-        The TOML file; the table that it names lies beside it, as `read_published` reads it.
+        The TOML file; the table that it names lies next to it, as `read_published` reads it.
 
     Raises
     ------

@@ -72,8 +72,8 @@ def _parsed(text: str, known: Sequence[str]) -> tuple[str, str]:
 def _renamed(table: Table, names: Mapping[str, str]) -> Table:
     old = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
     # Only where it is one of a list of names: a method may be called like a word of a note.
-    heads = (f"{column.group}: " for column in table.columns if column.group)
-    ahead = dict.fromkeys([", ", "; ", "difference from ", *heads])
+    titles = (f"{column.group}: " for column in table.columns if column.group)
+    ahead = dict.fromkeys([", ", "; ", "difference from ", *titles])
     before = "|".join(["^", *(f"(?<={re.escape(text)})" for text in ahead)])
     listed = re.compile(rf"(?:{before})(?:{old})(?=$|, |: | in | on )")
 

@@ -67,12 +67,12 @@ def render(
 def _csv(table: Table) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    kinds = [_beside_in_csv(table, index) for index in range(len(table.columns))]
+    kinds = [_suffixes_in_csv(table, index) for index in range(len(table.columns))]
     marked = not all(row.is_own for row in table.rows)
     titles = [
         plain(f"{column.group} {column.title}{kind}")
-        for column, beside in zip(table.columns, kinds, strict=True)
-        for kind in ("", *beside)
+        for column, suffixes in zip(table.columns, kinds, strict=True)
+        for kind in ("", *suffixes)
     ]
     writer.writerow([_defused(text) for text in [*titles, *["Marked"] * marked]])
     for row in table.rows:
@@ -88,7 +88,7 @@ def _standing(row: Row) -> str:
     return FLOOR if row.floor else f"{REPORTED}: {row.reported}" if row.reported else ""
 
 
-def _beside_in_csv(table: Table, index: int) -> list[str]:
+def _suffixes_in_csv(table: Table, index: int) -> list[str]:
     """Return the endings of the further columns that keep each cell one number."""
     cells = [row.cells[index] for row in table.rows]
     uncertainties = [cell.uncertainty for cell in cells if cell.uncertainty]
@@ -97,14 +97,14 @@ def _beside_in_csv(table: Table, index: int) -> list[str]:
     return found + ([" gain"] if any(cell.gain is not None for cell in cells) else [])
 
 
-def _csv_cells(cell: Cell, column: Column, beside: list[str]) -> list[str]:
-    numbers = _beside_numbers(cell)
-    further = [numbers.get(kind.strip()) for kind in beside]
+def _csv_cells(cell: Cell, column: Column, suffixes: list[str]) -> list[str]:
+    numbers = _suffix_numbers(cell)
+    further = [numbers.get(kind.strip()) for kind in suffixes]
     texts = ["" if n is None else show_number(n, column.decimals) for n in further]
     return [repr(cell.value) if cell.is_too_small else cell.text(column.decimals), *texts]
 
 
-def _beside_numbers(cell: Cell) -> dict[str, float]:
+def _suffix_numbers(cell: Cell) -> dict[str, float]:
     found = {} if cell.gain is None else {"gain": cell.gain}
     if isinstance(cell.uncertainty, Between):
         return found | {"from": cell.uncertainty.low, "to": cell.uncertainty.high}
@@ -119,7 +119,7 @@ def _defused(text: str) -> str:
 
 
 def _markdown(table: Table) -> str:
-    # Tables here have one line of heads: each says its group.
+    # Tables here have one line of titles: each says its group.
     blocks = "\n".join(_markdown_block(piece) for piece in by_count(table))
     notes = [f"\n{_escape_markdown(plain(note))}\n" for note in table.all_notes]
     return blocks + "".join(notes)
@@ -130,12 +130,12 @@ def _markdown_block(table: Table) -> str:
         return "| " + " | ".join(cells) + " |\n"
 
     rule = ["---" if table.is_text(i) else "---:" for i in range(len(table.columns))]
-    heads = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
+    titles = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
     rows = (
         line([_markdown_cell(*pair, row) for pair in zip(row.cells, texts, strict=True)])
         for row, texts in zip(table.rows, _values_apart(table), strict=True)
     )
-    return "".join([line(heads), line(rule), *rows])
+    return "".join([line(titles), line(rule), *rows])
 
 
 def _values_apart(table: Table) -> list[list[tuple[str, str]]]:
@@ -174,7 +174,7 @@ def _tag(name: str, text: str) -> str:
 
 def _html_block(table: Table, *, captioned: bool) -> str:
     caption = f"{_tag('caption', plain(table.title))}\n" if captioned else ""
-    heads = "".join(
+    titles = "".join(
         f'<th scope="col"{_side(table, i)}>{html.escape(plain(column.heading))}</th>'
         for i, column in enumerate(table.columns)
     )
@@ -183,7 +183,7 @@ def _html_block(table: Table, *, captioned: bool) -> str:
         for row, texts in zip(table.rows, _values_apart(table), strict=True)
     )
     return (
-        f"<table>\n{caption}<thead>{_html_groups(table)}<tr>{heads}</tr></thead>\n"
+        f"<table>\n{caption}<thead>{_html_groups(table)}<tr>{titles}</tr></thead>\n"
         f"<tbody>\n{rows}</tbody>\n</table>\n"
     )
 
@@ -223,9 +223,9 @@ def _html_row(table: Table, row: Row, texts: list[tuple[str, str]]) -> str:
 
 def _html_cell(cell: Cell, text: tuple[str, str], row: Row) -> str:
     value = html.escape(text[0])
-    marks = ["em"] * (not row.is_own) + ["strong"] * cell.best + ["u"] * cell.second
-    for mark in reversed(marks):
-        value = f"<{mark}>{value}</{mark}>"
+    tags = ["em"] * (not row.is_own) + ["strong"] * cell.best + ["u"] * cell.second
+    for tag in reversed(tags):
+        value = f"<{tag}>{value}</{tag}>"
     return value + (f" {_tag('small', text[1].strip())}" if text[1] else "")
 
 
@@ -236,7 +236,7 @@ def _json(table: Table) -> str:
         "rows": [[_json_value(cell.value) for cell in row.cells] for row in table.rows],
         "notes": list(table.all_notes),
     }
-    content |= _json_beside(table)
+    content |= _json_suffixes(table)
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
@@ -250,8 +250,8 @@ def _json_column(column: Column) -> dict[str, object]:
     }
 
 
-def _json_beside(table: Table) -> dict[str, object]:
-    """Return what some cells or rows have beside their values, each in the shape of the rows."""
+def _json_suffixes(table: Table) -> dict[str, object]:
+    """Return what some cells or rows have next to their values, each in the shape of the rows."""
     found: dict[str, object] = {}
     if any(cell.gain is not None for row in table.rows for cell in row.cells):
         found["gains"] = [[cell.gain for cell in row.cells] for row in table.rows]

@@ -99,7 +99,7 @@ class _Layout:
         return [self.width_of(indices) for indices in self.columns]
 
     def width_of(self, indices: list[int]) -> int:
-        """Measure columns that stand together under one head."""
+        """Measure columns that stand together under one title."""
         parts = [self._part_widths[index] for index in indices]
         group = cell_len(plain(self.table.columns[indices[0]].group))
         return max(sum(parts) + _WITHIN * (len(parts) - 1), group)
@@ -117,7 +117,7 @@ class _Layout:
         for indices in self.columns:
             left = self._is_grouped(indices) or self.table.is_text(indices[0])
             shown.add_column(
-                self._head(indices),
+                self._titles(indices),
                 justify="left" if left else "right",
                 no_wrap=True,
                 vertical="bottom",
@@ -129,16 +129,16 @@ class _Layout:
             shown.add_row(*(self._body(indices, number) for indices in self.columns), style=style)
         return shown
 
-    def _head(self, indices: list[int]) -> Text:
+    def _titles(self, indices: list[int]) -> Text:
         from rich.text import Text
 
-        heads = [plain(self.table.columns[index].heading) for index in indices]
+        titles = [plain(self.table.columns[index].heading) for index in indices]
         if not self._is_grouped(indices):
-            return Text(heads[0])
+            return Text(titles[0])
         width = self.width_of(indices)
         group = plain(self.table.columns[indices[0]].group)
         above = _to_width(group, width - (width - cell_len(group)) // 2)
-        below = (" " * _WITHIN).join(map(_to_width, heads, self._within(indices)))
+        below = (" " * _WITHIN).join(map(_to_width, titles, self._within(indices)))
         return Text(f"{above}\n{_to_width(below, width)}")
 
     def _body(self, indices: list[int], number: int) -> Text:
@@ -161,8 +161,8 @@ class _Layout:
 
     @cached_property
     def _part_widths(self) -> list[int]:
-        heads = [plain(column.heading) for column in self.table.columns]
-        return [max(map(cell_len, column)) for column in zip(heads, *self.texts, strict=True)]
+        titles = [plain(column.heading) for column in self.table.columns]
+        return [max(map(cell_len, column)) for column in zip(titles, *self.texts, strict=True)]
 
     def _is_grouped(self, indices: list[int]) -> bool:
         return bool(self.table.columns[indices[0]].group)

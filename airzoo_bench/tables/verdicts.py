@@ -4,22 +4,14 @@ from __future__ import annotations
 
 import math
 
+from airzoo_bench.results.comparison import Pair
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import Pair
-from airzoo_bench.statistics.corrections import LEVEL
 from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.method_table import as_shown
 from airzoo_bench.tables.model import share_to_percent, show_number
-from airzoo_bench.tables.printed_comparison import Bounds
 
-__all__ = [
-    "LEAST_P",
-    "bounds_verdict",
-    "disagreement",
-    "sentence",
-    "verdict",
-]
-
+__all__ = ["LEAST_P", "disagreement", "p_text", "sentence", "verdict"]
 
 LEAST_P = 1e-4
 """A p-value below is shown as less than it."""
@@ -48,13 +40,14 @@ def verdict(pair: Pair) -> str:
     return "better" if pair.is_better else "worse"
 
 
-def sentence(pair: Pair, plan: ResamplingConfig) -> str:
+def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
     """Say what a pair shows, with its numbers, at a level of 5 % after Holm's correction."""
     word, title = verdict(pair), pair.score.title
     if word == "equal":
         infinite = ", and both infinite" * (pair.difference is None)
         return f"{pair.method} and {pair.reference} are equal on {title} everywhere{infinite}."
-    evidence = f"{_span(pair, plan)}{_p_values(pair)}{_but(pair)}"
+    doubt = disagreement(pair)
+    evidence = _span(pair, resampling) + _p_values(pair) + (f"; but {doubt}" if doubt else "")
     if word in ("better", "worse"):
         ahead, behind = _by_rank(pair)
         return f"{ahead} is better than {behind} on {title} by {_amount(pair)}{evidence}."
@@ -77,11 +70,6 @@ def _standing(pair: Pair) -> str:
     if pair.difference == 0:
         return "both have the same value"
     return f"{_by_rank(pair)[0]} is ahead by {_amount(pair)}"
-
-
-def _but(pair: Pair) -> str:
-    doubt = disagreement(pair)
-    return f"; but {doubt}" if doubt else ""
 
 
 def disagreement(pair: Pair) -> str:
@@ -113,7 +101,7 @@ def _number(score: ScoreColumn, value: float) -> str:
     return show_number(as_shown(score, value), 2)
 
 
-def _span(pair: Pair, plan: ResamplingConfig) -> str:
+def _span(pair: Pair, resampling: ResamplingConfig) -> str:
     """Return the interval as that of the amount by which the better one is ahead."""
     low, high = pair.interval.low, pair.interval.high
     if low is None or high is None:
@@ -121,7 +109,7 @@ def _span(pair: Pair, plan: ResamplingConfig) -> str:
     sign = -1 if (pair.difference or 0.0) < 0 else 1
     limits = sorted([sign * low + 0.0, sign * high + 0.0])
     first, last = (_number(pair.score, limit) for limit in limits)
-    return f" ({share_to_percent(plan.confidence):g} % interval {first} to {last})"
+    return f" ({share_to_percent(resampling.confidence):g} % interval {first} to {last})"
 
 
 def _p_values(pair: Pair) -> str:
@@ -132,26 +120,9 @@ def _p_values(pair: Pair) -> str:
 
 
 def _p(value: float) -> str:
-    return f"< {LEAST_P}" if value < LEAST_P else f"= {_shown(value)}"
+    return f"< {LEAST_P}" if value < LEAST_P else f"= {p_text(value)}"
 
 
-def bounds_verdict(first: str, second: str, bounds: Bounds) -> str:
-    """Say in one sentence what two printed hit rates show."""
-    least, most = bounds.least[2], bounds.most[2]
-    ahead, behind = (first, second) if float(first) > float(second) else (second, first)
-    if most <= LEVEL:
-        at_most = "at most " * (most >= LEAST_P) + _shown(most)
-        return f"{ahead} % is better than {behind} %, whichever the queries are: p {at_most}."
-    if least > LEVEL:
-        return (
-            f"{ahead} % and {behind} % cannot be told apart, whichever the queries are: "
-            f"p at least {_shown(least)}."
-        )
-    return (
-        f"Whether {ahead} % is better than {behind} % depends on the queries: p lies between "
-        f"{_shown(least)} and {_shown(most)}; compare the results themselves."
-    )
-
-
-def _shown(value: float) -> str:
+def p_text(value: float) -> str:
+    """Return a p-value as sentences say it."""
     return f"less than {LEAST_P}" if value < LEAST_P else f"{value:.4f}"

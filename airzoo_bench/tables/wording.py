@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from airzoo_bench.core.plurals import plural
 from airzoo_bench.results.comparable import first_names
@@ -15,16 +15,18 @@ from airzoo_bench.tables.model import Between, Cell, share_to_percent
 __all__ = [
     "INTERVAL_NAMES",
     "brackets_note",
-    "by_reason",
     "intervals_made",
+    "notes_by_reason",
     "resampled",
     "score_cell",
     "score_title",
+    "units_note",
 ]
 
 INTERVAL_NAMES = {"wilson": "Wilson", "mover": "MOVER", "bca": "BCa", "percentile": "percentile"}
-_DRAWN = ("bca", "percentile")
 """What readers call the kinds of intervals."""
+
+_DRAWN = ("bca", "percentile")
 
 _SHOWN = 6
 
@@ -32,6 +34,19 @@ _SHOWN = 6
 def score_title(score: ScoreColumn) -> str:
     """Return title and unit of a score whose numbers stand in rows."""
     return f"{score.title} [{UNITS[score.unit]}]"
+
+
+def units_note(scores: Sequence[ScoreColumn]) -> str:
+    """Say the units of scores, whose columns stand under other titles."""
+    by_unit: dict[str, dict[str, None]] = {}
+    for score in scores:
+        by_unit.setdefault(UNITS[score.unit], {})[score.title] = None
+    most = max(by_unit, key=lambda unit: len(by_unit[unit]))
+    rest = by_unit.pop(most)
+    named = [f"{', '.join(titles)} in {unit}" for unit, titles in by_unit.items()]
+    # Where units differ, naming those of the fewer scores is enough.
+    others = "all other scores" if named else ", ".join(rest)
+    return "; ".join([*named, f"{others} in {most}"])
 
 
 def score_cell(score: ScoreColumn, value: float | None, interval: Interval | None = None) -> Cell:
@@ -44,22 +59,25 @@ def score_cell(score: ScoreColumn, value: float | None, interval: Interval | Non
     return Cell(as_shown(score, value), uncertainty=limits)
 
 
-def by_reason(
-    entries: Iterable[tuple[str, ScoreColumn, str]], linked: str = "in"
-) -> dict[str, str]:
-    """Name what shares a reason, as shortly as it can be said.
+def notes_by_reason(
+    entries: Iterable[tuple[str, ScoreColumn, str]], prefix: str = "", linked: str = "in"
+) -> list[str]:
+    """Say each reason once, with all that share it, named as shortly as they can be.
 
     Parameters
     ----------
     entries : iterable of (reason, score, member)
-        Of every score and member of a table, such as its scenes or methods.
+        Of every score and member of a table, such as its scenes or methods; the reason is empty
+        where there is none.
+    prefix : str
+        What stands before every reason.
     linked : str
         What stands between scores and members.
 
     Returns
     -------
-    dict of str to str
-        For each reason the scores that have it, such as ``all scores``, or ``R@1, R@3 in City``.
+    list of str
+        Such as ``all scores: no interval; ...``, or ``R@1, R@3 in City: no interval; ...``.
     """
     listed = list(entries)
     every_score = list(dict.fromkeys(score.title for _, score, _ in listed))
@@ -67,10 +85,11 @@ def by_reason(
     found: dict[str, dict[str, list[str]]] = {}
     for reason, score, member in listed:
         found.setdefault(reason, {}).setdefault(score.title, []).append(member)
-    return {
-        reason: "; ".join(_named(scores, every_score, every_member, linked))
+    return [
+        "; ".join(_named(scores, every_score, every_member, linked)) + f": {prefix}{reason}"
         for reason, scores in found.items()
-    }
+        if reason
+    ]
 
 
 def _named(
@@ -92,7 +111,7 @@ def resampled(unit: str) -> str:
 
 
 def intervals_made(
-    intervals: Iterable[Interval], plan: ResamplingConfig, drawn: str, what: str = "intervals"
+    intervals: Iterable[Interval], resampling: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> str:
     """Say how intervals were made, by the kinds that there are; empty where there are none.
 
@@ -100,7 +119,7 @@ def intervals_made(
     ----------
     intervals : iterable of Interval
         All that are shown: where BCa does not exist, they are percentile.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
     drawn : str
         What was resampled, within what; such as `resampled` says.
     what : str
@@ -119,15 +138,17 @@ def intervals_made(
     )
     how = [f"{closed} over {drawn}"] if closed else []
     if resampled:
-        how.append(f"{resampled}, {plan.resamples} resamples of {drawn}, seed {plan.seed}")
+        how.append(
+            f"{resampled}, {resampling.resamples} resamples of {drawn}, seed {resampling.seed}"
+        )
     if not how:
         return ""
-    return f"{share_to_percent(plan.confidence):g} % {what}, {'; '.join(how)}"
+    return f"{share_to_percent(resampling.confidence):g} % {what}, {'; '.join(how)}"
 
 
 def brackets_note(
-    intervals: Iterable[Interval], plan: ResamplingConfig, drawn: str, what: str = "intervals"
+    intervals: Iterable[Interval], resampling: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> list[str]:
     """Say what stands in square brackets, if anything does; see `intervals_made`."""
-    made = intervals_made(intervals, plan, drawn, what)
+    made = intervals_made(intervals, resampling, drawn, what)
     return [f"in square brackets: {made}"] if made else []

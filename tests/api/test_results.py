@@ -16,7 +16,7 @@ from typer.testing import Result as Run
 
 import airzoo_bench as ab
 from airzoo_bench.results.result import Reference
-from airzoo_bench.statistics.compatibility import choose_scores
+from airzoo_bench.results.selection import choose_scores
 from tests.api.support import refused
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, random_methods, write_method
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.audit.average_checks import check_averages
-from airzoo_bench.audit.averages import Averaged, has_common_weights
+from airzoo_bench.audit.average_checks import Averaged, check_averages, has_common_weights
 from airzoo_bench.tables.printed.numbers import Interval, mean_interval
 from tests.audit.honest import Manner, honest
 from tests.audit.support import published, rows_of

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.audit.findings import Audit
-from airzoo_bench.audit.text import audit_text
+from airzoo_bench.audit.findings import Audit, audit_text
 from airzoo_bench.tables.printed.table import read_published
 from tests.audit.support import told
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.audit.implied import implied_total
-from airzoo_bench.tables.printed.counts import (
+from airzoo_bench.tables.printed.numbers import (
+    Interval,
     chance_of_fit,
     count_text,
     counted_share,
@@ -16,7 +17,6 @@ from airzoo_bench.tables.printed.counts import (
     is_near,
     possible_counts,
 )
-from airzoo_bench.tables.printed.numbers import Interval
 from tests.audit.support import number, percent
 
 

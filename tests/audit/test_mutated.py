@@ -10,8 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.audit.findings import audit_table
-from airzoo_bench.audit.text import audit_text
+from airzoo_bench.audit.findings import audit_table, audit_text
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.tables.printed.table import read_published
 from tests.audit.paper_source import paper_latex

@@ -17,7 +17,7 @@ from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.matching.claims import claim_of_scene
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scoring import ScoredScene, score_scene
-from airzoo_bench.tables.build import scenes_table
+from airzoo_bench.tables.layouts import scenes_table
 from tests.matching.world import (
     EAST,
     N_MATCHES,

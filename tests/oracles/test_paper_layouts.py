@@ -24,17 +24,19 @@ from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.annotations import add_gains, cite, highlight, parse_baselines
+from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
-from airzoo_bench.tables.method_table import MethodTable, with_published
-from airzoo_bench.tables.model import Cell, Table, mark_best
+from airzoo_bench.tables.method_table import MethodTable
+from airzoo_bench.tables.model import Cell, Table
 from airzoo_bench.tables.published import (
     PublishedTable,
     published_sources,
     read_source,
     read_source_file,
 )
+from airzoo_bench.tables.reported_rows import with_published
 from tests.support import PAPER
 from tests.tables.typeset import MINUS, bold_words, typeset
 
@@ -147,8 +149,8 @@ def board_of(table: PublishedTable) -> MethodTable:
     scenes = {scene: scene for scene in first if scene}
     empty = MethodTable(table.label, table.benchmark, table.track, scores, scenes, {}, ())
     board = with_published(empty, [table], by_scene=table.has_scenes)
-    assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.entries)
-    return replace(board, entries=tuple(replace(e, reported="") for e in board.entries))
+    assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.rows)
+    return replace(board, rows=tuple(replace(e, reported="") for e in board.rows))
 
 
 @cache

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from airzoo_bench.statistics.averages import weighted_averages
-from airzoo_bench.statistics.draws import resample_counts, sign_flips, stream_key
 from airzoo_bench.statistics.intervals import bootstrap
+from airzoo_bench.statistics.resampling import (
+    resample_counts,
+    sign_flips,
+    stream_key,
+    weighted_averages,
+)
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import mcnemar, paired_permutation
 from airzoo_bench.tables.printed_comparison import hit_rate_interval

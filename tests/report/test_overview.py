@@ -169,7 +169,7 @@ def test_whiskers_are_the_intervals_of_breakdown() -> None:
     method = retrieval_method("a", 0)
     axes = draw.condition([method], HIT, "weather").axes[0]
     found = [np.asarray(x.get_ydata()) for x in axes.lines if x.get_linewidth() == 0.9]
-    table = breakdown_table([method], [HIT], "weather", plan=ResamplingConfig())
+    table = breakdown_table([method], [HIT], "weather", resampling=ResamplingConfig())
     spans = [row.cells[-1].uncertainty for row in table.rows]
     wanted = [[span.low, span.high] for span in spans]
     np.testing.assert_allclose(found, np.array(wanted, float))

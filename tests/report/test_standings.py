@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from airzoo_bench.report.standings import marks_of
+from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Reference
-from airzoo_bench.statistics.comparison import compare
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.build import methods_table
+from airzoo_bench.tables.layouts import methods_table
 from airzoo_bench.tables.model import show_number
 from airzoo_bench.tables.verdicts import verdict
 from tests.report.made import reconstruction_method, retrieval_method, write_methods
@@ -52,7 +52,7 @@ def test_marks_are_those_of_tables_and_of_compare(tmp_path: Path) -> None:
     assert [row[0] for row in overall["marks"]] == ["best", "tied", ""]
     bold = [row.cells[1].best for row in methods_table([m.result for m in methods]).rows]
     assert [row[0] == "best" for row in overall["marks"]] == bold
-    made = compare(methods, [HIT], reference="best", plan=ResamplingConfig())
+    made = compare(methods, [HIT], reference="best", resampling=ResamplingConfig())
     tied = [pair.p_holm > 0.05 for pair in made.pairs]
     assert [row[0] == "tied" for row in overall["marks"][1:]] == tied
     # What is not tested has a star, and nothing that looks like a test.
@@ -90,7 +90,7 @@ def test_scenes_and_groups_are_marked_too(tmp_path: Path) -> None:
     page = made_page(tmp_path, *write_methods(tmp_path, methods))
     [part] = page.sections
     for place, scene in enumerate(("east", "west")):
-        made = compare(methods, [HIT], reference="best", scene=scene, plan=ResamplingConfig())
+        made = compare(methods, [HIT], reference="best", scene=scene, resampling=ResamplingConfig())
         marks = [row[0] for row in part["standings"]["perScene"][place]["marks"]]
         assert marks[0] == "best"
         assert [mark != "" for mark in marks[1:]] == [p.p_holm > 0.05 for p in made.pairs]
@@ -120,7 +120,9 @@ def test_pairs_are_those_of_compare(tmp_path: Path) -> None:
     pairs = page.unpack(found["pairs"])
     assert found["count"] == 3
     assert [len(later) for later in pairs] == [2, 1]
-    with_best = compare(methods, [HIT, ERROR], reference="best", plan=ResamplingConfig()).pairs
+    with_best = compare(
+        methods, [HIT, ERROR], reference="best", resampling=ResamplingConfig()
+    ).pairs
     for place, pair in enumerate(with_best[:2]):
         shown = pairs[0][place][0]
         assert shown["difference"] == show_number(100 * pair.difference, 2, "+")
@@ -132,7 +134,7 @@ def test_pairs_are_those_of_compare(tmp_path: Path) -> None:
     assert [m == "tied" for m in marks[1:]] == [
         pairs[0][place][0]["verdict"] != "worse" for place in range(2)
     ]
-    [middle] = compare(methods[1:], [HIT], reference="close", plan=ResamplingConfig()).pairs
+    [middle] = compare(methods[1:], [HIT], reference="close", resampling=ResamplingConfig()).pairs
     assert pairs[1][0][0]["p"] == p_text(middle.test.p_value)
 
 

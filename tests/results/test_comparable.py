@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.results.comparable import check_comparable, find_scene, first_names, version_notes
+from airzoo_bench.results.comparable import check_comparable, first_names, version_notes
 from airzoo_bench.results.result import Result
+from airzoo_bench.results.selection import find_scene
 from tests.statistics.support import made_method
 
 

@@ -15,10 +15,9 @@ from scipy.special import ndtri
 from scipy.stats import binom
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.paired_tests import paired_tests
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.shares import average_limits, difference_limits
-from airzoo_bench.statistics.significance import PairedTest, paired_permutation
+from airzoo_bench.statistics.significance import PairedTest, paired_permutation, paired_tests
 
 Scenes = Sequence[tuple[int, float]]
 
@@ -164,16 +163,16 @@ OTHERS = {
 }
 
 
-def findings(errors: Errors, count: int, plan: ResamplingConfig, shift: float = 0.0) -> float:
+def findings(errors: Errors, count: int, resampling: ResamplingConfig, shift: float = 0.0) -> float:
     """Return the share of data sets in which `compare` finds a difference of medians."""
-    return _found(paired_tests(errors.drawn(count, shift, 1), plan, _pairs(count))[1])
+    return _found(paired_tests(errors.drawn(count, shift, 1), resampling, _pairs(count))[1])
 
 
 def findings_of_permutation(
-    errors: Errors, count: int, plan: ResamplingConfig, shift: float = 0.0
+    errors: Errors, count: int, resampling: ResamplingConfig, shift: float = 0.0
 ) -> float:
     """Return the same of the permutation of values, which tests more than the medians."""
-    return _found(paired_permutation(errors.drawn(count, shift, 1), plan, _pairs(count)))
+    return _found(paired_permutation(errors.drawn(count, shift, 1), resampling, _pairs(count)))
 
 
 def _pairs(count: int) -> list[tuple[int, int]]:
@@ -198,11 +197,11 @@ def _figures_of_shares(count: int) -> Iterator[str]:
         yield f"{scenes!s:38} " + " ".join(f"{100 * share:6.1f}" for share in exact)
 
 
-def _figures_of_medians(count: int, plan: ResamplingConfig) -> Iterator[str]:
+def _figures_of_medians(count: int, resampling: ResamplingConfig) -> Iterator[str]:
     yield "p <= 0.05 in %: equal medians, permutation and bootstrap; the same of shifted medians"
     for name, (errors, shift) in (STATED | WITH_FAILURES | OTHERS).items():
         shares = [
-            tested(errors, count, plan, by)
+            tested(errors, count, resampling, by)
             for by in (0.0, shift)
             for tested in (findings_of_permutation, findings)
         ]

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airzoo_bench.statistics.averages import leave_one_out, weighted_averages
-from airzoo_bench.statistics.draws import resample_counts
+from airzoo_bench.statistics.resampling import leave_one_out, resample_counts, weighted_averages
 
 MEAN, MEDIAN = np.array([False]), np.array([True])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.statistics.draws import blocks, resample_counts, sign_flips, stream_key
+from airzoo_bench.statistics.resampling import blocks, resample_counts, sign_flips, stream_key
 
 GOLDEN_COUNTS = [[0, 0, 0, 2, 1, 1], [3, 2, 0, 0, 3, 0], [1, 1, 3, 2, 0, 1], [0, 1, 1, 0, 0, 2]]
 GOLDEN_SIGNS = [[1, 0, 1, 1, 0, 0], [1, 0, 1, 0, 0, 0], [1, 1, 1, 0, 1, 0]]

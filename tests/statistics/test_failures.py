@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import compare
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.render import render
@@ -52,14 +52,14 @@ def test_failures(case: str) -> None:
         made_method({"east": scores_of(part[0]), "west": scores_of(part[1])}, columns, name)
         for name, part in (("one", one), ("other", other))
     ]
-    found = compare(methods, columns, plan=ResamplingConfig(500))
+    found = compare(methods, columns, resampling=ResamplingConfig(500))
     assert [verdict(pair) for pair in found.pairs] == expected
     said = render(comparison_table(found), "terminal", width=200)
     assert "nan" not in said.lower()
     for pair in found.pairs:
         assert 0 <= pair.test.p_value <= pair.p_holm <= 1
         assert pair.wins + pair.ties + pair.losses == len(one[0]) + len(one[1])
-        told = sentence(pair, found.plan)
+        told = sentence(pair, found.resampling)
         assert ("is better than" in told) == (verdict(pair) in ("better", "worse"))
         both = math.isinf(pair.value) and math.isinf(pair.reference_value)
         assert ("both" in told and "infinite" in told) == both
@@ -71,6 +71,6 @@ def test_why_differences_have_no_interval() -> None:
         made_method({"s": {"error_m": [n + less for n in range(8)]}}, (ERROR,), name)
         for name, less in (("one", 0.5), ("other", 0.0))
     ]
-    [pair] = compare(methods, [ERROR], plan=ResamplingConfig(500)).pairs
+    [pair] = compare(methods, [ERROR], resampling=ResamplingConfig(500)).pairs
     reason = "the differences of all queries are alike: resamples cannot differ"
     assert pair.interval.reason == reason

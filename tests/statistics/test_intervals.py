@@ -10,17 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.statistics import draws
-from airzoo_bench.statistics.averages import leave_one_out
-from airzoo_bench.statistics.intervals import (
-    FEWEST,
-    Interval,
-    _moments,
-    acceleration,
-    bootstrap,
-    few_units,
-    interval_limits,
-)
+from airzoo_bench.statistics.bootstrap_limits import acceleration, interval_limits
+from airzoo_bench.statistics.intervals import FEWEST, Interval, _moments, bootstrap, few_units
+from airzoo_bench.statistics.resampling import leave_one_out
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
 MEAN, MEDIAN = np.array([False]), np.array([True])
@@ -43,8 +35,8 @@ def limits(interval: Interval) -> tuple[float, float]:
 
 def test_percentiles_by_hand():
     resamples = np.array([[4.0, 1.0, 0.0, 3.0, 2.0], [1.0, np.inf, np.inf, 0.0, 2.0]])
-    plan = ResamplingConfig(interval="percentile", confidence=0.5)
-    found, exists = interval_limits(resamples, *np.zeros((3, 2)), plan)
+    resampling = ResamplingConfig(interval="percentile", confidence=0.5)
+    found, exists = interval_limits(resamples, *np.zeros((3, 2)), resampling)
     assert found.tolist() == [[1.0, 3.0], [1.0, np.inf]]
     assert exists.tolist() == [True, True]
     assert exists.dtype == np.bool_
@@ -56,8 +48,8 @@ def test_percentiles_by_hand():
 
 def test_percentiles_of_infinite_differences():
     resamples = np.array([[-np.inf, 5.0, -np.inf, np.inf, 6.0]])
-    plan = ResamplingConfig(interval="percentile", confidence=0.25)
-    found, _ = interval_limits(resamples, *np.zeros((3, 1)), plan)
+    resampling = ResamplingConfig(interval="percentile", confidence=0.25)
+    found, _ = interval_limits(resamples, *np.zeros((3, 1)), resampling)
     assert found.tolist() == [[-np.inf, 5.5]]
 
 
@@ -114,8 +106,8 @@ def test_coverage_of_the_mean_over_scenes_and_of_differences(method):
         second = random.random((1_000, size)) < np.where(first, 0.7, 0.3)
         groups.append(np.concatenate([first, second]))
     pairs = [(row, 1_000 + row) for row in range(1_000)]
-    plan = ResamplingConfig(1_000, interval=method)
-    found = bootstrap(sample(*groups), plan, pairs, groups=False).overall
+    resampling = ResamplingConfig(1_000, interval=method)
+    found = bootstrap(sample(*groups), resampling, pairs, groups=False).overall
     low, high = np.array([limits(interval) for interval in found]).T
     mean, answered = 0.6, 0.7 * 0.6 + 0.3 * 0.4
     for rows, true in (
@@ -176,7 +168,7 @@ def test_blocks_change_nothing(monkeypatch):
     values = np.random.default_rng(0).random((3, 50))
     made = sample(values[:, :20], values[:, 20:], medians=np.array([False, True, True]))
     whole = bootstrap(made, FAST, [(1, 2)])
-    monkeypatch.setattr(draws, "_CELLS", 1_000)
+    monkeypatch.setattr("airzoo_bench.statistics.resampling._CELLS", 1_000)
     assert bootstrap(made, FAST, [(1, 2)]) == whole
 
 
@@ -198,8 +190,8 @@ def test_other_seeds_give_others_but_hardly():
 def test_infinite_errors_stay():
     # Of 20 queries 8 fail: the median is finite, but resamples with 11 failures have none.
     errors = np.array([*range(1, 13), *[np.inf] * 8], float)
-    plan = ResamplingConfig(interval="percentile")
-    low, high = limits(bootstrap(sample(errors, medians=MEDIAN), plan).overall[0])
+    resampling = ResamplingConfig(interval="percentile")
+    low, high = limits(bootstrap(sample(errors, medians=MEDIAN), resampling).overall[0])
     assert low < 10.5
     assert high == np.inf
     # A mean with failures is infinite, and so is its upper limit; BCa does not exist there.
@@ -207,7 +199,10 @@ def test_infinite_errors_stay():
     assert found.high == np.inf
     assert found.method == "percentile"
     most = np.array([1.0, 2.0, *[np.inf] * 18])
-    assert limits(bootstrap(sample(most, medians=MEDIAN), plan).overall[0]) == (np.inf, np.inf)
+    assert limits(bootstrap(sample(most, medians=MEDIAN), resampling).overall[0]) == (
+        np.inf,
+        np.inf,
+    )
 
 
 def test_two_failures_differ_by_nothing():

@@ -8,10 +8,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.intervals import interval_limits
-from airzoo_bench.statistics.percentiles import percentile_p_values, quantiles
+from airzoo_bench.statistics.bootstrap_limits import interval_limits, percentile_p_values, quantiles
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.verdicts import verdict
@@ -41,8 +40,8 @@ def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
     resamples: np.ndarray, confidence: float
 ) -> None:
     zeros = np.zeros(len(resamples))
-    plan = ResamplingConfig(interval="percentile", confidence=confidence)
-    (low, high), _ = interval_limits(resamples, zeros, zeros, zeros, plan)[0].T, None
+    resampling = ResamplingConfig(interval="percentile", confidence=confidence)
+    (low, high), _ = interval_limits(resamples, zeros, zeros, zeros, resampling)[0].T, None
     p_values = percentile_p_values(resamples)
     least = 2 / (resamples.shape[1] + 1)
     for p_value, left_out in zip(p_values, (low > 0) | (high < 0), strict=True):
@@ -133,7 +132,7 @@ def test_medians_of_ties_are_no_findings() -> None:
         made_method({"s": {"error_m": v.tolist()}}, (ERROR,), n)
         for v, n in ((one, "a"), (other, "b"))
     ]
-    pair = compare(methods, [ERROR], plan=FAST).pairs[0]
+    pair = compare(methods, [ERROR], resampling=FAST).pairs[0]
     assert (pair.test.kind, pair.test.p_value) == ("bootstrap", 1.0)
 
 
@@ -145,7 +144,7 @@ def test_verdict_and_interval_of_medians_agree() -> None:
             for scale in (1.0, 1.0 + number / 40)
         ]
         methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-        pair = compare(methods, [ERROR], plan=FAST).pairs[0]
+        pair = compare(methods, [ERROR], resampling=FAST).pairs[0]
         holds_0 = (pair.interval.low or 0.0) <= 0 <= (pair.interval.high or 0.0)
         assert (verdict(pair) == "unclear") == holds_0
 
@@ -157,7 +156,7 @@ def test_medians_with_a_scene_too_small_to_resample_are_not_tested() -> None:
         for shift in (0.0, 5.0)
     ]
     methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-    comparison = compare(methods, [ERROR], plan=FAST)
+    comparison = compare(methods, [ERROR], resampling=FAST)
     pair = comparison.pairs[0]
     assert (pair.test.p_value, pair.test.patterns, verdict(pair)) == (1.0, 0, "too few")
     assert (
@@ -182,7 +181,7 @@ def test_the_table_says_which_test_was_made() -> None:
         for name in "ab"
     ]
     both, one = (
-        comparison_table(compare(methods, scores, plan=FAST)).notes[-1]
+        comparison_table(compare(methods, scores, resampling=FAST)).notes[-1]
         for scores in ([HIT, ERROR], [ERROR])
     )
     assert both.startswith(
@@ -206,7 +205,7 @@ def test_last_digits_are_ties(column: ScoreColumn) -> None:
                 for v, n in zip(pair, "ab", strict=True)
             ],
             [column],
-            plan=FAST,
+            resampling=FAST,
         ).pairs[0]
         for pair in ((one, other), (one + noise[0], other + noise[1]))
     )

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import stats
 
-from airzoo_bench.statistics.comparison import compare, score_intervals
+from airzoo_bench.results.comparison import compare
+from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.shares import (
     Rates,
@@ -184,7 +185,9 @@ def test_a_scene_with_too_few_queries_has_no_interval_nor_has_the_average() -> N
     reason = "only 4 queries in scene east: an interval needs 5"
     assert [found.groups[s][0].reason for s in ("east", "west")] == [reason, ""]
     assert found.overall[0].reason == reason
-    assert compare(methods, [HIT], plan=ResamplingConfig(100)).pairs[0].interval.reason == reason
+    assert (
+        compare(methods, [HIT], resampling=ResamplingConfig(100)).pairs[0].interval.reason == reason
+    )
 
 
 @pytest.mark.parametrize("scenes", SATURATED)

@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
-from airzoo_bench.statistics import draws
-from airzoo_bench.statistics.draws import sign_flips, stream_key
+from airzoo_bench.results.sampling import is_share
+from airzoo_bench.statistics.resampling import sign_flips, stream_key
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import is_share, mcnemar, p_floor, paired_permutation
+from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT
 
 ALL = ResamplingConfig(resamples=100_000)
@@ -136,10 +136,10 @@ def test_blocks_change_nothing(monkeypatch, resamples):
     values = np.random.default_rng(2).random((6, 12))
     values[2, :3] = values[3, 1] = np.inf
     made = Sample("query", ("a", "b"), (values[:, :5], values[:, 5:]), np.arange(6) > 3)
-    pairs, plan = [(0, 1), (2, 3), (2, 0), (4, 5)], ResamplingConfig(resamples=resamples)
-    whole = paired_permutation(made, plan, pairs)
-    monkeypatch.setattr(draws, "_CELLS", 200)
-    assert paired_permutation(made, plan, pairs) == whole
+    pairs, resampling = [(0, 1), (2, 3), (2, 0), (4, 5)], ResamplingConfig(resamples=resamples)
+    whole = paired_permutation(made, resampling, pairs)
+    monkeypatch.setattr("airzoo_bench.statistics.resampling._CELLS", 200)
+    assert paired_permutation(made, resampling, pairs) == whole
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
@@ -171,9 +171,9 @@ def test_pairs_do_not_see_each_other():
     values[2] *= 1e10  # what is rounding there is much elsewhere
     made = Sample("query", ("s",), (values,), np.zeros(4, bool))
     pairs = [(0, 1), (0, 2), (3, 0), (1, 1), (2, 3)]
-    plan = ResamplingConfig(resamples=500)
-    assert paired_permutation(made, plan, pairs) == [
-        paired_permutation(made, plan, [pair])[0] for pair in pairs
+    resampling = ResamplingConfig(resamples=500)
+    assert paired_permutation(made, resampling, pairs) == [
+        paired_permutation(made, resampling, [pair])[0] for pair in pairs
     ]
 
 

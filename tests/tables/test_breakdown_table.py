@@ -19,9 +19,13 @@ def methods_at(altitudes: list[float], count: int = 2) -> list[Scored]:
 
 
 def test_empty_bins_are_rows_without_values() -> None:
-    for plan in (None, ResamplingConfig(resamples=200)):
+    for resampling in (None, ResamplingConfig(resamples=200)):
         table = breakdown_table(
-            methods_at([61.5, 88.0]), [HIT, ERROR], "altitude_m", bins=[30, 60, 70, 80], plan=plan
+            methods_at([61.5, 88.0]),
+            [HIT, ERROR],
+            "altitude_m",
+            bins=[30, 60, 70, 80],
+            resampling=resampling,
         )
         rows = [[cell.value for cell in row.cells] for row in table.rows]
         labels = ["below 30", "30 to 60", "60 to 70", "70 to 80", "80 and more"]

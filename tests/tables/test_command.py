@@ -13,8 +13,9 @@ import pytest
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, write_result
-from airzoo_bench.tables.method_table import MethodTable, with_published
+from airzoo_bench.tables.method_table import MethodTable
 from airzoo_bench.tables.published import published_tables
+from airzoo_bench.tables.reported_rows import with_published
 from tests.results.test_result import result
 from tests.support import run_main, write_predictions
 from tests.tables.typeset import typeset

@@ -12,20 +12,21 @@ from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.results.comparison import Comparison, Pair, compare
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn, score_columns
+from airzoo_bench.results.sampling import is_hit
+from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.statistics.comparison import Comparison, Pair, compare
-from airzoo_bench.statistics.compatibility import choose_scores
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import PairedTest, is_hit
+from airzoo_bench.statistics.significance import PairedTest
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.model import Between
 from airzoo_bench.tables.render import render
 from airzoo_bench.tables.verdicts import disagreement, sentence, verdict
-from airzoo_bench.tables.wording import by_reason
+from airzoo_bench.tables.wording import notes_by_reason
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
 FAST = ResamplingConfig(resamples=1_000)
@@ -47,7 +48,7 @@ PAIR = Pair(
 
 
 def against(*methods: Scored, every: bool = False) -> Comparison:
-    return compare(methods, choose_scores(methods, [], every=every), plan=FAST)
+    return compare(methods, choose_scores(methods, [], every=every), resampling=FAST)
 
 
 def scores_of(name: str) -> tuple[str, tuple[ScoreColumn, ...]]:
@@ -263,24 +264,26 @@ class TestTable:
         methods = random_methods(3, {"east": 60}, (HIT,))
         scores = choose_scores(methods, [])
         named, best = (
-            comparison_table(compare(methods, scores, reference=name, plan=FAST)).notes[-1]
+            comparison_table(compare(methods, scores, reference=name, resampling=FAST)).notes[-1]
             for name in (None, "best")
         )
         assert "; Holm over methods, not over scores; McNemar" in named
         assert "; Holm over all 3 pairs of methods, since the reference was chosen" in best
-        two = compare(methods[:2], scores, reference="best", plan=FAST)
+        two = compare(methods[:2], scores, reference="best", resampling=FAST)
         assert "pairs of methods" not in comparison_table(two).notes[-1]
 
     def test_random_patterns_that_are_too_few_for_holm(self) -> None:
         methods = random_methods(7, {"east": 60}, (HIT,))
         scores = choose_scores(methods, [])
         for resamples, told in ((118, True), (119, False)):
-            plan = ResamplingConfig(resamples=resamples)
-            notes = comparison_table(compare(methods, scores, plan=plan)).notes
+            resampling = ResamplingConfig(resamples=resamples)
+            notes = comparison_table(compare(methods, scores, resampling=resampling)).notes
             assert ("120 --resamples or more" in notes[-1]) == told
         # By the count of every pattern, there is no such limit.
         alike = [made_method({"s": {"recall@1": [1.0] * 6}}, name=n) for n in "abcdefg"]
-        notes = comparison_table(compare(alike, scores, plan=ResamplingConfig(resamples=100))).notes
+        notes = comparison_table(
+            compare(alike, scores, resampling=ResamplingConfig(resamples=100))
+        ).notes
         assert not any("--resamples" in note for note in notes)
 
     def test_one_scene(self) -> None:
@@ -300,8 +303,8 @@ class TestReasons:
             for scene in "abc"
             for score in (HIT, SOFT, ERROR)
         ]
-        assert by_reason(entries)["few"] == "R@1; MRR, Median in b"
-        assert by_reason([("few", s, m) for _, s, m in entries]) == {"few": "all scores"}
+        assert notes_by_reason(entries) == ["R@1; MRR, Median in b: few"]
+        assert notes_by_reason([("few", s, m) for _, s, m in entries]) == ["all scores: few"]
 
     def test_many_are_counted(self) -> None:
         scores = [HIT.model_copy(update={"title": f"R@{k}"}) for k in range(9)]
@@ -310,9 +313,9 @@ class TestReasons:
             for m in range(9)
             for s in scores
         ]
-        assert by_reason(entries, "of")["few"] == (
-            "R@1, R@2, R@3, R@4, R@5, R@6 and 2 more of 0, 1, 2 and 2 more"
-        )
+        assert notes_by_reason(entries, "no; ", "of") == [
+            "R@1, R@2, R@3, R@4, R@5, R@6 and 2 more of 0, 1, 2 and 2 more: no; few"
+        ]
 
     def test_one_score_is_named(self) -> None:
-        assert by_reason([("few", HIT, "a")]) == {"few": "R@1"}
+        assert notes_by_reason([("few", HIT, "a")]) == ["R@1: few"]

@@ -14,12 +14,14 @@ import pytest
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.annotations import add_gains, cite, highlight, parse_baselines
+from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.latex import LatexStyle, latex
 from airzoo_bench.tables.layouts import methods_layout, scenes_layout
-from airzoo_bench.tables.method_table import MethodTable, with_published
-from airzoo_bench.tables.model import Between, Cell, Column, PlusMinus, Row, Table, mark_best
+from airzoo_bench.tables.method_table import MethodTable
+from airzoo_bench.tables.model import Between, Cell, Column, PlusMinus, Row, Table
 from airzoo_bench.tables.published import published_tables, read_source
 from airzoo_bench.tables.render import FORMATS, render
+from airzoo_bench.tables.reported_rows import with_published
 from tests.tables.typeset import bold_words, typeset
 
 UP, DOWN = Column("R@1", "%", True), Column("Error", "m", False)

@@ -10,13 +10,12 @@ from typing import Any
 import pytest
 
 from airzoo_bench.results.result import Reference, Result, write_result
-from airzoo_bench.tables.build import scenes_table
-from airzoo_bench.tables.floors import with_floors
+from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.latex import LatexStyle, latex
-from airzoo_bench.tables.layouts import benchmarks_layout, scenes_layout
+from airzoo_bench.tables.layouts import benchmarks_layout, scenes_layout, scenes_table
 from airzoo_bench.tables.method_table import method_table
-from airzoo_bench.tables.model import mark_best
 from airzoo_bench.tables.render import FORMATS, render
+from airzoo_bench.tables.reported_rows import with_floors
 from tests.statistics.support import made_method, write_method
 from tests.support import run_main
 from tests.tables.test_command import made
@@ -133,7 +132,7 @@ def test_results_that_hold_others_or_none() -> None:
     none = scored("Old", 0.25, 0.25, references={})
     odd = scored("Odd", 0.25, 0.25, references={NAME: chance(0.75, 0.51)})
     board = with_floors(method_table([one, none, other]), [one, none, other])
-    assert [entry.method for entry in board.entries] == ["Mine", "Old", "Poor", NAME]
+    assert [entry.method for entry in board.rows] == ["Mine", "Old", "Poor", NAME]
     assert not any("differs" in note for note in board.notes)
     board = with_floors(method_table([one, odd]), [one, odd])
     assert f"{NAME} of Odd differs from the one that is shown" in board.notes

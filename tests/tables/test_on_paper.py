@@ -13,7 +13,7 @@ import pytest
 from airzoo_bench.tables.annotations import add_gains
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.latex import LatexStyle, latex
-from airzoo_bench.tables.latex_width import latex_width
+from airzoo_bench.tables.latex_text import latex_width
 from airzoo_bench.tables.layouts import benchmarks_layout
 from airzoo_bench.tables.method_table import method_table
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table

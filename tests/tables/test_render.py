@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.tables.build import methods_table, scenes_table
-from airzoo_bench.tables.model import Between, Cell, Column, Row, Table, mark_best
+from airzoo_bench.tables.best_marks import mark_best
+from airzoo_bench.tables.layouts import methods_table, scenes_table
+from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 from airzoo_bench.tables.render import FORMATS, render
 from tests.results.test_result import result
 

@@ -9,8 +9,12 @@ import pytest
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import write_result
-from airzoo_bench.tables.build import methods_table, scenes_table
-from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout
+from airzoo_bench.tables.layouts import (
+    benchmarks_layout,
+    methods_layout,
+    methods_table,
+    scenes_table,
+)
 from airzoo_bench.tables.method_table import method_table
 from tests.results.test_result import result
 from tests.support import run_main

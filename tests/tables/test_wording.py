@@ -8,7 +8,7 @@ import pytest
 from airzoo_bench.core.plurals import counted, plural
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.method_intervals import with_intervals
+from airzoo_bench.tables.interval_layout import with_intervals
 from airzoo_bench.tables.method_table import OVERALL, method_table
 from airzoo_bench.tables.wording import brackets_note, intervals_made, resampled
 from tests.statistics.support import CHAMFER, ERROR, HIT, made_method
@@ -26,10 +26,12 @@ BCA, PERCENTILE = Interval(0.0, 1.0, "bca"), Interval(0.0, 1.0, "percentile")
     ],
 )
 def test_kinds_that_were_made(intervals: list[Interval], kinds: str) -> None:
-    plan = ResamplingConfig(500, seed=3, confidence=0.9)
+    resampling = ResamplingConfig(500, seed=3, confidence=0.9)
     made = f"90 % intervals, {kinds}, 500 resamples of scenes, seed 3"
-    assert intervals_made(intervals, plan, resampled("scene")) == made
-    assert brackets_note(intervals, plan, resampled("scene")) == [f"in square brackets: {made}"]
+    assert intervals_made(intervals, resampling, resampled("scene")) == made
+    assert brackets_note(intervals, resampling, resampled("scene")) == [
+        f"in square brackets: {made}"
+    ]
 
 
 def test_where_there_are_none_nothing_is_said() -> None:

@@ -24,7 +24,7 @@ _QUIET = re.compile(
 _BLANK = re.compile(
     r"\\(?:enspace|enskip|quad|qquad|hfill|hfil|null|,|;|!|:| |\\)|\\[hv]space\*?\{[^{}]*\}"
 )
-# Grey is what stands beside a comparison, such as an upper bound.
+# Grey is what stands next to a comparison, such as an upper bound.
 _MUTED = re.compile(
     r"[\s{]*\\(?:text)?color(?:\[[^][]*\])?\{(?:\w*gr[ae]y\w*(?:![0-9]+)?|black![0-9]+)\}"
 )
@@ -81,10 +81,8 @@ class Marked:
 
     Attributes
     ----------
-    number : Rounded
     gain : Rounded or None
-        The difference that stands beside it, with a sign.
-    bold, percent : bool
+        The difference that stands next to it, with a sign.
     muted : bool
         Printed in grey, so that it does not compete.
     """
@@ -109,19 +107,25 @@ def read_marked(text: str) -> Marked | str:
     return _read_marked(text)
 
 
-# The head of a table, its layout and its numbers are told by what its fields are.
+# The header of a table, its layout and its numbers are told by what its fields are.
 @lru_cache(maxsize=4096)
 def _read_marked(text: str) -> Marked | str:
-    sentence = _sentence(text)
-    value = _VALUE.match(sentence)
-    number = _number(value[1]) if value else None
+    sentence, value, number, rest = _parts(text)
     if value is None or number is None:
         return _what_is_wrong(sentence, value[1] if value else "")
-    rest = _INTERVAL.sub("", sentence[value.end() :]).strip()
     gain = _gain(rest)
     if rest and gain is None:
         return f"what is {rest[:40]!r} after the number? a gain has a sign, as in 96.21 (+1.73)"
     return _marked(text, number, gain, percent=bool(value[2]))
+
+
+def _parts(text: str) -> tuple[str, re.Match[str] | None, Rounded | None, str]:
+    """Return a field without marks, the match and number it begins with, and what follows."""
+    sentence = " ".join(_without_marks(text).split())
+    value = _VALUE.match(sentence)
+    if value is None:
+        return sentence, None, None, ""
+    return sentence, value, _number(value[1]), _INTERVAL.sub("", sentence[value.end() :]).strip()
 
 
 def _marked(text: str, number: Rounded, gain: Rounded | None, *, percent: bool) -> Marked:
@@ -141,12 +145,11 @@ def read_loosely(text: str) -> Marked | None:
     Marked or None
         None where it is no number with such things behind it.
     """
-    sentence = _sentence(text[:_LONGEST])
-    value = _VALUE.match(sentence)
-    number = _number(value[1]) if value else None
-    if value is None or number is None or len(text) > _LONGEST:
+    if len(text) > _LONGEST:
         return None
-    rest = _INTERVAL.sub("", sentence[value.end() :]).strip()
+    _, value, number, rest = _parts(text)
+    if value is None or number is None:
+        return None
     gain = _gain(_LOOSE.sub("", rest, count=1).strip()) or _gain(rest)
     if gain is None and not _LOOSE.fullmatch(rest):
         return None
@@ -157,10 +160,6 @@ def arrow(text: str) -> str:
     """Return the arrow of a name that says which direction is better; empty without one."""
     arrows = set(_spelled(text[:_LONGEST])) & {"↑", "↓"}
     return arrows.pop() if len(arrows) == 1 else ""
-
-
-def _sentence(text: str) -> str:
-    return " ".join(_without_marks(text).split())
 
 
 def is_no_number(text: str) -> bool:

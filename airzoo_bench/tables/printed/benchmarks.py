@@ -42,7 +42,7 @@ def with_benchmarks(
 
     Tables whose scenes differ are of different ones. Of others, tables of LaTeX and Markdown are of
     one where enough of what both print agrees, number for number, or as averages over scenes that
-    one prints. So no average is held against scenes that it is not of.
+    one prints. So no average is compared with scenes that it is not of.
 
     Parameters
     ----------
@@ -172,9 +172,7 @@ def _agrees(key: Key, cell: PrintedValue, domain: _Domain) -> bool | None:
 
 
 def _told(found: Mapping[str, _Domain]) -> list[str]:
-    together: dict[str, list[str]] = {}
-    for table, domain in found.items():
-        together.setdefault(domain.name, []).append(table)
+    together = grouped(found, lambda table: found[table].name)
     several = [sorted(tables) for tables in together.values() if len(tables) > 1]
     return [f"tables of one benchmark, by their numbers: {', '.join(t[:10])}" for t in several]
 

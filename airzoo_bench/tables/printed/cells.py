@@ -13,6 +13,7 @@ from airzoo_bench.tables.printed.scores import Score
 
 __all__ = ["PrintedValue", "Published", "grouped"]
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -27,14 +28,14 @@ class PrintedValue:
     full : int
         What a share of all is printed as: 100 or 1.
     gain : Rounded or None
-        The difference that is printed beside it.
+        The difference that is printed next to it.
     bold : bool or None
         None where the file does not say.
     queries : int or None
         Of its scene, where the file says so.
     may_average : bool
         Whether its scene may be a benchmark of several: it stands above columns, without an
-        average beside it.
+        average next to it.
     section : int
         Of the rows of its table, which rules and titles divide.
     competes : bool
@@ -112,8 +113,6 @@ class Published:
     ----------
     source : str
         The file's name.
-    cells : tuple of PrintedValue
-    unused_columns : tuple of str
     has_bold : bool
         Whether the file says what is bold.
     notes : tuple of str
@@ -131,11 +130,9 @@ class Published:
         return grouped(self.cells, key)
 
 
-def grouped(
-    cells: Iterable[PrintedValue], key: Callable[[PrintedValue], T]
-) -> dict[T, list[PrintedValue]]:
-    """Group cells, in their order."""
-    groups: dict[T, list[PrintedValue]] = {}
-    for cell in cells:
-        groups.setdefault(key(cell), []).append(cell)
+def grouped(items: Iterable[S], key: Callable[[S], T]) -> dict[T, list[S]]:
+    """Group items, in their order."""
+    groups: dict[T, list[S]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
     return groups

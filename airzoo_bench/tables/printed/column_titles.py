@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from airzoo_bench.tables.printed.annotations import plain_name
 from airzoo_bench.tables.printed.scores import is_known, is_plain_score
 
-__all__ = ["Head", "is_summary_name", "names_summary", "read_heads", "split_unit"]
+__all__ = ["ColumnTitle", "is_summary_name", "names_summary", "read_titles", "split_unit"]
 
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _UNIT = re.compile(r"(.*\S) ?[\[(](%|share|percent|m|cm|mm|km|px|deg|°)[\])]|(.*\w) (%)")
@@ -22,14 +22,13 @@ _BENCHMARK = re.compile(r".* v[0-9]{1,4}|.*, (?:retrieval|matching|reconstructio
 
 
 @dataclass(frozen=True)
-class Head:
+class ColumnTitle:
     """What one column holds.
 
     Attributes
     ----------
     column : str
         As the file calls it.
-    metric, unit : str
     scene : str
         Empty where the column does not say.
     benchmark : str
@@ -51,7 +50,9 @@ def is_summary_name(scene: str) -> bool:
     return scene.casefold() in _SUMMARIES
 
 
-def read_heads(columns: Sequence[str], groups: Sequence[str], *, has_scenes: bool) -> list[Head]:
+def read_titles(
+    columns: Sequence[str], groups: Sequence[str], *, has_scenes: bool
+) -> list[ColumnTitle]:
     """Tell what columns hold, by the names above them and by what these have in common.
 
     Parameters
@@ -60,12 +61,12 @@ def read_heads(columns: Sequence[str], groups: Sequence[str], *, has_scenes: boo
     groups : sequence of str
         What stands above each, one each.
     has_scenes : bool
-        A column of the table says which scene a line is of: the heads name none.
+        A column of the table says which scene a line is of: the titles name none.
     """
-    heads = [_grouped(*pair) for pair in zip(columns, groups, strict=True)]
+    titles = [_grouped(*pair) for pair in zip(columns, groups, strict=True)]
     if not has_scenes:
-        heads = _with_scenes(heads)
-    return [_counted(head) for head in heads]
+        titles = _with_scenes(titles)
+    return [_counted(title) for title in titles]
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -77,45 +78,47 @@ def split_unit(name: str) -> tuple[str, str]:
     return found[1] or found[3], (found[2] or found[4]).replace("°", "deg")
 
 
-def _grouped(column: str, group: str) -> Head:
+def _grouped(column: str, group: str) -> ColumnTitle:
     name, unit = split_unit(column)
     above, unit_above = split_unit(group)
     unit = unit or unit_above
     if not above:
-        return Head(column, name, unit)
+        return ColumnTitle(column, name, unit)
     if is_plain_score(f"{above} {name}") and not is_plain_score(above):
-        return Head(column, f"{above} {name}", unit)
+        return ColumnTitle(column, f"{above} {name}", unit)
     if above.casefold() in ("recall", "r", "accuracy") and name.startswith("@"):
-        return Head(column, f"{above}{name}", unit)
+        return ColumnTitle(column, f"{above}{name}", unit)
     if not is_known(name) and is_plain_score(above):
-        return Head(column, above, unit, name)
-    return Head(column, name, unit, above)
+        return ColumnTitle(column, above, unit, name)
+    return ColumnTitle(column, name, unit, above)
 
 
-def _with_scenes(heads: Sequence[Head]) -> list[Head]:
+def _with_scenes(titles: Sequence[ColumnTitle]) -> list[ColumnTitle]:
     """Split ``City R@1`` into scene and score, where the columns together say so.
 
     What stands before a score is a scene if some score is unknown with it, as ``City R@1``; or if
     the same score stands behind several such names, one of them for an average.
     """
-    parts = [_split_scene(head) for head in heads]
+    parts = [_split_scene(title) for title in titles]
     sure = {
-        before for head, (before, _) in zip(heads, parts, strict=True) if not is_known(head.metric)
+        before
+        for title, (before, _) in zip(titles, parts, strict=True)
+        if not is_known(title.metric)
     }
     for metric in {after for before, after in parts if before}:
         befores = {before for before, after in parts if after == metric and before}
         if len(befores) > 1 and any(map(is_summary_name, befores)):
             sure |= befores
     return [
-        replace(head, metric=after, scene=before) if before and before in sure else head
-        for head, (before, after) in zip(heads, parts, strict=True)
+        replace(title, metric=after, scene=before) if before and before in sure else title
+        for title, (before, after) in zip(titles, parts, strict=True)
     ]
 
 
-def _split_scene(head: Head) -> tuple[str, str]:
+def _split_scene(title: ColumnTitle) -> tuple[str, str]:
     """Return what stands before the longest known score that a name ends in, and that score."""
-    name = head.metric
-    if head.scene or len(name) > _LONGEST or is_plain_score(name):
+    name = title.metric
+    if title.scene or len(name) > _LONGEST or is_plain_score(name):
         return "", name
     for space in re.finditer(" ", name):
         if is_plain_score(name[space.end() :]):
@@ -123,15 +126,15 @@ def _split_scene(head: Head) -> tuple[str, str]:
     return "", name
 
 
-def _counted(head: Head) -> Head:
-    found = _COUNTED.fullmatch(head.scene)
+def _counted(title: ColumnTitle) -> ColumnTitle:
+    found = _COUNTED.fullmatch(title.scene)
     if found and not _YEAR.fullmatch(found[2]):
-        head = replace(head, scene=found[1], queries=found[2])
-    if _BENCHMARK.fullmatch(head.scene):
-        return replace(head, benchmark=head.scene, scene="overall")
-    return head
+        title = replace(title, scene=found[1], queries=found[2])
+    if _BENCHMARK.fullmatch(title.scene):
+        return replace(title, benchmark=title.scene, scene="overall")
+    return title
 
 
-def names_summary(heads: Iterable[Head]) -> bool:
+def names_summary(titles: Iterable[ColumnTitle]) -> bool:
     """Whether one of the scenes above the columns stands for several."""
-    return any(head.scene and is_summary_name(head.scene) for head in heads)
+    return any(title.scene and is_summary_name(title.scene) for title in titles)

@@ -10,9 +10,13 @@ from pathlib import Path
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed.annotations import arrow, is_no_number, plain_name, read_marked
-from airzoo_bench.tables.printed.column_titles import Head, names_summary, read_heads, split_unit
-from airzoo_bench.tables.printed.grid import METHOD_NAMES, Grid, GridRow
-from airzoo_bench.tables.printed.layout import Field, Layout
+from airzoo_bench.tables.printed.column_titles import (
+    ColumnTitle,
+    names_summary,
+    read_titles,
+    split_unit,
+)
+from airzoo_bench.tables.printed.grid import METHOD_NAMES, Field, Grid, GridRow, Layout
 from airzoo_bench.tables.printed.scores import is_known
 
 __all__ = ["fields_of"]
@@ -45,29 +49,24 @@ def fields_of(path: Path, grid: Grid) -> Layout:
     ResultError
         A column is missing, mistyped, or there twice.
     """
-    folded = _folded(grid)
-    folded = _named_first(grid, folded)
+    folded = _named_first(grid, _folded(grid))
     _check_once(path, grid, folded)
-    if not _is_long(folded) and set(folded) - set(_KNOWN):
+    if "value" not in folded and set(folded) - set(_KNOWN):
         if "metric" in folded and _are_scores(grid, folded):
             return _by_metric(path, grid, folded)
         if "method" in folded:
             return _wide(path, grid, folded)
-        if "scene" in folded and any(_is_score_head(name) for name in folded):
+        if "scene" in folded and any(_is_score_title(name) for name in folded):
             return _wide(path, grid, folded)
     missing = [name for name in _LONG if name not in folded]
     if missing:
+        lacking = f"column {', '.join(map(repr, missing))}"
         if grid.is_markup and len(missing) == len(_LONG):
-            raise ResultError(
-                f"no column of methods and no known score (found: {_shown(grid)})",
-                where=path,
-                expected=_EXPECTED,
-                fix=_MENDS[grid.kind] + " (docs/audit.md)",
-            )
-        if "method" not in folded:
+            lacking = "column of methods and no known score"
+        elif "method" not in folded:
             _refuse_mistyped(path, [name for name in folded if name not in _KNOWN])
         raise ResultError(
-            f"no column {', '.join(map(repr, missing))} (found: {_shown(grid)})",
+            f"no {lacking} (found: {_shown(grid)})",
             where=path,
             expected=_EXPECTED,
             fix=_MENDS[grid.kind] + " (docs/audit.md)",
@@ -92,25 +91,18 @@ def _folded(grid: Grid) -> tuple[str, ...]:
 def _named_first(grid: Grid, columns: tuple[str, ...]) -> tuple[str, ...]:
     """Take the first column of a laid out table of scores for that of the methods."""
     known = {"method", "scene", "value"} & set(columns)
-    if not grid.is_markup or known or not _has_scores(grid, columns):
+    titles = read_titles(columns[1:], grid.groups[1:], has_scenes=False)
+    if not grid.is_markup or known or not any(is_known(title.metric) for title in titles):
         return columns
     return ("method", *columns[1:])
 
 
-def _has_scores(grid: Grid, columns: Sequence[str]) -> bool:
-    heads = read_heads(columns[1:], grid.groups[1:], has_scenes=False)
-    return any(is_known(head.metric) for head in heads)
-
-
-def _is_long(columns: Sequence[str]) -> bool:
-    return "value" in columns
-
-
 def _are_scores(grid: Grid, columns: Sequence[str]) -> bool:
-    """Whether a column of metrics holds names of scores, and no head is one."""
+    """Whether a column of metrics holds names of scores, and no title is one."""
     at = columns.index("metric")
     names = {plain_name(row.texts[at]) for row in grid.rows} - {""}
-    return bool(names) and all(map(_is_score_head, names)) and not any(map(_is_score_head, columns))
+    over_columns = any(map(_is_score_title, columns))
+    return bool(names) and all(map(_is_score_title, names)) and not over_columns
 
 
 def _by_metric(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
@@ -131,8 +123,8 @@ def _by_metric(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
     return Layout(tuple(fields), (), False, notes)
 
 
-def _is_score_head(name: str) -> bool:
-    return any(is_known(head.metric) for head in read_heads([name], [""], has_scenes=True))
+def _is_score_title(name: str) -> bool:
+    return any(is_known(title.metric) for title in read_titles([name], [""], has_scenes=True))
 
 
 def _shown(grid: Grid) -> str:
@@ -204,18 +196,18 @@ def _wide(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
             expected="bold and gains in the fields themselves, as **96.21** (+1.73); units in the "
             "names of the columns, as R@1 [%]",
         )
-    beside = {f"{name} {what}" for name in columns for what in ("gain", "from", "to")}
+    further = {f"{name} {what}" for name in columns for what in ("gain", "from", "to")}
     places = [
         index
         for index, name in enumerate(columns)
-        if name not in (*_WIDE, *(beside - {f"{group} gain" for group in grid.groups if group}))
+        if name not in (*_WIDE, *(further - {f"{group} gain" for group in grid.groups if group}))
     ]
-    heads = read_heads(
+    titles = read_titles(
         [columns[i] for i in places],
         [grid.groups[i] for i in places],
         has_scenes="scene" in columns,
     )
-    scores = {i: h for i, h in zip(places, heads, strict=True) if _is_score(grid, i, h)}
+    scores = {i: h for i, h in zip(places, titles, strict=True) if _is_score(grid, i, h)}
     unused = [columns[i] for i in places if i not in scores]
     if not grid.is_markup:
         _refuse_mistyped(path, unused)
@@ -230,16 +222,16 @@ def _wide(path: Path, grid: Grid, columns: tuple[str, ...]) -> Layout:
     return Layout(tuple(fields), tuple(unused), False, notes)
 
 
-def _is_score(grid: Grid, index: int, head: Head) -> bool:
+def _is_score(grid: Grid, index: int, title: ColumnTitle) -> bool:
     """Whether a column's name is that of a score, or else all of it is numbers."""
-    if is_known(head.metric):
+    if is_known(title.metric):
         return True
     texts = [row.texts[index] for row in grid.rows if not is_no_number(row.texts[index])]
     return bool(texts) and not any(isinstance(read_marked(text), str) for text in texts)
 
 
 def _of_row(
-    path: Path, row: GridRow, columns: Sequence[str], scores: Mapping[int, Head], grid: Grid
+    path: Path, row: GridRow, columns: Sequence[str], scores: Mapping[int, ColumnTitle], grid: Grid
 ) -> list[Field]:
     tidy: Callable[[str], str] = plain_name if grid.is_markup else _one_line
     said = list(zip(columns, row.texts, strict=True))
@@ -250,21 +242,26 @@ def _of_row(
     if grid.label:
         names.setdefault("table", grid.label)
     loose = not names_summary(scores.values())
-    known = {i for i, head in scores.items() if is_known(head.metric)}
-    beside = tuple(
+    known = {i for i, title in scores.items() if is_known(title.metric)}
+    extra = tuple(
         (name, tidy(text))
         for i, (name, text) in enumerate(said)
         if i not in known and name not in _WIDE
     )[:_MOST_BESIDE]
     arrows = {i: arrow(grid.columns[i]) for i in scores}
     fields = []
-    for index, head in scores.items():
+    for index, title in scores.items():
         name = columns[index]
         gain = row.texts[columns.index(f"{name} gain")] if f"{name} gain" in columns else ""
-        above = {"scene": head.scene, "benchmark": head.benchmark, "n": head.queries}
-        texts = {"metric": head.metric, "unit": head.unit, "value": row.texts[index], "gain": gain}
+        above = {"scene": title.scene, "benchmark": title.benchmark, "n": title.queries}
+        texts = {
+            "metric": title.metric,
+            "unit": title.unit,
+            "value": row.texts[index],
+            "gain": gain,
+        }
         texts |= {key: text for key, text in above.items() if text} | {"arrow": arrows[index]}
         called = {"value": name, "gain": f"{name} gain", "unit": name, "metric": name}
-        averages = bool(head.scene) and loose and not head.queries
-        fields.append(Field(path, row.line, names | texts, called, averages, row, beside))
+        averages = bool(title.scene) and loose and not title.queries
+        fields.append(Field(path, row.line, names | texts, called, averages, row, extra))
     return fields

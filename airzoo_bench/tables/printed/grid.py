@@ -1,13 +1,14 @@
-"""A table as a first line of names, and lines of as many fields."""
+"""Tables as they are read: names of columns, lines of fields, and what is said of each number."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
 
-__all__ = ["Grid", "GridRow", "check_width", "is_method_head"]
+__all__ = ["Field", "Grid", "GridRow", "Layout", "check_width", "is_method_title"]
 
 # What papers, and our own tables, call the column of names.
 METHOD_NAMES = frozenset(
@@ -50,10 +51,8 @@ class Grid:
     ----------
     kind : str
         CSV, Markdown or LaTeX; in the latter two names may be marked.
-    columns : tuple of str
     groups : tuple of str
         What stands above the name of each column; empty where nothing does.
-    rows : tuple of GridRow
     label : str
         Of the table, where the file holds several.
     """
@@ -80,6 +79,54 @@ def check_width(path: Path, kind: str, line: int, fields: int, columns: int) -> 
         )
 
 
-def is_method_head(name: str) -> bool:
+def is_method_title(name: str) -> bool:
     """Whether a column of this name holds methods."""
     return name.casefold() in METHOD_NAMES
+
+
+@dataclass(frozen=True)
+class Field:
+    """What the file says of one printed number.
+
+    Attributes
+    ----------
+    texts : mapping of str to str
+        By the names of the columns of a long table.
+    columns : mapping of str to str
+        How the file calls them, where otherwise.
+    may_average : bool
+        Whether the scene stands above columns without an average next to it, so that it may be a
+        benchmark.
+    row : GridRow or None
+        The line of a wide table that it stands in.
+    extra : tuple of (str, str)
+        What else the line says in words or in numbers that are no known scores, by column.
+    """
+
+    path: Path
+    line: int
+    texts: Mapping[str, str]
+    columns: Mapping[str, str]
+    may_average: bool = False
+    row: GridRow | None = None
+    extra: tuple[tuple[str, str], ...] = ()
+
+    def __getitem__(self, name: str) -> str:
+        return self.texts.get(name, "")
+
+    def where(self, name: str) -> str:
+        """Return file, line and column, for messages."""
+        return f"{self.path}, line {self.line}, column {self.columns.get(name, name)[:80]!r}"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """All fields, the columns that were not used, and whether a column says what is bold.
+
+    `notes` say what was read otherwise than it stands there.
+    """
+
+    fields: tuple[Field, ...]
+    unused: tuple[str, ...]
+    has_bold: bool
+    notes: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""The rows of a LaTeX table under their heads, of which it may have several."""
+"""The rows of a LaTeX table under their headers, of which it may have several."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.tables.printed.annotations import is_no_number, plain_name, read_marked
-from airzoo_bench.tables.printed.grid import Grid, GridRow, check_width, is_method_head
+from airzoo_bench.tables.printed.grid import Grid, GridRow, check_width, is_method_title
 from airzoo_bench.tables.printed.latex import Line, SpannedCell
 from airzoo_bench.tables.printed.scores import is_known
 
@@ -17,27 +17,27 @@ __all__ = ["latex_grids"]
 
 _NUMBER_LIKE = re.compile(r"[^A-Za-z@]*[0-9][^A-Za-z@]*|[+-]?[0-9]+[.,][0-9]+(?![0-9]* ?[a-z°]).*")
 _LONGEST_VALUE = 200
-_MOST_HEADS = 12
+_MOST_HEADERS = 12
 _MOST_FIELDS = 200_000
 
 
 @dataclass
 class _Block:
-    """Lines under heads of their own; each with the number and the title of its section."""
+    """Lines under headers of their own; each with the number and the title of its section."""
 
-    heads: list[Line] = field(default_factory=list)
+    headers: list[Line] = field(default_factory=list)
     body: list[tuple[Line, int, str]] = field(default_factory=list)
 
 
 def latex_grids(path: Path, lines: Sequence[Line], label: str) -> list[Grid]:
-    """Return a grid for each run of lines under heads of their own.
+    """Return a grid for each run of lines under headers of their own.
 
     Raises
     ------
     ResultError
-        A line has not as many fields as its heads, or there are too many.
+        A line has not as many fields as its headers, or there are too many.
     """
-    return [_grid(path, block, label) for block in _blocks(lines) if block.heads or block.body]
+    return [_grid(path, block, label) for block in _blocks(lines) if block.headers or block.body]
 
 
 def _blocks(lines: Sequence[Line]) -> Iterator[_Block]:
@@ -47,20 +47,20 @@ def _blocks(lines: Sequence[Line]) -> Iterator[_Block]:
         section += line.ruled
         if _is_title(line):
             section, title = section + 1, plain_name(line.cells[0].text)
-            # A lone name may be the first line of a head as well.
+            # A lone name may be the first line of a header as well.
             if line.cells[0].span == 1:
                 pending.append(line)
-        elif _is_head(line) or _is_above_head(lines, index):
+        elif _is_header(line) or _is_above_header(lines, index):
             pending.append(line)
         else:
-            if pending and _is_new_head(pending, block.heads):
+            if pending and _is_new_header(pending, block.headers):
                 if block.body:
                     yield block
                 block = _Block(pending)
             pending = []
             block.body.append((line, section, title))
-    if not block.heads and not block.body:
-        block.heads = pending
+    if not block.headers and not block.body:
+        block.headers = pending
     yield block
 
 
@@ -70,19 +70,19 @@ def _is_title(line: Line) -> bool:
     return bool(first.text) and not any(c.text for c in others) and not _is_value(first.text)
 
 
-def _is_head(line: Line) -> bool:
+def _is_header(line: Line) -> bool:
     """Whether it names the column of methods, or no field of it, names aside, is a number."""
-    if is_method_head(plain_name(line.cells[0].text)):
+    if is_method_title(plain_name(line.cells[0].text)):
         return True
     return not any(_is_value(cell.text) for cell in line.cells[1:])
 
 
-def _is_above_head(lines: Sequence[Line], index: int) -> bool:
-    """Whether a line of numbers over several columns each, such as years, stands above a head."""
+def _is_above_header(lines: Sequence[Line], index: int) -> bool:
+    """Whether a line of numbers over several columns each, such as years, stands above a header."""
     line, following = lines[index], lines[index + 1 : index + 2]
     filled = [cell for cell in line.cells if cell.text]
     spans = not line.cells[0].text and all(cell.span > 1 for cell in filled)
-    return spans and bool(following) and _is_head(following[0]) and _names_scores(following)
+    return spans and bool(following) and _is_header(following[0]) and _names_scores(following)
 
 
 def _is_value(text: str) -> bool:
@@ -100,22 +100,22 @@ def _names_scores(lines: Iterable[Line]) -> bool:
     return any(is_known(name) for name in names if name)
 
 
-def _is_new_head(lines: Sequence[Line], heads: Sequence[Line]) -> bool:
-    """Whether lines amid others are a head: they name scores, or the column of methods anew."""
-    named = any(is_method_head(plain_name(line.cells[0].text)) for line in lines)
-    return not heads or named or _names_scores(lines)
+def _is_new_header(lines: Sequence[Line], headers: Sequence[Line]) -> bool:
+    """Whether lines amid others are a header: they name scores, or the column of methods anew."""
+    named = any(is_method_title(plain_name(line.cells[0].text)) for line in lines)
+    return not headers or named or _names_scores(lines)
 
 
 def _grid(path: Path, block: _Block, label: str) -> Grid:
-    heads, body = block.heads, block.body
-    if not heads:
-        heads, body = [body[0][0]], body[1:]
-    names, groups = _names(heads[-_MOST_HEADS:])
+    headers, body = block.headers, block.body
+    if not headers:
+        headers, body = [body[0][0]], body[1:]
+    names, groups = _names(headers[-_MOST_HEADERS:])
     width = len(names)
     if width * len(body) > _MOST_FIELDS:
         raise ResultError(
             f"a table of {len(body)} rows and {width} columns",
-            where=f"{path}, line {heads[0].number}",
+            where=f"{path}, line {headers[0].number}",
             expected=f"at most {_MOST_FIELDS:,} fields",
         )
     used = [False] * width
@@ -132,10 +132,10 @@ def _grid(path: Path, block: _Block, label: str) -> Grid:
     return Grid("LaTeX", columns, tuple(groups[column] for column in kept), rows, label)
 
 
-def _names(heads: Sequence[Line]) -> tuple[list[str], list[str]]:
+def _names(headers: Sequence[Line]) -> tuple[list[str], list[str]]:
     """Return the names of columns, and what stands above each."""
-    width = max(line.width for line in heads)
-    levels = [_spread(line.cells, width) for line in heads]
+    width = max(line.width for line in headers)
+    levels = [_spread(line.cells, width) for line in headers]
     stacks = [list(dict.fromkeys(filter(None, column))) for column in zip(*levels, strict=True)]
     names = [stack[-1] if stack else "" for stack in stacks]
     return names, [" ".join(map(plain_name, stack[:-1])) for stack in stacks]

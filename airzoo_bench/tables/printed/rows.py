@@ -1,4 +1,4 @@
-"""Rows of one table that bear the same name: what stands above or beside them tells them apart."""
+"""Rows of one table that bear the same name: what stands above or next to them tells them apart."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from airzoo_bench.tables.printed.annotations import is_no_number, plain_name
-from airzoo_bench.tables.printed.layout import Field
+from airzoo_bench.tables.printed.cells import grouped
+from airzoo_bench.tables.printed.grid import Field
 
 __all__ = ["told_apart", "without_differences"]
 
@@ -21,9 +22,7 @@ _DIFFERENCE = re.compile(
 
 def without_differences(fields: Sequence[Field]) -> tuple[list[Field], list[int]]:
     """Leave out rows of differences between other rows, and return their lines."""
-    lines: dict[int, list[Field]] = {}
-    for field in fields:
-        lines.setdefault(field.line, []).append(field)
+    lines = grouped(fields, lambda field: field.line)
     dropped = [line for line, own in lines.items() if _are_differences(own)]
     gone = set(dropped)
     return [field for field in fields if field.line not in gone], dropped
@@ -38,7 +37,7 @@ def _are_differences(fields: Sequence[Field]) -> bool:
 
 
 def told_apart(fields: Sequence[Field]) -> tuple[list[Field], str]:
-    """Tell rows of one name apart by the titles above them, then by what stands beside them.
+    """Tell rows of one name apart by the titles above them, then by what else their lines say.
 
     Parameters
     ----------
@@ -60,7 +59,7 @@ def told_apart(fields: Sequence[Field]) -> tuple[list[Field], str]:
     for start in (titled, list(fields)):
         made, alike = start, _alike(start)
         used: list[str] = []
-        for column in dict.fromkeys(name for field in fields for name, _ in field.beside):
+        for column in dict.fromkeys(name for field in fields for name, _ in field.extra):
             longer = [
                 _joined(field, column) if first["method"] in alike else field
                 for first, field in zip(start, made, strict=True)
@@ -92,7 +91,7 @@ def _alike(fields: Sequence[Field]) -> set[str]:
 
 
 def _titled(field: Field) -> Field:
-    """Take the title for the scene, or where heads name scenes, for the benchmark."""
+    """Take the title for the scene, or where column titles name scenes, for the benchmark."""
     title = plain_name(field.row.title) if field.row else ""
     if not title:
         return field
@@ -101,7 +100,7 @@ def _titled(field: Field) -> Field:
 
 
 def _joined(field: Field, column: str) -> Field:
-    text = dict(field.beside).get(column, "")
+    text = dict(field.extra).get(column, "")
     if not text or is_no_number(text):
         return field
     return replace(field, texts={**field.texts, "method": f"{field['method']}, {text}"})

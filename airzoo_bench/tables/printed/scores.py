@@ -102,7 +102,6 @@ class Score:
     ----------
     name : str
         As printed.
-    family : Family
     thresholds : tuple of (Fraction, str)
         Of a share of queries, such as 3, or 5 m and 1 deg: value and unit.
     stem : str

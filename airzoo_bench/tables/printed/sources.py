@@ -33,7 +33,7 @@ _DEFUSED = re.compile(r"^'(?=[=+@-])")
 _SEPARATORS = (",", ";", "\t")
 _NAMES = ("method", "scene")
 # Of a line without its blanks.
-_UNDER_HEAD = re.compile(r"\|?:?-+:?(\|:?-+:?)*\|?")
+_MARKDOWN_RULE = re.compile(r"\|?:?-+:?(\|:?-+:?)*\|?")
 _HEADING = re.compile(r" {0,3}#{1,6}\s")
 _LINK = re.compile(r"!?\[([^][]*)\]\([^()]*\)")
 _BREAK = re.compile(r"<br\s*/?>", re.IGNORECASE)
@@ -89,7 +89,8 @@ def read_sources(path: Path) -> tuple[list[Source], list[str]]:
             where=path,
             expected="a Markdown table: a line of names, a rule such as |---|---|, a line a method",
         )
-    return _counted(path, markdown or [Source("", 1, partial(_csv_grids, path, text))]), notes
+    whole = Source("", 1, lambda: [_grid(path, "CSV", list(_csv(path, text)), "")])
+    return _counted(path, markdown or [whole]), notes
 
 
 def _counted(path: Path, sources: list[Source]) -> list[Source]:
@@ -124,10 +125,6 @@ def _latex_source(
     return latex_grids(path, lines_of(path, text, place, macros), label)
 
 
-def _csv_grids(path: Path, text: str) -> list[Grid]:
-    return [_grid(path, "CSV", list(_csv(path, text)), "")]
-
-
 def _grid(path: Path, kind: str, lines: Sequence[tuple[int, list[str]]], label: str) -> Grid:
     columns = tuple(name.strip() for name in lines[0][1]) if lines else ()
     if len(columns) > _MOST_COLUMNS:
@@ -141,12 +138,12 @@ def _grid(path: Path, kind: str, lines: Sequence[tuple[int, list[str]]], label: 
     groups = ("",) * len(columns)
     if kind == "Markdown" and len(set(columns)) < len(columns) and _are_groups(lines[1:2]):
         groups, lines = _spread(lines[1][1]), lines[1:]
-    rows = tuple(_titled(lines[1:]) if kind == "Markdown" else _plain(lines[1:]))
+    rows = tuple(_rows(lines[1:], titled=kind == "Markdown"))
     return Grid(kind, columns, groups, rows, label)
 
 
 def _are_groups(lines: Sequence[tuple[int, list[str]]]) -> bool:
-    """Whether a line of words below the head says what its columns are of."""
+    """Whether a line of words below the header says what its columns are of."""
     return any(not fields[0] and not re.search(r"\d", "".join(fields)) for _, fields in lines)
 
 
@@ -158,9 +155,9 @@ def _spread(fields: Sequence[str]) -> tuple[str, ...]:
 def _fitted(
     lines: Sequence[tuple[int, list[str]]], columns: Sequence[str]
 ) -> list[tuple[int, list[str]]]:
-    """End Markdown lines where their head does, as they are shown.
+    """End Markdown lines where their header does, as they are shown.
 
-    Only empty fields go, and they come only under heads below which there are no numbers, such as
+    Only empty fields go, and they come only under headers below which there are no numbers, such as
     references: else a line lacks a number, and nobody knows which.
     """
     width = len(columns)
@@ -175,16 +172,11 @@ def _fitted(
     return [(n, fields + [""] * (width - len(fields))) for n, fields in kept]
 
 
-def _plain(lines: Sequence[tuple[int, list[str]]]) -> Iterator[GridRow]:
-    for number, fields in lines:
-        yield GridRow(number, tuple(fields))
-
-
-def _titled(lines: Sequence[tuple[int, list[str]]]) -> Iterator[GridRow]:
-    """Take rows of a lone first field for the titles of those below."""
+def _rows(lines: Sequence[tuple[int, list[str]]], *, titled: bool) -> Iterator[GridRow]:
+    """Take rows of a lone first field, where they can be, for the titles of those below."""
     section, title = 0, ""
     for number, fields in lines:
-        if fields[0] and len(fields) > 1 and not any(fields[1:]):
+        if titled and fields[0] and len(fields) > 1 and not any(fields[1:]):
             section, title = section + 1, fields[0]
         else:
             yield GridRow(number, tuple(fields), section, title)
@@ -214,7 +206,7 @@ def _names(first: str, separator: str) -> int:
 
 
 def _markdown(path: Path, text: str) -> list[Source]:
-    """Find Markdown tables: a head, a rule, and what follows up to a blank."""
+    """Find Markdown tables: a header, a rule, and what follows up to a blank."""
     found = _markdown_tables(text)
     several = len(found) > 1
     seen: dict[str, int] = {}
@@ -242,20 +234,20 @@ def _markdown_tables(text: str) -> list[tuple[str, list[tuple[int, str]]]]:
             heading = _LINK.sub(r"\1", line).strip(" \t#")[:80]
         if "|" not in line:
             inside = False
-        elif _is_under_head(following) and "|" in following:
+        elif _is_rule(following) and "|" in following:
             tables.append((heading, []))
             inside = True
         elif not inside and not tables and text.lstrip().startswith("|"):
-            # Without a rule the first line is the head.
+            # Without a rule the first line is the header.
             tables.append((heading, []))
             inside = True
-        if inside and not _is_under_head(line):
+        if inside and not _is_rule(line):
             tables[-1][1].append((index + 1, line))
     return [table for table in tables if table[1]]
 
 
-def _is_under_head(line: str) -> bool:
-    return bool(_UNDER_HEAD.fullmatch("".join(line.split())))
+def _is_rule(line: str) -> bool:
+    return bool(_MARKDOWN_RULE.fullmatch("".join(line.split())))
 
 
 def _markdown_fields(line: str) -> list[str]:

@@ -2,25 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError, first_of
-from airzoo_bench.tables.printed.ambiguous import resolve_ambiguous
 from airzoo_bench.tables.printed.annotations import is_no_number
 from airzoo_bench.tables.printed.benchmarks import with_benchmarks
 from airzoo_bench.tables.printed.cells import PrintedValue, Published
+from airzoo_bench.tables.printed.column_titles import is_summary_name
 from airzoo_bench.tables.printed.fields import fields_of
 from airzoo_bench.tables.printed.grid import Grid
 from airzoo_bench.tables.printed.rows import told_apart, without_differences
+from airzoo_bench.tables.printed.scores import Family, recall_of_cloud
 from airzoo_bench.tables.printed.sources import Source, read_sources
 from airzoo_bench.tables.printed.values import read_cell, readable
 
-__all__ = ["read_published"]
+__all__ = ["read_published", "resolve_ambiguous"]
 
+_PERCENT = {"%", "percent"}
 _MOST_NUMBERS = 20_000
 _AMBIGUOUS = "all shares are at most 1: percent, or from 0 to 1?"
+
+
+def resolve_ambiguous(cells: Sequence[PrintedValue], *, marked: bool) -> tuple[PrintedValue, ...]:
+    """Say of cells what is not bold, which recalls are of clouds, and what accuracy is.
+
+    Parameters
+    ----------
+    cells : sequence of PrintedValue
+        All of a file.
+    marked : bool
+        Whether the file says what is bold.
+    """
+    families = {cell.score.family for cell in cells}
+    both = {Family.ACCURACY, Family.COMPLETENESS} <= families
+    # Beside F1, accuracy and completeness without a unit may be precision and recall.
+    distances = both and Family.F1 not in families
+    of_clouds = _cloud_distances(cells)
+    return tuple(
+        _settled(_of_cloud(c, of_clouds), marked=marked, distances=distances) for c in cells
+    )
+
+
+def _cloud_distances(cells: Iterable[PrintedValue]) -> dict[tuple[object, ...], None]:
+    """Return where F1 at a distance, or precision at one in metres, is printed, and which."""
+    return dict.fromkeys(
+        (cell.table, *cell.group, cell.score.thresholds)
+        for cell in cells
+        if cell.score.family in (Family.F1, Family.PRECISION) and cell.score.thresholds
+    )
+
+
+def _of_cloud(cell: PrintedValue, distances: Container[tuple[object, ...]]) -> PrintedValue:
+    """Take R@10m, and P@10, for recall and precision of clouds where F1@10 stands next to them."""
+    score = cell.score
+    thresholds = score.thresholds
+    if score.family is Family.AVERAGE_PRECISION and score.variant == "precision":
+        thresholds = ((Fraction(score.cutoff), ""),)
+    elif score.family is not Family.HITS:
+        return cell
+    if (cell.table, *cell.group, thresholds) not in distances:
+        return cell
+    return replace(cell, score=recall_of_cloud(score))
+
+
+def _settled(cell: PrintedValue, *, marked: bool, distances: bool) -> PrintedValue:
+    """Say of a cell what only the whole file tells: what is not bold, and what accuracy is."""
+    score = cell.score
+    if score.family in (Family.ACCURACY, Family.COMPLETENESS):
+        # Accuracy of a cloud is a distance; a lone one, or one in percent, is anybody's.
+        percent = cell.unit.casefold() in _PERCENT
+        if percent or not (distances or cell.unit):
+            better = True if percent else None
+            score = replace(score, family=Family.OTHER, higher_is_better=better)
+    if distances and score.family is Family.OTHER and is_summary_name(score.name):
+        score = replace(score, family=Family.CHAMFER, higher_is_better=False)
+    bold = (cell.bold or False) if marked else None
+    return replace(cell, score=score, bold=bold)
 
 
 @dataclass(frozen=True)
@@ -45,9 +105,9 @@ def read_published(path: Path) -> Published:
         either long, a line a number: the columns method, scene, metric and value, and any of table,
         benchmark, track, unit, n, bold, gain (or printed_delta). Or wide, a line a method: the
         column method, and any of scene, table, benchmark, track and n; the other columns are
-        scores. A value may be marked as bold and have a gain beside it; one that is empty or a dash
-        is left out. Of a file with several tables each is read by itself, and one that holds no
-        scores, or cannot be read, is left out with a note.
+        scores. A value may be marked as bold and have a gain next to it; one that is empty or a
+        dash is left out. Of a file with several tables each is read by itself, and one that holds
+        no scores, or cannot be read, is left out with a note.
 
     Raises
     ------
@@ -126,21 +186,21 @@ def _read(path: Path, grids: Sequence[Grid], *, strict: bool) -> _Table:
     if _may_be_shares(kept):
         if strict:
             raise _ambiguous(path, kept)
-        kept = tuple(_as_share(cell) for cell in kept)
+        kept = tuple(
+            replace(cell, unit="share", full=1) if cell.score.is_share and not cell.unit else cell
+            for cell in kept
+        )
         said.append("shares that are all at most 1 are read as such, not in percent")
     label = next((cell.table for cell in kept if cell.table), "")
     unused = tuple(name for layout in layouts for name in layout.unused)
-    infinite = sum(_is_infinite(field["value"]) for field in fields)
+    odd = [field["value"].casefold() for field in fields if is_no_number(field["value"])]
+    infinite = sum("inf" in text or "∞" in text for text in odd)
     named = [f"{label}: {note}" if label and not strict else note for note in (*notes, *said)]
     return _Table(kept, unused, marked, is_markup, infinite, tuple(named))
 
 
 def _listed(lines: Sequence[int]) -> str:
     return ", ".join(map(str, lines[:10])) + (" ..." if len(lines) > 10 else "")
-
-
-def _is_infinite(text: str) -> bool:
-    return is_no_number(text) and any(sign in text.casefold() for sign in ("inf", "∞"))
 
 
 def _check_cells(path: Path, cells: tuple[PrintedValue, ...]) -> None:
@@ -164,12 +224,6 @@ def _may_be_shares(cells: Sequence[PrintedValue]) -> bool:
     # Nothing at all is 0 by either.
     printed = [cell.number.value for cell in shares if cell.number.value]
     return bool(printed) and all(0 < value <= 1 for value in printed)
-
-
-def _as_share(cell: PrintedValue) -> PrintedValue:
-    if not cell.score.is_share or cell.unit:
-        return cell
-    return replace(cell, unit="share", full=1)
 
 
 def _ambiguous(path: Path, cells: Sequence[PrintedValue]) -> ResultError:

@@ -14,7 +14,7 @@ from airzoo_bench.tables.printed.annotations import (
     read_marked,
 )
 from airzoo_bench.tables.printed.cells import PrintedValue
-from airzoo_bench.tables.printed.layout import Field
+from airzoo_bench.tables.printed.grid import Field
 from airzoo_bench.tables.printed.numbers import Rounded
 from airzoo_bench.tables.printed.scores import Family, Score, read_score
 
@@ -29,7 +29,7 @@ _MOST_QUERIES = 1_000_000_000
 def readable(fields: Sequence[Field]) -> tuple[list[Field], list[str]]:
     """Leave out columns that hold what is no number, and fields that hold words.
 
-    Their tables are told to be incomplete, so that no average is held against the rest.
+    Their tables are told to be incomplete, so that no average is compared with the rest.
 
     Returns
     -------
@@ -38,8 +38,9 @@ def readable(fields: Sequence[Field]) -> tuple[list[Field], list[str]]:
         What was left out, and what was read without what follows the number.
     """
     words = [f for f in fields if not is_no_number(f["value"]) and not _has_digit(f["value"])]
-    unread = [f for f in fields if _has_digit(f["value"]) and _loosely(f) is None]
-    loose = [f for f in fields if _has_digit(f["value"]) and isinstance(_marked_or_not(f), str)]
+    marked = [f for f in fields if _has_digit(f["value"])]
+    unread = [f for f in marked if _loosely(f) is None]
+    loose = [f for f in marked if isinstance(read_marked(f["value"]), str)]
     gone = {_column(field) for field in unread}
     silent = set(map(id, words))
     kept = [field for field in fields if _column(field) not in gone and id(field) not in silent]
@@ -71,12 +72,8 @@ def _column(field: Field) -> tuple[str, ...]:
     return field["benchmark"], field["scene"], field["metric"], field.columns.get("value", "")
 
 
-def _marked_or_not(field: Field) -> Marked | str:
-    return read_marked(field["value"])
-
-
 def _loosely(field: Field) -> Marked | None:
-    marked = _marked_or_not(field)
+    marked = read_marked(field["value"])
     return read_loosely(field["value"]) if isinstance(marked, str) else marked
 
 
@@ -149,14 +146,14 @@ def _marked(field: Field, name: str = "value") -> Marked:
 def _gain(field: Field, marked: Marked) -> Rounded | None:
     if is_no_number(field["gain"]):
         return marked.gain
-    beside = _marked(field, "gain").number
-    if marked.gain and marked.gain.value != beside.value:
+    given = _marked(field, "gain").number
+    if marked.gain and marked.gain.value != given.value:
         raise ResultError(
-            f"gain {beside.text} here and {marked.gain.text} beside the value",
+            f"gain {given.text} here and {marked.gain.text} beside the value",
             where=field.where("gain"),
             fix="keep one",
         )
-    return beside
+    return given
 
 
 def _full(field: Field, score: Score, unit: str) -> int:

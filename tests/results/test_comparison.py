@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.results.comparable import check_same_queries
+from airzoo_bench.results.comparison import Comparison, compare
 from airzoo_bench.results.records import Scored
-from airzoo_bench.statistics.comparison import Comparison, compare, make_sample, score_intervals
-from airzoo_bench.statistics.compatibility import check_comparable, choose_scores
-from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.results.sampling import make_sample, score_intervals
+from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison_layout import comparison_table
-from airzoo_bench.tables.statistics_layout import intervals_table
+from airzoo_bench.tables.interval_layout import intervals_table
 from airzoo_bench.tables.verdicts import sentence
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
 
@@ -26,7 +28,7 @@ def hits(name: str, east: list[float], west: list[float]) -> Scored:
 
 def against(*methods: Scored, **options: object) -> Comparison:
     scores = choose_scores(methods, [])
-    return compare(methods, scores, plan=FAST, **options)  # type: ignore[arg-type]
+    return compare(methods, scores, resampling=FAST, **options)  # type: ignore[arg-type]
 
 
 def test_by_hand():
@@ -69,7 +71,7 @@ def test_reference_by_name_and_best():
     assert against(*methods, reference="method02").reference == "method02"
     assert against(*methods, reference="best").reference == "method03"
     scores = choose_scores(methods, ["Median"])
-    assert compare(methods, scores, reference="best", plan=FAST).reference == "method03"
+    assert compare(methods, scores, reference="best", resampling=FAST).reference == "method03"
     with pytest.raises(UsageError, match="'evil' is no method"):
         against(*methods, reference="evil")
 
@@ -299,7 +301,7 @@ class TestRefusals:
             settings={"scores": {"k": [1], "ap": "x"}, "more": True},
         )
         with pytest.raises(ResultError) as error:
-            check_comparable([one, two])
+            check_same_queries([one, two])
         assert "Method and Two were made with different protocols (pppppppppppp" in error.value.what
         assert "scores.k is [1, 3] against [1]; more is absent against True" in error.value.what
 
@@ -307,17 +309,17 @@ class TestRefusals:
         one = made_method({"s": {"recall@1": [1.0]}})
         two = made_method({"s": {"recall@1": [1.0, 0.0]}}, name="Two", truth="u" * 64)
         with pytest.raises(ResultError, match="different truths") as error:
-            check_comparable([one, one, two])
+            check_same_queries([one, one, two])
         assert "benchmark made v1, prepared anew; scene s: 1 against 2 queries" in error.value.what
 
     def test_other_queries(self):
         one = made_method({"s": {"recall@1": [1.0, 0.0]}})
         two = made_method({"s": {"recall@1": [1.0]}}, name="Two")
         with pytest.raises(ResultError, match="only 1 query in common"):
-            check_comparable([one, two])
+            check_same_queries([one, two])
         three = made_method({"t": {"recall@1": [1.0]}}, name="Three")
         with pytest.raises(ResultError, match="no query in common") as error:
-            check_comparable([two, three])
+            check_same_queries([two, three])
         assert "2 of 2 (s/q00000, t/q00000)" in error.value.what
 
     def test_unknown_score(self):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from airzoo_bench.statistics.best import against_best
-from airzoo_bench.statistics.comparison import compare
+from airzoo_bench.results.best import against_best
+from airzoo_bench.results.comparison import compare
 from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.statistics.support import ERROR, HIT, made_method, random_methods
 
@@ -16,7 +16,7 @@ def test_every_method_against_the_best_as_compare_does() -> None:
         found = against_best(methods, [HIT, ERROR], FAST, scene)
         assert list(found) == ["recall@1", "error_m"]
         for score in (HIT, ERROR):
-            pairs = compare(methods, [score], reference="best", scene=scene, plan=FAST)
+            pairs = compare(methods, [score], reference="best", scene=scene, resampling=FAST)
             of_best = found[score.key]
             assert methods[of_best.best].name == pairs.reference
             p_values = {methods[of_best.best].name: 1.0}

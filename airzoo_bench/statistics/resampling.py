@@ -1,4 +1,7 @@
-"""Means and medians of many resamples at once, by how often each unit was drawn.
+"""Random draws of units by counting, and the averages of many such draws at once.
+
+Resample b is the same whatever was drawn before it: only raw bits of Philox are used, a stream that
+NumPy never changes, while it may change how its distributions are made of them.
 
 Sums must not depend on the order in which a matrix product adds, which changes with the number of
 threads and the processor. So values are put on a grid of binary fractions that is so coarse that
@@ -8,16 +11,89 @@ n * 2**-51 of the largest value.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["leave_one_out", "weighted_averages"]
+__all__ = [
+    "blocks",
+    "leave_one_out",
+    "resample_counts",
+    "sign_flips",
+    "stream_key",
+    "weighted_averages",
+]
 
+_CELLS = 1 << 22
+_WORDS_A_STEP = 4  # Philox-4x64 makes four words of 64 bits a step of its counter
+_LOW_BITS, _HALF_WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
 Weights = NDArray[np.integer]
-
 _EXACT_BITS = 52
+
+
+def stream_key(seed: int, purpose: str, group: str) -> int:
+    """Name a stream: the same for a group whatever other groups there are."""
+    text = f"{seed}\n{purpose}\n{group}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
+
+
+def blocks(units: int, resamples: int) -> Iterator[tuple[int, int]]:
+    """Cut resamples into pieces of bounded memory: the first of each, and how many."""
+    size = max(1, _CELLS // max(units, 1))
+    for first in range(0, resamples, size):
+        yield first, min(size, resamples - first)
+
+
+def resample_counts(units: int, first: int, count: int, key: int) -> NDArray[np.int64]:
+    """Count how often each unit is drawn, with replacement, in each resample.
+
+    Parameters
+    ----------
+    units : int
+        How many units there are, and how many are drawn: at most 2**32 - 1.
+    first, count : int
+        Which resamples: `first`, ..., `first + count - 1`.
+    key : int
+        Of the stream, from `stream_key`.
+
+    Returns
+    -------
+    (units, count) int64
+        Each column sums to `units`. A unit's chance is 1 / units to within 2**-32.
+    """
+    words = _words(-(-units // 2), first, count, key)
+    draws = np.concatenate((words & _LOW_BITS, words >> _HALF_WORD), axis=1)[:, :units]
+    picked = ((draws * np.uint64(units)) >> _HALF_WORD).astype(np.int64)
+    cells = picked * count + np.arange(count)[:, None]
+    return np.bincount(cells.ravel(), minlength=units * count).reshape(units, count)
+
+
+def sign_flips(units: int, first: int, count: int, key: int) -> NDArray[np.uint8]:
+    """Toss a fair coin for each unit: 1 keeps its sign, 0 turns it.
+
+    Parameters
+    ----------
+    units, first, count, key
+        See `resample_counts`.
+
+    Returns
+    -------
+    (units, count) uint8
+    """
+    words = _words(-(-units // 64), first, count, key).astype("<u8")
+    bits = np.unpackbits(words.view(np.uint8), axis=1, count=units, bitorder="little")
+    return np.ascontiguousarray(bits.T)
+
+
+def _words(needed: int, first: int, count: int, key: int) -> NDArray[np.uint64]:
+    """Return raw bits, (count, at least `needed`); every resample begins on its own step."""
+    steps = -(-needed // _WORDS_A_STEP)
+    source = np.random.Philox(key=key, counter=first * steps)
+    return source.random_raw(count * steps * _WORDS_A_STEP).reshape(count, -1)
 
 
 def weighted_averages(values: Floats, medians: NDArray[np.bool_], weights: Weights) -> Floats:

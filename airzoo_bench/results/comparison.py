@@ -9,44 +9,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.results.comparable import find_scene, version_notes
+from airzoo_bench.results.best import family_of, find_one, value_of
+from airzoo_bench.results.comparable import check_same_queries, version_notes
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.compatibility import check_comparable
-from airzoo_bench.statistics.corrections import holm
-from airzoo_bench.statistics.intervals import Interval, SampleIntervals
-from airzoo_bench.statistics.paired_tests import paired_tests
-from airzoo_bench.statistics.reference import family_of, find_one, value_of
-from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.results.sampling import is_hit, make_sample
+from airzoo_bench.results.selection import find_scene
+from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
-from airzoo_bench.statistics.significance import (
-    PairedTest,
-    is_hit,
-    is_share,
-    mcnemar,
-    p_floor,
-)
+from airzoo_bench.statistics.significance import PairedTest, holm, mcnemar, p_floor, paired_tests
 
-__all__ = ["Comparison", "Pair", "compare", "make_sample", "score_intervals"]
+__all__ = ["Comparison", "Pair", "compare"]
 
 _ROUNDING = 1e-9  # what processors may differ by; see `paired_difference`
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A method beside the reference, by one score.
+    """A method and the reference, by one score.
 
     Attributes
     ----------
-    score : ScoreColumn
-    method, reference : str
     value, reference_value : float
         Of the scene, or the unweighted mean over scenes.
     difference : float or None
         The method's value minus the reference's; None where both are infinite.
     interval : Interval
         Of the difference.
-    test : PairedTest
     p_holm : float
         p adjusted for the number of comparisons, `Comparison.family`.
     p_mcnemar : float or None
@@ -101,7 +90,6 @@ class Comparison:
     family : int
         So many comparisons of a score p was adjusted for: those with the reference, or where the
         reference was chosen for being the best, those of every method with every other.
-    plan : ResamplingConfig
     notes : tuple of str
         What a reader of the numbers must know, in sentences.
     of_one : bool
@@ -114,65 +102,13 @@ class Comparison:
     scene: str | None
     pairs: list[Pair]
     family: int
-    plan: ResamplingConfig
+    resampling: ResamplingConfig
     notes: tuple[str, ...]
     of_one: bool = False
 
     def other(self, pair: Pair) -> str:
-        """Return who stands in a pair beside the one."""
+        """Return the other method of a pair."""
         return pair.reference if self.of_one else pair.method
-
-
-def make_sample(
-    methods: Sequence[Scored], scores: Sequence[ScoreColumn], scene: str | None = None
-) -> Sample:
-    """Gather variables, score by score and in each method by method.
-
-    Queries are the units, resampled within scenes. Where every scene has one record, scenes are.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        On the same queries.
-    scores : sequence of ScoreColumn
-    scene : str, optional
-        This scene's queries only.
-    """
-    of_unit = methods[0].records["scene"].to_numpy(str)
-    scenes = tuple(scene_ for scene_ in methods[0].result.scenes if scene in (None, scene_))
-    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
-    values = np.array(columns).reshape(len(columns), len(of_unit))
-    medians = np.array([s.average == "median" for s in scores for _ in methods], np.bool_)
-    if methods[0].result.unit == "scene":
-        # One record a scene: their mean over scenes, whatever the average within a scene.
-        chosen = values if scene is None else values[:, of_unit == scene]
-        return Sample("scene", ("",), (chosen,), np.zeros_like(medians))
-    parts = tuple(np.ascontiguousarray(values[:, of_unit == name]) for name in scenes)
-    shares = np.array([is_share(s) for s in scores for _ in methods], np.bool_)
-    return Sample("query", scenes, parts, medians, shares)
-
-
-def score_intervals(
-    method: Scored, scores: Sequence[ScoreColumn], plan: ResamplingConfig, scene: str | None = None
-) -> SampleIntervals:
-    """Take the interval of every score, of each scene and of the mean over scenes.
-
-    Parameters
-    ----------
-    method : Scored
-    scores : sequence of ScoreColumn
-    plan : ResamplingConfig
-    scene : str, optional
-        Of this scene's queries only.
-
-    Returns
-    -------
-    SampleIntervals
-        In the order of `scores`; without scenes where scenes are what is resampled.
-    """
-    sample = make_sample([method], scores, scene)
-    found = sample_intervals(sample, plan)
-    return found if sample.unit == "query" else replace(found, groups={})
 
 
 def compare(
@@ -182,7 +118,7 @@ def compare(
     reference: str | None = None,
     method: str | None = None,
     scene: str | None = None,
-    plan: ResamplingConfig,
+    resampling: ResamplingConfig,
 ) -> Comparison:
     """Compare methods with one of them, or one of them with the others.
 
@@ -193,21 +129,21 @@ def compare(
     scores : sequence of ScoreColumn
         From `choose_scores`.
     reference : str, optional
-        See `find_reference`.
+        See `find_one`.
     method : str, optional
         Instead of a reference: what is found is this method's, against each other one.
     scene : str, optional
         Id or title of the scene to compare on, instead of all.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
 
     Raises
     ------
     ResultError
-        They cannot be compared; see `check_comparable`. There is no such scene.
+        They cannot be compared; see `check_same_queries`. There is no such scene.
     UsageError
         There is no such reference or method, or both were named.
     """
-    check_comparable(methods)
+    check_same_queries(methods)
     titles = methods[0].result.truth.scene_titles
     scene = None if scene is None else find_scene(titles, scene)
     base = find_one(methods, reference, method, scores[0], scene)
@@ -217,7 +153,7 @@ def compare(
     places = [(start + other, start + base) for start in starts for other in others]
     if method is not None:
         places = [(one, other) for other, one in places]
-    intervals, tests = paired_tests(sample, plan, places)
+    intervals, tests = paired_tests(sample, resampling, places)
     pairs = [
         _pair(sample, scores[place[0] // len(methods)], methods, place, scene, interval, test)
         for place, interval, test in zip(places, intervals, tests, strict=True)
@@ -231,7 +167,7 @@ def compare(
         scene=scene,
         pairs=_adjusted(pairs, len(others), family),
         family=family,
-        plan=plan,
+        resampling=resampling,
         notes=_notes(methods),
         of_one=method is not None,
     )

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.statistics.comparison import compare
-from airzoo_bench.statistics.compatibility import choose_scores
+from airzoo_bench.results.comparison import compare
+from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.tables.blocks import as_asked, by_count
 from airzoo_bench.tables.comparison_layout import comparison_table
@@ -23,8 +23,8 @@ class TestOfOne:
     def test_it_is_the_mirror_of_the_others(self) -> None:
         methods = random_methods(4, {"east": 60, "west": 40}, (HIT, ERROR))
         scores = choose_scores(methods, [])
-        theirs = compare(methods, scores, reference="method03", plan=FAST).pairs
-        found = compare(methods, scores, method="method03", plan=FAST)
+        theirs = compare(methods, scores, reference="method03", resampling=FAST).pairs
+        found = compare(methods, scores, method="method03", resampling=FAST)
         assert (found.reference, found.family, found.of_one) == ("method03", 3, True)
         mirrored = {"better": "worse", "worse": "better"}
         for mine, other in zip(found.pairs, theirs, strict=True):
@@ -45,7 +45,7 @@ class TestOfOne:
     def test_table(self) -> None:
         methods = random_methods(4, {"east": 60, "west": 40}, (HIT, ERROR))
         scores = choose_scores(methods, [])
-        table = comparison_table(compare(methods, scores, method="method03", plan=FAST))
+        table = comparison_table(compare(methods, scores, method="method03", resampling=FAST))
         assert table.title == "method03 against each other method, all scenes, 100 queries"
         heads = [column.title for column in table.columns]
         assert heads[:6] == ["Score", "Against", "Verdict", "Value", "Other", "Difference"]
@@ -62,7 +62,7 @@ class TestOfOne:
             methods := random_methods(4, {"east": 60}, (HIT,)),
             choose_scores(methods, []),
             method="method02",
-            plan=FAST,
+            resampling=FAST,
         )
         sure, unsure = replace(PAIR, p_holm=0.01, wins=30), replace(PAIR, p_holm=0.3, wins=30)
         changes = [
@@ -88,13 +88,13 @@ class TestOfOne:
     def test_two_methods(self) -> None:
         methods = random_methods(2, {"east": 60}, (HIT, ERROR))
         scores = choose_scores(methods, [])
-        table = comparison_table(compare(methods, scores, method="method00", plan=FAST))
+        table = comparison_table(compare(methods, scores, method="method00", resampling=FAST))
         assert table.title == "method00 against method01, all scenes, 60 queries"
 
     def test_what_p_is_corrected_for(self) -> None:
         methods = random_methods(4, {"east": 60}, (HIT,))
         scores = choose_scores(methods, [])
-        best = compare(methods, scores, method="best", plan=FAST)
+        best = compare(methods, scores, method="best", resampling=FAST)
         assert best.family == 6
         assert (
             "Holm over all 6 pairs of methods, since the method was chosen"
@@ -107,11 +107,11 @@ class TestOfOne:
         methods[1] = replace(methods[1], name="MegaLoc (Ours)")
         for wanted in ("ours", "MegaLok (Ours)"):
             with pytest.raises(UsageError) as error:
-                compare(methods, [HIT], plan=FAST, **{option: wanted})
+                compare(methods, [HIT], resampling=FAST, **{option: wanted})
             assert f"--{option} '{wanted}' is no method of these results" in error.value.what
             assert error.value.what.endswith("(did you mean 'MegaLoc (Ours)'?)")
         with pytest.raises(UsageError, match="exclude each other"):
-            compare(methods, [HIT], plan=FAST, method="method00", reference="method00")
+            compare(methods, [HIT], resampling=FAST, method="method00", reference="method00")
 
 
 def test_a_pair_stands_in_one_line() -> None:

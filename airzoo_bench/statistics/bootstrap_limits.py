@@ -1,0 +1,155 @@
+"""Limits of intervals from resamples, percentile and BCa, and the test that agrees with them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.statistics.samples import ResamplingConfig, difference
+
+__all__ = ["acceleration", "interval_limits", "percentile_p_values", "quantiles"]
+
+_TIE = 1e-12  # of the numbers' size: closer ones differ by rounding alone
+
+
+def quantiles(ranked: Floats, levels: Floats) -> Floats:
+    """Take quantiles, linear between ranks; NumPy's own make NaN of infinite ones.
+
+    Parameters
+    ----------
+    ranked : (R, B) array
+        Sorted along the rows; infinite values are values like any other.
+    levels : (R, L) array
+        From 0 to 1.
+
+    Returns
+    -------
+    (R, L) array
+    """
+    place = levels * (ranked.shape[1] - 1)
+    below = np.floor(place).astype(np.intp)
+    above = np.minimum(below + 1, ranked.shape[1] - 1)
+    low = np.take_along_axis(ranked, below, axis=1)
+    high = np.take_along_axis(ranked, above, axis=1)
+    share = place - below
+    between = (share > 0) & np.isfinite(low)
+    found: Floats = low + np.multiply(
+        difference(high, low), share, out=np.zeros_like(low), where=between
+    )
+    # Between minus and plus infinity: a lower limit is the one, an upper limit the other.
+    open_ = np.isneginf(low) & np.isposinf(high) & (share > 0) & (levels >= 0.5)
+    return np.where(open_, np.inf, found)
+
+
+def percentile_p_values(resamples: Floats) -> Floats:
+    """Test whether statistics are 0 by the percentile intervals of their resamples, two-sided.
+
+    Parameters
+    ----------
+    resamples : (R, B) array
+
+    Returns
+    -------
+    (R,) array
+        The p up to which the interval of confidence 1 - p holds 0: whichever the confidence, test
+        and interval agree. At least 2 / (B + 1).
+
+    References
+    ----------
+    B. Efron and R. Tibshirani, An introduction to the bootstrap (1993), section 15.4.
+    """
+    ranked = np.sort(resamples, axis=1)
+    levels = np.minimum(_level_of_0(ranked), _level_of_0(-ranked[:, ::-1]))
+    return np.asarray(np.clip(2 * levels, 2 / (resamples.shape[1] + 1), 1.0))
+
+
+def _level_of_0(ranked: Floats) -> Floats:
+    """Return the highest level at which `quantiles` is at most 0, (R,)."""
+    last = ranked.shape[1] - 1
+    ranks = (ranked <= 0).sum(axis=1)
+    upper = np.clip(ranks, 1, last)[:, None]
+    below = np.take_along_axis(ranked, upper - 1, axis=1)[:, 0]
+    above = np.take_along_axis(ranked, upper, axis=1)[:, 0]
+    between = (below <= 0) & (above > 0) & np.isfinite(below) & np.isfinite(above)
+    span = np.subtract(above, below, out=np.ones_like(below), where=between)
+    # Between minus infinity and a number all is minus infinity, up to a number's infinity none is.
+    share = np.where(between, -below / span, np.isneginf(below))
+    inner = (ranks > 0) & (ranks <= last)
+    found: Floats = np.where(inner, (ranks - 1 + share) / last, (ranks > 0).astype(np.float64))
+    return found
+
+
+def acceleration(moments: Floats) -> Floats:
+    """Return the acceleration of BCa (Efron and Tibshirani 1993, eq. 14.15), NaN where none.
+
+    Parameters
+    ----------
+    moments : (R, 2) array
+        Sums over units of the influence values to the third and second power.
+
+    Returns
+    -------
+    (R,) array
+    """
+    third, second = moments.T
+    defined = (second > 0) & np.isfinite(second)
+    found: Floats = np.divide(
+        third,
+        6 * np.where(defined, second, 1.0) ** 1.5,
+        out=np.full(len(third), np.nan),
+        where=defined,
+    )
+    return found
+
+
+def interval_limits(
+    resamples: Floats,
+    estimates: Floats,
+    scales: Floats,
+    accelerations: Floats,
+    resampling: ResamplingConfig,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Take the limits of intervals from resamples.
+
+    Parameters
+    ----------
+    resamples : (R, B) array
+        B resamples of R statistics.
+    estimates : (R,) array
+    scales : (R,) array
+        Of what size the numbers are that a statistic was made of: those of a difference may be
+        large where it is almost 0, and their rounding with them.
+    accelerations : (R,) array
+    resampling : ResamplingConfig
+
+    Returns
+    -------
+    limits : (R, 2) array
+    exists : (R,) bool
+        Whether the method that was asked for exists; elsewhere the limits are percentile's.
+    """
+    tails = np.array([(1 - resampling.confidence) / 2, (1 + resampling.confidence) / 2])
+    levels = np.broadcast_to(tails, (len(resamples), 2))
+    exists = np.ones(len(resamples), np.bool_)
+    if resampling.interval == "bca":
+        adjusted = _bca_levels(resamples, estimates, scales, accelerations, tails)
+        exists = np.asarray(np.isfinite(adjusted).all(axis=1))
+        levels = np.where(exists[:, None], adjusted, levels)
+    return quantiles(np.sort(resamples, axis=1), levels), exists
+
+
+def _bca_levels(
+    resamples: Floats, estimates: Floats, scales: Floats, accelerations: Floats, tails: Floats
+) -> Floats:
+    """Return the levels of Efron and Tibshirani 1993, eq. 14.10; a tie counts half."""
+    from scipy.special import ndtr, ndtri
+
+    tie = (_TIE * scales)[:, None]
+    below = (resamples < estimates[:, None] - tie).sum(axis=1)
+    up_to = (resamples <= estimates[:, None] + tie).sum(axis=1)
+    bias = ndtri((below + up_to) / (2.0 * resamples.shape[1]))[:, None]
+    finite = np.isfinite(bias)
+    shifted = np.where(finite, bias, 0.0) + ndtri(tails)
+    levels = ndtr(bias + shifted / (1 - accelerations[:, None] * shifted))
+    return np.where(finite, levels, np.nan)
