@@ -103,7 +103,9 @@ def _pose_claim(claim: PoseClaim, truth: MatchingTruth, rows: NDArray[np.intp]) 
     rotation = np.where(there[:, None, None], claim.poses.rotation[rows], np.nan)
     centres = np.where(there[:, None], claim.poses.centres[rows], np.nan)
     poses = Poses(rotation=rotation, centres=centres)
-    refuse_other_conventions(poses.take(there), truth.priors.take(there))
+    refuse_other_conventions(
+        poses.take(there), truth.priors.take(there), quaternions=claim.quaternions
+    )
     nothing = np.zeros((0, 2))
     return SceneClaim(
         answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses
@@ -168,14 +170,14 @@ def _refuse_other_frame(
     as_map = _share_inside(map_xy - crop[:, :2], crop)
     if as_map > _SOME:
         return
-    suspicions = {
+    readings = {
         "rows before columns": (map_xy[:, ::-1] - crop[:, :2], "write x, the column, before y"),
         "pixels of the crop": (
             map_xy,
             "say map_frame='crop', or map_frame='map' if they are pixels of the map all the same",
         ),
     }
-    for what, (local, fix) in list(suspicions.items())[: 1 if stated else 2]:
+    for what, (local, fix) in list(readings.items())[: 1 if stated else 2]:
         inside = _share_inside(local, crop)
         if inside >= _NEARLY_ALL:
             raise PredictionError(

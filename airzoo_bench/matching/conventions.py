@@ -25,13 +25,15 @@ _LEAST_PHOTOS, _LEAST_GAIN_DEG, _STANDARD_ERRORS = 5, 0.5, 3.0
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 
 
-def refuse_other_conventions(given: Poses, priors: Poses) -> None:
+def refuse_other_conventions(given: Poses, priors: Poses, *, quaternions: bool = False) -> None:
     """Refuse poses that agree with the photos' own GPS and gimbal only when read in another way.
 
     Parameters
     ----------
     given, priors : Poses
         Of the same N queries; N may be 0.
+    quaternions : bool
+        Whether the rotations were written as quaternions, and not as matrices.
 
     Raises
     ------
@@ -51,7 +53,7 @@ def refuse_other_conventions(given: Poses, priors: Poses) -> None:
             expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
             fix=_way_back(given, priors),
         )
-    _refuse_turned(given, priors)
+    _refuse_turned(given.rotation, priors.rotation, quaternions=quaternions)
 
 
 def suspect_inverted(given: Poses, priors: Poses) -> str | None:
@@ -94,28 +96,38 @@ def _way_back(given: Poses, priors: Poses) -> str:
     return "invert them: R.T and -R.T @ t"
 
 
-def _refuse_turned(given: Poses, priors: Poses) -> None:
+def _refuse_turned(given: Floats, priors: Floats, *, quaternions: bool) -> None:
     """Refuse rotations that agree with the IMU only when they are read in another way."""
-    quaternions = matrix_to_quaternion(given.rotation)
-    back = np.swapaxes(given.rotation, 1, 2)
-    ways = {
+    back = np.swapaxes(given, 1, 2)
+    reordered = quaternion_to_matrix(np.roll(matrix_to_quaternion(given), 1, axis=1))
+    order = "quaternions in the order x y z w"
+    readings = {
         "camera-to-world": back,
-        "quaternions in the order x y z w": quaternion_to_matrix(np.roll(quaternions, 1, axis=1)),
-        "those of OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ given.rotation,
+        "those of OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ given,
         "camera-to-world with OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ back,
+        order if quaternions else f"matrices made of {order}": reordered,
     }
-    off = float(np.median(rotation_angle_deg(given.rotation, priors.rotation)))
-    for way, rotation in ways.items():
-        other = float(np.median(rotation_angle_deg(rotation, priors.rotation)))
-        if other < _FAR_DEG < off and other * _TIMES_NEARER_DEG < off:
-            raise PredictionError(
-                f"the rotations look like {way}: they differ from the IMU's by {off:.0f} degrees, "
-                f"read so by {other:.0f}",
-                where="the poses",
-                expected="world-to-camera rotations, x_cam = R X + t, camera axes x right, y down, "
-                "z forward, quaternions as w x y z",
-                fix="convert them before you write the file; OpenGL's w2c becomes "
-                "diag(1, -1, -1) @ R"
-                if "OpenGL" in way
-                else "convert them before you write the file",
-            )
+    off = float(np.median(rotation_angle_deg(given, priors)))
+    errors = {
+        name: float(np.median(rotation_angle_deg(rotation, priors)))
+        for name, rotation in readings.items()
+    }
+    fitting = [
+        name
+        for name, error in errors.items()
+        if error < _FAR_DEG < off and error * _TIMES_NEARER_DEG < off
+    ]
+    if not fitting:
+        return
+    # Of cameras that look down and north, OpenGL's matrices fit that order of quaternions too.
+    likely = [name for name in fitting if quaternions or order not in name] or fitting
+    best = min(likely, key=errors.__getitem__)
+    convert = "convert them before you write the file"
+    raise PredictionError(
+        f"the rotations look like {best}: they differ from the IMU's by {off:.0f} degrees, "
+        f"read so by {errors[best]:.0f}",
+        where="the poses",
+        expected="world-to-camera rotations, x_cam = R X + t, camera axes x right, y down, "
+        "z forward, quaternions as w x y z",
+        fix=f"{convert}; OpenGL's w2c becomes diag(1, -1, -1) @ R" if "OpenGL" in best else convert,
+    )

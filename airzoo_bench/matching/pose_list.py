@@ -58,7 +58,7 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     poses = Poses.from_quaternions(quaternion, translation, names.tolist())
     errors = np.zeros(len(found))
     errors[found] = pose_errors_m(poses.rotation[found], translation[found], quaternion[found])
-    claim = PoseClaim(found, poses, errors)
+    claim = PoseClaim(found, poses, errors, quaternions=True)
     return MatchingPredictions(path, None, names, claim)
 
 

@@ -92,11 +92,14 @@ class PoseClaim:
         World-to-camera, in the scene's CRS; meaningless where there is none.
     errors_m : (Q,) float64
         How far the digits that the file keeps leave the cameras open; see `pose_errors_m`.
+    quaternions : bool
+        Whether the file has rotations as quaternions, and not as matrices.
     """
 
     found: NDArray[np.bool_]
     poses: Poses
     errors_m: Floats
+    quaternions: bool = False
 
 
 @dataclass(frozen=True, eq=False)

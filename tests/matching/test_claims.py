@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from dataclasses import replace
@@ -337,3 +338,38 @@ def test_the_fix_for_of_swapped_sides(world: World, tmp_path: Path) -> None:
     assert "scale" not in message
     turned = world.matches(image_size=np.tile((480, 640), (N_QUERIES, 1)))
     assert "width before height" in refused(world, tmp_path, turned)
+
+
+def read_differently(rotation: np.ndarray[Any, Any], *, quaternions: bool = False) -> str:
+    """Return what is said of rotations beside IMUs that are one to three degrees off."""
+    true = Poses(rotation=rotation, centres=np.zeros((len(rotation), 3)))
+    rng = np.random.default_rng(0)
+    off = Rotation.from_rotvec(rng.normal(0, 0.02, (len(rotation), 3))).as_matrix()
+    opengl = np.diag((1.0, -1.0, -1.0)) @ rotation
+    refuse_other_conventions(true, replace(true, rotation=off @ rotation))
+    with pytest.raises(PredictionError) as caught:
+        refuse_other_conventions(
+            replace(true, rotation=opengl),
+            replace(true, rotation=off @ rotation),
+            quaternions=quaternions,
+        )
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 5.0, 90.0])
+@pytest.mark.parametrize("quaternions", [False, True])
+def test_opengl_axes_of_photos_that_look_down(yaw_deg: float, *, quaternions: bool) -> None:
+    rng = np.random.default_rng(1)
+    pairs = zip(rng.normal(0, 1, 20), rng.normal(0, yaw_deg, 20), strict=True)
+    message = read_differently(
+        np.concatenate([looking_down(*pair) for pair in pairs]), quaternions=quaternions
+    )
+    if yaw_deg >= 5 or not quaternions:
+        assert "OpenGL's camera axes" in message
+        assert "quaternions in the order" not in message
+
+
+def test_opengl_axes_of_real_photos(brighton: Path) -> None:
+    images = json.loads((brighton / "poses.json").read_text())["images"].values()
+    message = read_differently(np.array([image["R_w2c"] for image in images]))
+    assert "those of OpenGL's camera axes" in message
