@@ -27,9 +27,9 @@ from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses
+from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.matching.settings import MatchingScores, Solver
 from airzoo_bench.matching.truth import MatchingTruth
@@ -157,11 +157,11 @@ def whole(name: str, n_queries: int) -> None:
 def track(n_queries: int) -> None:
     """Print a row: the whole track (lifting, solving, records) beside bare calls on its points."""
     with tempfile.TemporaryDirectory() as folder:
-        truth, claim = made_scene(Path(folder), n_queries)
-        lifted = lift(claim.map_xy, truth.dom, truth.dsm, workers=1)
-        cameras, parts = truth.cameras, claim.parts()
+        truth, predicted = made_scene(Path(folder), n_queries)
+        lifted = lift(predicted.map_xy, truth.dom, truth.dsm, workers=1)
+        cameras, parts = truth.cameras, predicted.parts()
         problems = [
-            PoseProblem(cameras.take(row), claim.query_xy[part], lifted.points[part])
+            PoseProblem(cameras.take(row), predicted.query_xy[part], lifted.points[part])
             for row, part in enumerate(parts)
         ]
         solver = Solver(
@@ -177,8 +177,8 @@ def track(n_queries: int) -> None:
         bare = bare_calls(problems)
         ways: list[Callable[[], object]] = [
             bare,
-            lambda: score_scene(truth, claim, solver, scores, workers=1),
-            lambda: score_scene(truth, claim, solver, scores, workers=2),
+            lambda: score_scene(truth, predicted, solver, scores, workers=1),
+            lambda: score_scene(truth, predicted, solver, scores, workers=2),
         ]
         idle = idle_share()
         times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)]).min(axis=0)
@@ -188,7 +188,7 @@ def track(n_queries: int) -> None:
     print(f"{'whole track':12}{n_queries:9}{row}{overhead:>10}{gain:8.2f}{100 * idle:8.0f}")
 
 
-def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, SceneClaim]:
+def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, ScenePredictions]:
     """Make pinhole photos of flat ground, matched to a map of 0.5 m as `make_problem` does."""
     side, gsd = 1600, 0.5
     west, north = OFFSET[0] - side * gsd / 2, OFFSET[1] + side * gsd / 2
@@ -216,7 +216,7 @@ def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, SceneClaim]
     offsets = np.concatenate([[0], np.cumsum(counts)])
     query_xy = np.concatenate([problem.query_xy for problem in problems])
     answered = np.ones(n_queries, np.bool_)
-    return truth, SceneClaim(answered, offsets, query_xy, map_xy, np.zeros((0, 3)), None)
+    return truth, ScenePredictions(answered, offsets, query_xy, map_xy, np.zeros((0, 3)), None)
 
 
 def main() -> None:

@@ -28,7 +28,7 @@ def demo(
     from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.datasets.mini.demo import demo_benchmark, demo_tracks, run_track
-    from airzoo_bench.evaluation.resources import Resources
+    from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.tables.build import scenes_table
 
     check_output_folder(out, ())

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.evaluation.baseline import Baseline
+from airzoo_bench.evaluation.parts import Baseline, Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
-from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.matching.baseline import SiftSettings, Task, match_photos, plan
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth

@@ -13,7 +13,7 @@ from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import pose_errors_m
-from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
+from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
 
 __all__ = ["read_pose_list"]
 
@@ -58,8 +58,8 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     poses = Poses.from_quaternions(quaternion, translation, names.tolist())
     errors = np.zeros(len(found))
     errors[found] = pose_errors_m(poses.rotation[found], translation[found], quaternion[found])
-    claim = PoseClaim(found, poses, errors, quaternions=True)
-    return MatchingPredictions(path, None, names, claim)
+    given = GivenPoses(found, poses, errors, quaternions=True)
+    return MatchingPredictions(path, None, names, given)
 
 
 def _check_rows(rows: list[list[str]], path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Scoring one scene of the matching track: truth and claim become records, a row a query."""
+"""Scoring one scene of the matching track: its predictions become records, a row a query."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import pose_errors
 from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
+from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scores import pose_columns
 from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
 from airzoo_bench.matching.truth import MatchingTruth
@@ -70,7 +70,7 @@ class _Posed:
 
 def score_scene(
     truth: MatchingTruth,
-    claim: SceneClaim,
+    predicted: ScenePredictions,
     lifting: Lift,
     solver: Solver,
     settings: MatchingScores,
@@ -84,7 +84,7 @@ def score_scene(
     ----------
     truth : MatchingTruth
         With Q queries.
-    claim : SceneClaim
+    predicted : ScenePredictions
         Of the same Q queries.
     lifting, solver, settings : Lift, Solver, MatchingScores
         The protocol's.
@@ -97,11 +97,11 @@ def score_scene(
     ScoredScene
         A failure has infinite errors and stays in the records.
     """
-    if claim.poses is not None:
-        posed = _given(claim.poses)
+    if predicted.poses is not None:
+        posed = _given(predicted.poses)
     else:
-        posed = _solved(truth, claim, lifting, solver, workers, progress)
-    records = _records(truth, claim.answered, posed, settings)
+        posed = _solved(truth, predicted, lifting, solver, workers, progress)
+    records = _records(truth, predicted.answered, posed, settings)
     counts = _result_counts(truth, records)
     return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
 
@@ -160,21 +160,21 @@ def _given(poses: Poses) -> _Posed:
 
 def _solved(
     truth: MatchingTruth,
-    claim: SceneClaim,
+    predicted: ScenePredictions,
     lifting: Lift,
     solver: Solver,
     workers: int,
     progress: Progress,
 ) -> _Posed:
-    points, status = lifted_points(truth, claim, lifting, workers)
-    given = np.diff(claim.offsets)
+    points, status = lifted_points(truth, predicted, lifting, workers)
+    given = np.diff(predicted.offsets)
     lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
     cameras = truth.cameras
     problems = [
         PoseProblem(
-            cameras.take(row), claim.query_xy[part][lifted[part]], points[part][lifted[part]]
+            cameras.take(row), predicted.query_xy[part][lifted[part]], points[part][lifted[part]]
         )
-        for row, part in enumerate(claim.parts())
+        for row, part in enumerate(predicted.parts())
     ]
     settings = solver.model_dump(exclude={"name", "least_matches"})
     found = solve_poses(
@@ -186,23 +186,23 @@ def _solved(
         [estimate.status.value for estimate in found],
         [
             _of_all(estimate, lifted[part])
-            for estimate, part in zip(found, claim.parts(), strict=True)
+            for estimate, part in zip(found, predicted.parts(), strict=True)
         ],
         np.array([estimate.seconds for estimate in found]),
-        _counts(claim, status, found),
+        _counts(predicted, status, found),
     )
 
 
 def lifted_points(
-    truth: MatchingTruth, claim: SceneClaim, lifting: Lift, workers: int
+    truth: MatchingTruth, predicted: ScenePredictions, lifting: Lift, workers: int
 ) -> tuple[Floats, NDArray[np.uint8]]:
     """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
-    if claim.map_xy is None:
-        return claim.points, np.full(len(claim.points), LiftStatus.LIFTED, np.uint8)
+    if predicted.map_xy is None:
+        return predicted.points, np.full(len(predicted.points), LiftStatus.LIFTED, np.uint8)
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
     lifted = lift(
-        claim.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
+        predicted.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
     )
     return lifted.points, lifted.status
 
@@ -215,7 +215,7 @@ def _of_all(estimate: PoseEstimate, lifted: NDArray[np.bool_]) -> NDArray[np.boo
 
 
 def _counts(
-    claim: SceneClaim, status: NDArray[np.uint8], found: list[PoseEstimate]
+    predicted: ScenePredictions, status: NDArray[np.uint8], found: list[PoseEstimate]
 ) -> dict[str, Ints]:
     names = {
         "lifted": LiftStatus.LIFTED,
@@ -223,7 +223,7 @@ def _counts(
         "outside_dsm": LiftStatus.OUTSIDE_DSM,
         "no_height": LiftStatus.NO_HEIGHT,
     }
-    parts = claim.parts()
+    parts = predicted.parts()
     counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
     for name, kind in names.items():
         counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.temporaries import PART
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling

@@ -1,4 +1,4 @@
-"""Scoring one scene of the retrieval track: truth and claim become records, a row a query."""
+"""Scoring one scene of the retrieval track: its rankings become records, a row a query."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
-from airzoo_bench.retrieval.hits import hit_matrix
 from airzoo_bench.retrieval.metrics import first_hit_rank
+from airzoo_bench.retrieval.pairs import hit_matrix
 from airzoo_bench.retrieval.scores import AP_VARIANTS, hit_columns
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking

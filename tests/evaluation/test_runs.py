@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.generate import write_template
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.run_files import save
-from airzoo_bench.evaluation.template import write_template
 from airzoo_bench.results.result import Result, read_result, write_result
 from tests.statistics.support import made_method, write_method
 from tests.support import (

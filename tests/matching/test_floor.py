@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.matching.seeds import seed_spreads
 from tests.matching.test_track import evaluated, noisy
@@ -55,7 +55,7 @@ def test_the_spread_over_seeds(
     alone = []
     for seed in range(4):
         solver = world.protocol.solver.model_copy(update={"seed": seed})
-        claim = run.claims[0]
+        claim = run.scene_predictions[0]
         rules = world.protocol
         scene = score_scene(world.truth, claim, rules.lift, solver, rules.scores)
         alone.append(scene.records["error_m"].median())

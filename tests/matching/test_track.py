@@ -14,8 +14,8 @@ from rasterio import Affine
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.matching.claims import claim_of_scene
 from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scene_predictions import match_scene
 from airzoo_bench.matching.scoring import ScoredScene, score_scene
 from airzoo_bench.tables.build import scenes_table
 from tests.matching.world import (
@@ -141,7 +141,7 @@ def on_surface(
     dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
     truth = replace(world.truth, dsm=dsm)
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
-    claim = claim_of_scene(read, truth, np.arange(N_QUERIES))
+    claim = match_scene(read, truth, np.arange(N_QUERIES))
     return score_scene(
         truth, claim, world.protocol.lift, world.protocol.solver, world.protocol.scores
     )

@@ -1,4 +1,4 @@
-"""Holding a claim against the truth: which rows answer which query, and can they be meant."""
+"""The predictions of one scene, by query, and the refusal of what they cannot mean."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from airzoo_bench.geometry.rasters import gsd_m
 from airzoo_bench.matching.conventions import refuse_other_conventions
 from airzoo_bench.matching.predictions import (
     Correspondences,
+    GivenPoses,
     MatchingPredictions,
-    PoseClaim,
     check_digits,
 )
 from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = ["SceneClaim", "claim_of_scene"]
+__all__ = ["ScenePredictions", "match_scene"]
 
 Floats = NDArray[np.float64]
 
@@ -33,8 +33,8 @@ _NEARLY_ALL, _SOME = 0.98, 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class SceneClaim:
-    """The claim about the Q queries of one scene.
+class ScenePredictions:
+    """The predictions for the Q queries of one scene.
 
     Attributes
     ----------
@@ -46,9 +46,9 @@ class SceneClaim:
     map_xy : (M, 2) float64 or None
         Pixels of the whole map.
     points : (M, 3) float64
-        Of the scene; they count where `map_xy` is None.
+        In the scene's CRS, instead of `map_xy`.
     poses : Poses or None
-        Instead of all of these, NaN where there is none.
+        Instead of matches and pairs; NaN where there is none.
     """
 
     answered: NDArray[np.bool_]
@@ -66,10 +66,10 @@ class SceneClaim:
         ]
 
 
-def claim_of_scene(
+def match_scene(
     predictions: MatchingPredictions, truth: MatchingTruth, rows: NDArray[np.intp]
-) -> SceneClaim:
-    """Pick the claim about one scene, and refuse what cannot be meant as it stands.
+) -> ScenePredictions:
+    """Return the predictions for the queries of a scene; refuse what cannot be meant as written.
 
     Parameters
     ----------
@@ -85,53 +85,55 @@ def claim_of_scene(
         Pixels outside the picture or the crop, another image size, poses that look
         camera-to-world.
     """
-    claim = predictions.claim
+    content = predictions.content
     try:
-        if isinstance(claim, PoseClaim):
-            taken = _pose_claim(claim, truth, rows)
-            # After its convention: of poses that are something else, other digits count.
-            check_digits(claim, predictions.query_ids)
-            return taken
-        return _correspondence_claim(claim, truth, rows)
+        if isinstance(content, GivenPoses):
+            matched = _match_poses(content, truth, rows)
+            # After the convention: it decides which digits count.
+            check_digits(content, predictions.query_ids)
+            return matched
+        return _match_correspondences(content, truth, rows)
     except PredictionError as error:
         raise error.inside(predictions.path) from error
 
 
-def _pose_claim(claim: PoseClaim, truth: MatchingTruth, rows: NDArray[np.intp]) -> SceneClaim:
+def _match_poses(
+    given: GivenPoses, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> ScenePredictions:
     answered = rows >= 0
-    there = answered & claim.found[rows]
-    rotation = np.where(there[:, None, None], claim.poses.rotation[rows], np.nan)
-    centres = np.where(there[:, None], claim.poses.centres[rows], np.nan)
+    there = answered & given.found[rows]
+    rotation = np.where(there[:, None, None], given.poses.rotation[rows], np.nan)
+    centres = np.where(there[:, None], given.poses.centres[rows], np.nan)
     poses = Poses(rotation=rotation, centres=centres)
     refuse_other_conventions(
-        poses.take(there), truth.priors.take(there), quaternions=claim.quaternions
+        poses.take(there), truth.priors.take(there), quaternions=given.quaternions
     )
     nothing = np.zeros((0, 2))
-    return SceneClaim(
+    return ScenePredictions(
         answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses
     )
 
 
-def _correspondence_claim(
-    claim: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]
-) -> SceneClaim:
+def _match_correspondences(
+    matches: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> ScenePredictions:
     answered = rows >= 0
-    counts = np.where(answered, np.diff(claim.offsets)[rows], 0)
+    counts = np.where(answered, np.diff(matches.offsets)[rows], 0)
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     query = np.repeat(np.arange(len(rows)), counts)
-    taken = np.repeat(claim.offsets[rows], counts) + np.arange(offsets[-1]) - offsets[query]
-    query_xy = claim.query_xy[taken]
-    _check_image_size(claim, truth, rows)
+    taken = np.repeat(matches.offsets[rows], counts) + np.arange(offsets[-1]) - offsets[query]
+    query_xy = matches.query_xy[taken]
+    _check_image_size(matches, truth, rows)
     _check_query_pixels(query_xy, truth, query)
-    map_xy = None if claim.map_xy is None else claim.map_xy[taken]
+    map_xy = None if matches.map_xy is None else matches.map_xy[taken]
     _refuse_coarse_pixels(query_xy, map_xy, truth)
-    if map_xy is not None and claim.map_frame == "crop":
+    if map_xy is not None and matches.map_frame == "crop":
         _check_crop_pixels(map_xy, truth, query)
         map_xy = map_xy + truth.crops[query, :2]
     elif map_xy is not None:
-        _refuse_other_frame(map_xy, truth, query, stated=claim.map_frame is not None)
-    points = np.zeros((0, 3)) if claim.points3d is None else claim.points3d[taken]
-    return SceneClaim(answered, offsets, query_xy, map_xy, points, None)
+        _refuse_other_frame(map_xy, truth, query, stated=matches.map_frame is not None)
+    points = np.zeros((0, 3)) if matches.points3d is None else matches.points3d[taken]
+    return ScenePredictions(answered, offsets, query_xy, map_xy, points, None)
 
 
 def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: MatchingTruth) -> None:
@@ -194,12 +196,14 @@ def _share_inside(local: Floats, crop: NDArray[np.int64]) -> float:
     return float(inside.all(axis=1).mean())
 
 
-def _check_image_size(claim: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]) -> None:
-    if claim.image_size is None:
+def _check_image_size(
+    matches: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> None:
+    if matches.image_size is None:
         return
     cameras = truth.cameras
     true = np.stack([cameras.width, cameras.height], axis=1)
-    said = claim.image_size[rows]
+    said = matches.image_size[rows]
     bad = np.flatnonzero((rows >= 0) & (said != true).any(axis=1))
     if bad.size:
         first = bad[0]

@@ -17,10 +17,10 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.quaternions import matrix_to_quaternion
-from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
 from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
-from airzoo_bench.matching.notes import claim_notes
+from airzoo_bench.matching.notes import plausibility_warnings
 from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
 from tests.geometry.support import looking_down
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
 from tests.support import run_main
@@ -35,9 +35,9 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
 
 def claimed(
     world: World, path: Path, fields: dict[str, Any], rows: np.ndarray[Any, Any] = EVERY
-) -> SceneClaim:
+) -> ScenePredictions:
     predictions = read_matching(world.write(path / "claim.npz", fields), 1 << 30)
-    return claim_of_scene(predictions, world.truth, rows)
+    return match_scene(predictions, world.truth, rows)
 
 
 def refused(world: World, path: Path, fields: dict[str, Any]) -> str:
@@ -153,12 +153,12 @@ def test_quaternions_x_y_z_w(world: World, tmp_path: Path) -> None:
         path.write_text("\n".join(lines))
         predictions = read_matching(path, 1 << 30)
         if ok:
-            claim = claim_of_scene(predictions, world.truth, EVERY)
+            claim = match_scene(predictions, world.truth, EVERY)
             assert claim.poses is not None
             np.testing.assert_allclose(claim.poses.centres, true.centres, rtol=0, atol=1e-6)
             continue
         with pytest.raises(PredictionError, match="quaternions in the order x y z w") as caught:
-            claim_of_scene(predictions, world.truth, EVERY)
+            match_scene(predictions, world.truth, EVERY)
         assert "w x y z" in str(caught.value)
 
 
@@ -223,7 +223,7 @@ def test_many_pixels_of_a_little_smaller_image_are_suspected(world: World, tmp_p
         query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
         map_xy = [np.tile(xy, (repeats, 1)) for xy in world.map_xy]
         claim = claimed(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
-        said = " | ".join(claim_notes([world.truth], [claim]))
+        said = " | ".join(plausibility_warnings([world.truth], [claim]))
         assert ("scene hills: no match lies beyond" in said) == asked, factor
 
 
@@ -309,7 +309,7 @@ def test_pose_lists_of_too_few_digits(world: World, tmp_path: Path, digits: int)
     moved = Poses.from_quaternions(quaternions, exact.translation).centres - centres
     error = np.sqrt((moved**2).sum(axis=1).mean())
     with pytest.raises(PredictionError, match="too few digits") as caught:
-        claim_of_scene(read_matching(path, 1 << 30), world.truth, EVERY)
+        match_scene(read_matching(path, 1 << 30), world.truth, EVERY)
     said = float(str(caught.value).split("moves a camera by ")[1].split(" m")[0])
     assert said == pytest.approx(error, rel=0.6)
     assert error > (100 if digits == 4 else 1)
