@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from airzoo_bench.api.scores import QueryScores
     from airzoo_bench.api.solving import solve_pose
     from airzoo_bench.core.errors import ArgumentError, UserError
-    from airzoo_bench.matching.estimates import PoseEstimate
     from airzoo_bench.matching.metrics import PoseErrors
+    from airzoo_bench.matching.solvers import PoseEstimate
 
 __all__ = [
     "ArgumentError",

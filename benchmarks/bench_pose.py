@@ -126,8 +126,8 @@ def compare(name: str, n_queries: int) -> None:
     problems = [make_problem(seed, LENSES[name]) for seed in range(n_queries)]
     ways: list[Callable[[], object]] = [
         bare_calls(problems),
-        lambda: solve_poses(problems, workers=1, **SETTINGS),
-        lambda: solve_poses(problems, workers=2, **SETTINGS),
+        lambda: solve_poses(problems, jobs=1, **SETTINGS),
+        lambda: solve_poses(problems, jobs=2, **SETTINGS),
     ]
     idle = idle_share()
     times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)])
@@ -145,7 +145,7 @@ def whole(name: str, n_queries: int) -> None:
     problems = [make_problem(seed, LENSES[name]) for seed in range(n_queries)]
     idle = idle_share()
     start = time.perf_counter()
-    estimates = solve_poses(problems, workers=2, **SETTINGS)
+    estimates = solve_poses(problems, jobs=2, **SETTINGS)
     took = time.perf_counter() - start
     solved = sum(estimate.status is Status.SOLVED for estimate in estimates)
     print(
@@ -158,7 +158,7 @@ def track(n_queries: int) -> None:
     """Print a row: the whole track (lifting, solving, records) beside bare calls on its points."""
     with tempfile.TemporaryDirectory() as folder:
         truth, predicted = made_scene(Path(folder), n_queries)
-        lifted = lift(predicted.map_xy, truth.dom, truth.dsm, workers=1)
+        lifted = lift(predicted.map_xy, truth.dom, truth.dsm, jobs=1)
         cameras, parts = truth.cameras, predicted.parts()
         problems = [
             PoseProblem(cameras.take(row), predicted.query_xy[part], lifted.points[part])
@@ -177,8 +177,8 @@ def track(n_queries: int) -> None:
         bare = bare_calls(problems)
         ways: list[Callable[[], object]] = [
             bare,
-            lambda: score_scene(truth, predicted, solver, scores, workers=1),
-            lambda: score_scene(truth, predicted, solver, scores, workers=2),
+            lambda: score_scene(truth, predicted, solver, scores, jobs=1),
+            lambda: score_scene(truth, predicted, solver, scores, jobs=2),
         ]
         idle = idle_share()
         times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)]).min(axis=0)

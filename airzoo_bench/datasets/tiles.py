@@ -12,7 +12,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.folder import SceneTruths
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.rasters import RasterInfo
-from airzoo_bench.matching.crop_files import write_crop
+from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 

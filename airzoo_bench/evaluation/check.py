@@ -82,8 +82,8 @@ def _without_benchmark(given: Given, resources: Resources, missing: BenchmarkErr
     found = list(given.track.inspect_alone(given.predictions, given.protocol, resources))
     errors = [one for one in found if isinstance(one, PredictionError)]
     notes = [one for one in found if isinstance(one, str)]
-    told = f"predictions were not held against the benchmark: {missing.what}"
-    return Checked(errors, [*notes, told])
+    unmatched = f"predictions were not compared with the benchmark: {missing.what}"
+    return Checked(errors, [*notes, unmatched])
 
 
 def _with_benchmark(

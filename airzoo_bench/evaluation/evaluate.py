@@ -38,11 +38,8 @@ class Evaluation:
 
     Attributes
     ----------
-    result : Result
     records : DataFrame
         A row a query, pair or cloud.
-    given : Given
-    benchmark : Benchmark
     truths, scene_predictions : list
         Of each scene.
     scored : dict

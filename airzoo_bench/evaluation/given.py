@@ -26,9 +26,6 @@ class Given:
 
     Attributes
     ----------
-    track : Track
-    predictions : Predictions
-    protocol : Protocol
     data : Path
         The benchmark folder, or the folder that holds it.
     """

@@ -86,7 +86,6 @@ class Resources:
         The most memory that a prediction file may take.
     jobs : int
         Threads or processes.
-    progress : Progress
     keep : bool
         Keep what figures need besides the scores, such as clouds.
     """
@@ -105,13 +104,11 @@ class EvalOption:
     ----------
     name : str
         Without its hyphens.
-    help : str
     act : str
         ``module:function`` to call: it takes the `evaluate.Evaluation`, the option's value, the
         output folder or None, and `Resources`, and yields lines to print.
     default : bool or int
         An int makes it an option with a number from 1 to `most`.
-    most : int
     needs_out : bool
         Whether it writes files, so that ``--out`` must be given.
     """
@@ -132,7 +129,6 @@ class Option:
     ----------
     name : str
         Without its hyphens; a bool field can be turned off with ``--no-`` before the name.
-    help : str
     least, most : float, optional
         The range allowed.
     """

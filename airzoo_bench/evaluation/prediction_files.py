@@ -32,7 +32,6 @@ class QueryPredictions(Generic[C]):
 
     Attributes
     ----------
-    path : Path
     protocol : str or None
         The protocol that the file names.
     query_ids : (Q,) str

@@ -53,7 +53,6 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         As in protocol files, commands and results.
     summary : str
         What is scored, in one sentence, for the help.
-    protocol : type of Protocol
     kinds : str
         What predictions come in, for messages.
     suffixes : tuple of str
@@ -68,10 +67,8 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         For the help: what predictions are; predictions and further options.
     jobs : int
         Threads that ``eval`` uses by default.
-    options : tuple of EvalOption
     files : mapping of str to callable
         Writers of files besides ``result.json`` and ``records.csv``, by file name.
-    baseline : Baseline or None
     template_kinds : tuple of str
         What templates can hold, the default first; empty where there is no choice.
     template_out : str
@@ -194,7 +191,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         resources: Resources,
     ) -> list[str]:
         """Return, without scoring, what `notes` would; called where there is no error."""
-        return []
+        return self.notes(predictions, protocol, truths, scene_predictions, ())
 
     def references(self, protocol: P, truths: Sequence[T]) -> dict[str, Reference]:
         """Return scores that need no method, such as chance, by the name that tables print."""

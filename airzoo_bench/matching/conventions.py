@@ -11,15 +11,15 @@ from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_t
 
 __all__ = ["refuse_other_conventions", "suspect_inverted"]
 
-# Poses are taken for inverted where that brings most of them this many times nearer to the priors.
+# Poses count as inverted where that brings most of them this many times nearer to the priors.
 _TIMES_NEARER = 10.0
-# Rotations are taken for another convention where they are this far from the IMU's, and that
-# convention is nearer, and so many times nearer: of cameras that look down, the rotation and its
-# inverse differ by little more than their tilt. Yaw may be wrong by 180 degrees in a few photos:
-# medians do not mind.
+# Rotations count as written in another convention where they are at least this far from the IMU's,
+# read in that convention they are nearer than that, and nearer by this factor: if cameras look
+# down, a rotation and its inverse differ by little more than the tilt. Yaw may be wrong by 180
+# degrees in a few photos, which does not move medians.
 _FAR_DEG, _TIMES_NEARER_DEG = 20.0, 3.0
-# Where cameras look straight down, the inverse of a rotation looks the other way off the vertical.
-# It is suspected where so many photos agree by so much, and by so many standard errors.
+# Where cameras look straight down, the inverse of a rotation is tilted to the opposite side. It is
+# suspected from this many photos, this mean gain, and this many standard errors of the gain on.
 _LEAST_PHOTOS, _LEAST_GAIN_DEG, _STANDARD_ERRORS = 5, 0.5, 3.0
 # From camera axes x right, y down, z forward to x right, y up, z backward, or back.
 _OPENGL = np.diag((1.0, -1.0, -1.0))
@@ -38,7 +38,7 @@ def refuse_other_conventions(given: Poses, priors: Poses, *, quaternions: bool =
     Raises
     ------
     PredictionError
-        The message says in which way, and how near each reading comes to the priors.
+        It names the convention, and how near each reading comes to the priors.
     """
     if not len(given):
         return
@@ -57,9 +57,9 @@ def refuse_other_conventions(given: Poses, priors: Poses, *, quaternions: bool =
 
 
 def suspect_inverted(given: Poses, priors: Poses) -> str | None:
-    """Say so where rotations of cameras that look down fit the gimbal better when inverted.
+    """Return a note where rotations of cameras that look down fit the gimbal better inverted.
 
-    Nothing is refused for it: a gimbal's signs can be wrong in the metadata, too.
+    This is no error: a gimbal's signs can be wrong in the metadata, too.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         _refuse_truth_as_prior(asked)
     else:
         asked = with_truth_as_prior(asked)
-    windows = crop_windows(
+    found = crop_windows(
         cameras_of(asked),
         poses_of(asked, PRIOR_COLUMNS),
         inputs.dom,
@@ -64,16 +64,15 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         crop=crop,
         plane_height_m=inputs.plane_height_m,
     )
-    kept = windows.status == CropStatus.CROPPED
+    kept = found.status == CropStatus.CROPPED
     reasons = np.full(len(photos), _NO_PRIOR, dtype=object)
-    reasons[there] = [_NO_CROP.get(CropStatus(status), "") for status in windows.status]
+    reasons[there] = [_NO_CROP.get(CropStatus(status), "") for status in found.status]
     left_out = ~there
     left_out[there] = ~kept
-    boxes = np.stack([windows.x, windows.y, windows.width, windows.height], axis=1)
     return MatchingTruth(
         inputs.scene,
         asked[kept].reset_index(drop=True),
-        boxes[kept],
+        found.windows[kept],
         inputs.dom,
         inputs.dsm,
         sha256_of(inputs.dsm),

@@ -153,10 +153,9 @@ def _rotations(
 
 
 def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Read coordinates of the scene, which are millions of metres: float32 keeps 0.25 m of them.
+    """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
 
-    X and Y tell what they went through. Beside places on a lattice, such as the pixels of a map,
-    heights of a surface model fit float32 and have lost nothing.
+    Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
     """
     given = numbers(arrays, name, shape)
     values = given.astype(np.float64)

@@ -27,8 +27,8 @@ Floats = NDArray[np.float64]
 
 # Coordinates may lie this far outside a picture: sub-pixel refinement oversteps its border.
 _SLACK_PX = 1.0
-# Pixels are taken for those of crops, or for rows before columns, where at least so many fit that
-# and at most so many fit what they should be.
+# Pixels count as those of crops, or as rows before columns, where at least the first share fits
+# that reading, and at most the second share fits what they should be.
 _NEARLY_ALL, _SOME = 0.98, 0.8
 
 
@@ -156,7 +156,7 @@ def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: Matchi
 
 
 def _zoom(truth: MatchingTruth) -> float:
-    """Say how many map pixels a pixel of a photo sees, about: by the diagonals of the crops."""
+    """Return how many map pixels wide a pixel of a photo is, by the diagonals of the crops."""
     cameras = truth.cameras
     photo = np.hypot(cameras.width, cameras.height)
     return float(np.median(np.hypot(*truth.crops[:, 2:].T) / photo))
@@ -203,17 +203,17 @@ def _check_image_size(
         return
     cameras = truth.cameras
     true = np.stack([cameras.width, cameras.height], axis=1)
-    said = matches.image_size[rows]
-    bad = np.flatnonzero((rows >= 0) & (said != true).any(axis=1))
+    stated = matches.image_size[rows]
+    bad = np.flatnonzero((rows >= 0) & (stated != true).any(axis=1))
     if bad.size:
         first = bad[0]
         raise PredictionError(
             f"matches in another image size than the query's: {_named(truth, bad)}; the "
             f"first is {true[first, 0]}x{true[first, 1]} px, its matches are for "
-            f"{said[first, 0]}x{said[first, 1]}",
+            f"{stated[first, 0]}x{stated[first, 1]}",
             where="field 'image_size'",
             fix="write x, the column, before y, and width before height"
-            if (said[bad] == true[bad, ::-1]).all()
+            if (stated[bad] == true[bad, ::-1]).all()
             else "multiply x and y by the ratio of the widths and of the heights",
         )
 

@@ -33,7 +33,7 @@ GIVEN = "given"
 
 @dataclass(frozen=True, eq=False)
 class ScoredScene:
-    """Records of a scene, and what pictures need beside them.
+    """Records of a scene, and what figures need besides.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ def score_scene(
     solver: Solver,
     settings: MatchingScores,
     *,
-    workers: int = 1,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> ScoredScene:
     """Score every query of a scene.
@@ -88,7 +88,7 @@ def score_scene(
         Of the same Q queries.
     lifting, solver, settings : Lift, Solver, MatchingScores
         The protocol's.
-    workers : int
+    jobs : int
         Threads; the records do not depend on it.
     progress : Progress
 
@@ -100,7 +100,7 @@ def score_scene(
     if predicted.poses is not None:
         posed = _given(predicted.poses)
     else:
-        posed = _solved(truth, predicted, lifting, solver, workers, progress)
+        posed = _solved(truth, predicted, lifting, solver, jobs, progress)
     records = _records(truth, predicted.answered, posed, settings)
     counts = _result_counts(truth, records)
     return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
@@ -163,10 +163,10 @@ def _solved(
     predicted: ScenePredictions,
     lifting: Lift,
     solver: Solver,
-    workers: int,
+    jobs: int,
     progress: Progress,
 ) -> _Posed:
-    points, status = lifted_points(truth, predicted, lifting, workers)
+    points, status = lifted_points(truth, predicted, lifting, jobs)
     given = np.diff(predicted.offsets)
     lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
     cameras = truth.cameras
@@ -177,9 +177,7 @@ def _solved(
         for row, part in enumerate(predicted.parts())
     ]
     settings = solver.model_dump(exclude={"name", "least_matches"})
-    found = solve_poses(
-        problems, workers=workers, progress=progress, solver=solver.name, **settings
-    )
+    found = solve_poses(problems, jobs=jobs, progress=progress, solver=solver.name, **settings)
     return _Posed(
         np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
         np.array([estimate.centre for estimate in found]).reshape(-1, 3),
@@ -194,7 +192,7 @@ def _solved(
 
 
 def lifted_points(
-    truth: MatchingTruth, predicted: ScenePredictions, lifting: Lift, workers: int
+    truth: MatchingTruth, predicted: ScenePredictions, lifting: Lift, jobs: int
 ) -> tuple[Floats, NDArray[np.uint8]]:
     """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
     if predicted.map_xy is None:
@@ -202,7 +200,7 @@ def lifted_points(
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
     lifted = lift(
-        predicted.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
+        predicted.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, jobs=jobs
     )
     return lifted.points, lifted.status
 

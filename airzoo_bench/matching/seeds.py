@@ -18,13 +18,7 @@ __all__ = ["SeedSpread", "seed_spreads", "spread_over_seeds"]
 
 @dataclass(frozen=True)
 class SeedSpread:
-    """One score under several seeds: the average over scenes at its least, median and most.
-
-    Attributes
-    ----------
-    score : Score
-    least, median, most : float
-    """
+    """One score under several seeds: the average over scenes at its least, median and most."""
 
     score: Score
     least: float
@@ -77,6 +71,6 @@ def seed_spreads(evaluation: Evaluation, seeds: int, resources: Resources) -> li
 
 
 def _spread(score: Score, values: list[float]) -> SeedSpread:
-    # The lower of the two in the middle, since the mean of infinities and numbers says nothing.
+    # The lower of the two in the middle, since the mean of a number and infinity is no median.
     median = sorted(values)[(len(values) - 1) // 2]
     return SeedSpread(score, float(np.min(values)), median, float(np.max(values)))

@@ -16,7 +16,7 @@ from airzoo_bench.core.files import atomic_write
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.query_track import QueryTrack
-from airzoo_bench.matching.baseline_run import SIFT
+from airzoo_bench.matching.baseline import SIFT
 from airzoo_bench.matching.notes import (
     equal_to_prior,
     lifting_notes,
@@ -127,7 +127,7 @@ class MatchingTrack(
             protocol.lift,
             protocol.solver,
             protocol.scores,
-            workers=resources.jobs,
+            jobs=resources.jobs,
             progress=resources.progress,
         )
         same = {"equal_to_prior": equal_to_prior(truth, predicted)}

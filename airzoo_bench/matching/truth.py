@@ -110,7 +110,7 @@ def with_truth_as_prior(queries: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_truth(folder: Path, truth: MatchingTruth) -> None:
-    """Write a scene's truth below its folder, beside ``queries.csv``."""
+    """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "matching"
     home.mkdir(parents=True, exist_ok=True)
     columns = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
@@ -122,7 +122,7 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
-    """Read a scene's truth, and hold the surface model to its checksum and the map to its grid.
+    """Read a scene's truth, and compare surface model and map with those that were prepared.
 
     Raises
     ------

@@ -32,7 +32,7 @@ IN_A_FIELD = (
     "a field 'protocol' with the name of one",
     "name it with --protocol, or add the field; `airzoo-bench protocols` lists them",
 )
-"""Where a file says which protocol it is for, and how to fix that it does not."""
+"""Where a file states its protocol, and the fix where it does not: parts of a message."""
 
 
 def load_protocol(path: Path) -> Protocol:
@@ -63,7 +63,7 @@ def shipped_protocols() -> dict[str, Path]:
 
 
 def _shipped_folder() -> Path:
-    # In the wheel they lie inside the package; in a checkout beside it.
+    # In the wheel they are inside the package; in a checkout next to it.
     package = Path(__file__).parents[1]
     inside = package / "protocols"
     return inside if inside.is_dir() else package.parent / "protocols"
@@ -127,7 +127,7 @@ def choose_protocol(
 ) -> P:
     """Return the protocol that was named, else the one that the file names.
 
-    `says` is told where neither names one.
+    `says` is the expectation and the fix of the error where neither names one.
 
     Raises
     ------

@@ -74,7 +74,7 @@ def describe(
     queries: Sequence[Reader],
     settings: VladSettings,
     *,
-    workers: int = 1,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> tuple[Floats, Floats]:
     """Describe gallery and queries with words learnt on the gallery.
@@ -84,7 +84,7 @@ def describe(
     gallery, queries : sequence of callable
         Each returns one grey image (height, width) uint8.
     settings : VladSettings
-    workers : int
+    jobs : int
         Processes that extract features; the descriptors do not depend on it.
     progress : Progress
 
@@ -99,10 +99,10 @@ def describe(
     BenchmarkError
         The gallery has fewer features than there are words.
     """
-    features = list(_extracted(gallery, settings, workers, progress, "tiles"))
+    features = list(_extracted(gallery, settings, jobs, progress, "tiles"))
     words = learn_words(features, settings)
     described = np.stack([vlad(one, words) for one in features])
-    asked = [vlad(one, words) for one in _extracted(queries, settings, workers, progress, "photos")]
+    asked = [vlad(one, words) for one in _extracted(queries, settings, jobs, progress, "photos")]
     return described, np.stack(asked)
 
 
@@ -160,13 +160,13 @@ def vlad(features: Floats, words: Floats) -> Floats:
 def _extracted(
     readers: Sequence[Reader],
     settings: VladSettings,
-    workers: int,
+    jobs: int,
     progress: Progress,
     label: str,
 ) -> Iterator[Floats]:
     # Processes, since pycolmap keeps the interpreter's lock while it extracts.
     found = parallel_map(
-        partial(_features_of, settings.max_features, settings.doubled), readers, workers
+        partial(_features_of, settings.max_features, settings.doubled), readers, jobs
     )
     yield from progress(found, label, len(readers))
 
@@ -190,7 +190,7 @@ def _predict(
         truth = read_truth(benchmark.scene_folder(scene.id), scene.id)
         tiles, photos = _readers(benchmark, truth, settings.long_side_px)
         gallery, queries = describe(
-            tiles, photos, settings, workers=resources.jobs, progress=resources.progress
+            tiles, photos, settings, jobs=resources.jobs, progress=resources.progress
         )
         for key, rows in {
             "query_ids": truth.queries["id"].to_numpy(str),

@@ -74,7 +74,7 @@ class Search:
     def _hits(self, values: NDArray[np.float32], bounds: Floats) -> NDArray[np.bool_]:
         hits: NDArray[np.bool_] = values >= self._cut(bounds)
         many = np.flatnonzero(np.count_nonzero(hits, axis=0) > self.limit)
-        if len(many):  # so many by themselves that they hold a better k-th value
+        if len(many):  # they alone are enough to hold a better k-th value
             there = len(values) - self.k
             best = np.partition(values[:, many], there, axis=0)[there]
             self.kth[many] = np.maximum(self.kth[many], best)

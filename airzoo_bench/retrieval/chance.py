@@ -1,4 +1,4 @@
-"""What tiles in random order score: the floor that a number must be held against.
+"""Chance level: what tiles in random order score.
 
 With R of G tiles positive and every order as likely as any other, the ranks hold positives as draws
 without replacement do. All expectations here are exact.
@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 
 
 def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
-    """Give the expected score of each query under a random order of its gallery.
+    """Return the expected score of each query under a random order of its gallery.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class _Gallery:
     rows: RowSource
     queries: Queries
     block: int
-    workers: int
+    jobs: int
 
     def blocks(self) -> Iterator[tuple[int, NDArray[Any], NDArray[np.float32], Floats]]:
         """Give (first row, rows, rows in float32, norms), in order."""
@@ -103,7 +103,7 @@ class _Gallery:
                 scores[some] = similarity(asked, given, self.queries.metric)
                 slacks[some] = roundoff(asked, given, scores[some], self.queries.metric)
 
-        with ThreadPoolExecutor(self.workers) as pool:
+        with ThreadPoolExecutor(self.jobs) as pool:
             list(pool.map(evaluate, groups))
         return scores, slacks
 
@@ -115,7 +115,7 @@ def nearest(
     positives: Positives,
     *,
     memory_bytes: int,
-    workers: int,
+    jobs: int,
     names: Names | None = None,
 ) -> Candidates:
     """Find the pairs that hold the k most similar tiles of each query, and all that tie with them.
@@ -132,14 +132,14 @@ def nearest(
     block = int(np.clip(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, 1, _BLOCK_ROWS))
     part = max(1, memory_bytes // 16 // (4 * block))
     batch = max(1, memory_bytes // 8 // (16 * max(1, len(gallery))))
-    stored = _Gallery(RowSource.of(gallery), queries, block, workers)
+    stored = _Gallery(RowSource.of(gallery), queries, block, jobs)
     if points_one_way(stored.rows, queries.metric, max(1, block // 8)):
         none = np.zeros(0, np.int64)
         return Candidates(none, none, none, np.zeros(0), np.arange(len(queries.norms)))
     caution = 1.0
     while True:
         searches, bounds = _search(stored, k, part, caution, names)
-        found = [_settled(stored, search, bounds[search.part]) for search in searches]
+        found = [_evaluated(stored, search, bounds[search.part]) for search in searches]
         worst = max((error for _, error in found), default=0.0)
         if worst <= 1:
             break
@@ -186,7 +186,7 @@ def _search(
     return searches, bounds
 
 
-def _settled(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candidates, float]:
+def _evaluated(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candidates, float]:
     """Form clusters of candidates that the search cannot tell apart, and evaluate these.
 
     Also gives the greatest error seen, as a share of its bound. The best candidate of each query

@@ -16,15 +16,14 @@ from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.frames import describe_crs, geodesic_distance_m, to_lonlat, unwrapped
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened
-from airzoo_bench.retrieval.overlap import box_areas, polygon_areas
+from airzoo_bench.retrieval.footprints import box_areas, polygon_areas
 from airzoo_bench.retrieval.settings import Gallery
-from airzoo_bench.retrieval.truth import BOX_COLUMNS
+from airzoo_bench.retrieval.truth import BOX_COLUMNS, LONLAT_DECIMALS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "LONLAT_DECIMALS",
     "box_growth",
     "check_gsd",
     "cut_gallery",
@@ -33,9 +32,6 @@ __all__ = [
     "valid_shares",
     "windows_of",
 ]
-
-LONLAT_DECIMALS = 9
-"""Degrees are kept to 0.1 mm, so that two builds of PROJ give the same truth."""
 
 _SIDE_PX = 4096  # of the part of a mask that is read at a time
 
@@ -113,7 +109,7 @@ def middle_lon(info: RasterInfo) -> float:
 
 
 def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
-    """By how much the boxes of tiles outgrow the tiles, as a share of the tiles' area.
+    """Return by how much boxes are larger than their tiles, as a share of the tiles' area.
 
     0 where the map is north up in degrees. A map that is turned by an angle a against the
     meridians has boxes that are larger by sin 2a: 0.02 at half a degree, 1 at 45 degrees.
@@ -124,7 +120,7 @@ def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
 
 
 def check_gsd(info: RasterInfo, gallery: Gallery) -> None:
-    """Hold the map's ground sampling distance to the protocol's, on both axes.
+    """Compare the map's ground sampling distance with the protocol's, on both axes.
 
     Raises
     ------
@@ -204,7 +200,7 @@ def _check_on_earth(info: RasterInfo, ring: NDArray[np.float64]) -> None:
         raise RasterError(
             "holds a pole, or tiles half as wide as the earth: no box in degrees describes them",
             where=info.path,
-            expected="a map beside the pole",
+            expected="a map without a pole",
             fix="cut the map so that the pole is outside",
         )
 
@@ -273,7 +269,7 @@ def _count_into(cells: Ints, mask: NDArray[np.bool_], below: Ints, right_of: Int
 
 
 def _cuts(beyond: Ints, length: int) -> tuple[Ints, Ints]:
-    """Return the cells that a stretch of so many pixels meets, and where in it each begins."""
+    """Return the cells that a run of `length` pixels meets, and where in it each begins."""
     first = int(np.searchsorted(-beyond, 0, side="right")) - 1
     cells = np.arange(first, int(np.searchsorted(-beyond, length, side="left")))
     return cells, np.maximum(-beyond[cells], 0)

@@ -89,8 +89,10 @@ class Positives:
         keys = self.queries * n_tiles + self.tiles
         asked = queries * n_tiles + tiles
         place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
-        held: NDArray[np.bool_] = keys[place] == asked if len(keys) else np.zeros(asked.shape, bool)
-        return held
+        found: NDArray[np.bool_] = (
+            keys[place] == asked if len(keys) else np.zeros(asked.shape, bool)
+        )
+        return found
 
     def of(self, query: int) -> NDArray[np.int32]:
         """Give the positive tiles of one query."""

@@ -130,18 +130,18 @@ def _check_depth(predictions: RetrievalPredictions, ranked: RankedIds, needed: i
 
 
 def _check_gaps(predictions: RetrievalPredictions, ranked: RankedIds) -> None:
-    def gapped(ids: Texts) -> Bools:
+    def interrupted(ids: Texts) -> Bools:
         empty = ids == ""
         found: Bools = (empty[:, :-1] & ~empty[:, 1:]).any(axis=1)
         return found
 
-    gaps = _rows_where(ranked, lambda part: gapped(ranked.ids[part]))
-    if gaps.size:
+    rows = _rows_where(ranked, lambda part: interrupted(ranked.ids[part]))
+    if rows.size:
         raise PredictionError(
-            f"an empty id before a tile in the lists of {_rows(predictions, gaps)}",
+            f"an empty id before a tile in the lists of {_rows(predictions, rows)}",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected="empty ids only at the end of a list that is shorter than the others",
-            fix="close the gaps",
+            fix="move the empty ids to the end",
         )
 
 

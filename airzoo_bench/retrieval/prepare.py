@@ -49,7 +49,6 @@ class PreparedScene:
 
     Attributes
     ----------
-    truth : RetrievalTruth
     overlaps : Positives
         Of the truth's queries.
     in_map_frame : bool
@@ -140,7 +139,7 @@ def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
 def _in_pixels(
     info: RasterInfo, lonlat: NDArray[np.float64], tiles: pd.DataFrame, dropped: pd.DataFrame
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Take ground points, and the extents of tiles kept and dropped, to pixels of the map."""
+    """Return ground points, and boxes of the tiles kept and dropped, in pixels of the map."""
     pixels = world_to_pixel(info.transform, from_lonlat(info.crs, lonlat))
     kept, empty = windows_of(tiles).astype(np.float64), windows_of(dropped).astype(np.float64)
     return np.round(pixels, _PIXEL_DECIMALS), kept, empty
@@ -167,7 +166,7 @@ def reasons_of(
     on_empty: NDArray[np.bool_],
     rules: GroundTruth,
 ) -> list[str]:
-    """Say of each of N photos why no tile answers it, if none does.
+    """Return for each of N photos why no tile answers it, if none does.
 
     Parameters
     ----------

@@ -30,7 +30,6 @@ class ScenePredictions:
 
     Attributes
     ----------
-    truth : RetrievalTruth
     ranking : Ranking
         Q rows; those of missing queries hold no tile.
     answered, given : (Q,) bool
@@ -118,7 +117,7 @@ def match_scene(
                     positives=asked.positives,
                     depth=settings.depth,
                     memory_bytes=memory_bytes,
-                    workers=jobs,
+                    jobs=jobs,
                     names=names,
                     tile_names=truth.tiles["id"].to_numpy(),
                 )

@@ -49,7 +49,7 @@ _MAX_NORM = 1e18  # beyond, products overflow in float32
 def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
     """Similarity of pairs, (n, D) and (n, D), summed in an order that depends on D alone.
 
-    Equal descriptors therefore tie exactly, wherever and in whatever company they are evaluated.
+    Equal descriptors therefore tie exactly, whatever else is evaluated with them.
     """
     if metric == "l2":
         apart = queries - gallery
@@ -254,13 +254,13 @@ def _refusal(
 def points_one_way(gallery: RowSource, metric: Metric, step: int) -> bool:
     """Whether all rows are the same, or under cosine multiples of one as far as they are stored.
 
-    Rounding in storage turns multiples a little, so that what is computed from them says nothing
-    but how they were rounded.
+    Rounding in storage turns multiples a little, so that any ranking of them is one of rounding
+    errors.
 
     Parameters
     ----------
     gallery : RowSource
-        None of them is said to be usable: where one is not, the answer is no.
+        Where a row is not usable, the answer is False.
     metric : Metric
     step : int
         Rows at a time.

@@ -125,17 +125,6 @@ class RetrievalTrack(
         """See `retrieval_notes`."""
         return retrieval_notes(predictions, scene_predictions, protocol)
 
-    def check_notes(
-        self,
-        predictions: RetrievalPredictions,
-        protocol: RetrievalProtocol,
-        truths: Sequence[RetrievalTruth],
-        scene_predictions: Sequence[ScenePredictions],
-        resources: Resources,
-    ) -> list[str]:
-        """See `retrieval_notes`."""
-        return retrieval_notes(predictions, scene_predictions, protocol)
-
     def references(
         self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
     ) -> dict[str, Reference]:

@@ -25,6 +25,7 @@ __all__ = [
     "ANCHOR_COLUMNS",
     "BOX_COLUMNS",
     "FOOTPRINT_COLUMNS",
+    "LONLAT_DECIMALS",
     "NO_GROUND_POINT",
     "NO_TILE",
     "RetrievalTruth",
@@ -33,6 +34,9 @@ __all__ = [
     "read_truth",
     "write_truth",
 ]
+
+LONLAT_DECIMALS = 9
+"""Degrees are kept to 0.1 mm, so that two builds of PROJ give the same truth."""
 
 BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
 ANCHOR_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
@@ -116,7 +120,7 @@ def boxes_of(tiles: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> None:
-    """Write a scene's truth below its folder, beside ``queries.csv``.
+    """Write a scene's truth below its folder, next to ``queries.csv``.
 
     Parameters
     ----------

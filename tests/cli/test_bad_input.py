@@ -540,7 +540,7 @@ def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     assert "queries that the predictions lack, scored at their worst: 7 of 10 (first 3: " in message
     protocol = data / "made" / "protocols" / "made-retrieval.toml"
     assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
-    assert "predictions were not held against the benchmark" in capsys.readouterr().err
+    assert "predictions were not compared with the benchmark" in capsys.readouterr().err
 
 
 GOOD = "GOOD"  # stands for a good prediction file

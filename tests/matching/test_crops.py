@@ -25,9 +25,7 @@ from airzoo_bench.matching import crops
 from airzoo_bench.matching.crops import (
     CropStatus,
     CropWindows,
-    crop_to_map,
     crop_windows,
-    map_to_crop,
 )
 from airzoo_bench.matching.settings import Crop
 from tests.geometry.support import looking_down, quick, seeds, write_tif
@@ -71,7 +69,7 @@ def camera(fx: float, fy: float, distortion: Any = None) -> Cameras:
 
 
 def box(windows: CropWindows) -> list[tuple[int, int, int, int]]:
-    return [windows.window(row) for row in range(len(windows))]
+    return [tuple(window) for window in windows.windows.tolist()]
 
 
 def test_nadir_by_hand() -> None:
@@ -220,10 +218,10 @@ def test_an_oblique_ray_ends_on_the_lake_and_not_on_its_far_shore() -> None:
     heights[-1, -1] = -5000.0
     field = holed(heights)
     found = cut(field, plain_crop(3000.0), tilt=45.0)
-    assert found.window(0)[1] == 1000 / 2 - 200 / 2
+    assert found.windows[0][1] == 1000 / 2 - 200 / 2
     cutting = cut(field, plain_crop(3000.0, "cut"), tilt=45.0)
     assert cutting.rays[0, 0] == RayStatus.HIT
-    assert cutting.window(0)[1] < 10
+    assert cutting.windows[0][1] < 10
 
 
 @settings(quick, max_examples=20)
@@ -240,8 +238,8 @@ def test_holes_as_if_they_had_been_filled(seed: int) -> None:
     filled = np.pad(heights[tuple(nearest)], 60, mode="edge")
     at = (X + rng.uniform(-60, 60), Y + rng.uniform(-60, 60), 100.0)
     tilt = rng.uniform(0, 20)
-    found = cut(holed(heights), plain_crop(700.0), at, tilt).window(0)
-    whole = cut(holed(filled), plain_crop(700.0), at, tilt).window(0)
+    found = cut(holed(heights), plain_crop(700.0), at, tilt).windows[0]
+    whole = cut(holed(filled), plain_crop(700.0), at, tilt).windows[0]
     # Heights differ by 3 m at most, rays are 60 degrees off nadir at most: 5 m, in pixels of 2 m.
     np.testing.assert_allclose(found, whole, atol=6)
 
@@ -299,7 +297,7 @@ def test_map_in_degrees() -> None:
         [X - 50, X + 50, X + 50, X - 50], np.add(Y, [33.33333333] * 2 + [-33.33333333] * 2)
     )
     column, row = (np.array(lon) - west) / step, (north - np.array(lat)) / step
-    x, y, width, height = windows.window(0)
+    x, y, width, height = windows.windows[0]
     assert (x, y) == (np.floor(column.min()), np.floor(row.min()))
     assert (x + width, y + height) == (np.ceil(column.max()), np.ceil(row.max()))
 
@@ -341,8 +339,8 @@ def test_a_file_as_the_field_in_memory(tmp_path_factory: pytest.TempPathFactory,
             assert lazy.height_range == field.height_range
     assert box(windows) == box(expected)
     assert windows.rays.tobytes() == expected.rays.tobytes()
-    assert (windows.x + windows.width <= dom.width).all()
-    assert ((windows.width > 0) == (windows.status == CropStatus.CROPPED)).all()
+    assert (windows.windows[:, 0] + windows.windows[:, 2] <= dom.width).all()
+    assert ((windows.windows[:, 2] > 0) == (windows.status == CropStatus.CROPPED)).all()
 
 
 def test_dsm_in_degrees_is_refused(tmp_path: Path) -> None:
@@ -357,12 +355,6 @@ def test_dsm_in_degrees_is_refused(tmp_path: Path) -> None:
         crop_windows(
             camera(600, 600), pose, map_of(9, 9), path, crop=grown_crop(100.0), plane_height_m=0.0
         )
-
-
-def test_pixels_of_crop_and_map() -> None:
-    window = (40, 30, 10, 20)
-    assert crop_to_map([(0.0, 0.0), (0.5, 19.5)], window).tolist() == [[40, 30], [40.5, 49.5]]
-    assert map_to_crop(crop_to_map([2.25, 3.5], window), window).tolist() == [2.25, 3.5]
 
 
 def test_real_photos_find_their_place(brighton: Path) -> None:
@@ -383,7 +375,7 @@ def test_real_photos_find_their_place(brighton: Path) -> None:
         (poses.centres[:, :2] - pixel_to_world(dom.transform, (0.0, 0.0))).T,
     ).T
     on_map = ((below > 0) & (below < (dom.width, dom.height))).all(axis=1)
-    low = np.stack((windows.x, windows.y), axis=-1)
-    high = low + np.stack((windows.width, windows.height), axis=-1)
+    low = windows.windows[:, :2]
+    high = low + windows.windows[:, 2:]
     assert on_map.sum() >= 10
     assert ((below >= low) & (below <= high)).all(axis=1)[on_map].all()

@@ -55,9 +55,9 @@ def test_the_spread_over_seeds(
     alone = []
     for seed in range(4):
         solver = world.protocol.solver.model_copy(update={"seed": seed})
-        claim = run.scene_predictions[0]
+        predicted = run.scene_predictions[0]
         rules = world.protocol
-        scene = score_scene(world.truth, claim, rules.lift, solver, rules.scores)
+        scene = score_scene(world.truth, predicted, rules.lift, solver, rules.scores)
         alone.append(scene.records["error_m"].median())
     spread = found["error_m"]
     assert (spread.least, spread.most) == (min(alone), max(alone))

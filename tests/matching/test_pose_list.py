@@ -54,9 +54,11 @@ def test_only_the_ending_of_a_photo_is_taken_off(tmp_path: Path, name: str, expe
 
 @pytest.mark.parametrize("failure", ["1 0 0 0 0 0 0", "nan " * 7])
 def test_failures_are_no_poses(tmp_path: Path, failure: str) -> None:
-    claim = read_pose_list(written(tmp_path, f"hills/a {failure}\nhills/b {TURN}\n"), LIMIT).content
-    assert isinstance(claim, GivenPoses)
-    assert claim.found.tolist() == [False, True]
+    content = read_pose_list(
+        written(tmp_path, f"hills/a {failure}\nhills/b {TURN}\n"), LIMIT
+    ).content
+    assert isinstance(content, GivenPoses)
+    assert content.found.tolist() == [False, True]
 
 
 BAD = {

@@ -141,9 +141,9 @@ def on_surface(
     dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
     truth = replace(world.truth, dsm=dsm)
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
-    claim = match_scene(read, truth, np.arange(N_QUERIES))
+    predicted = match_scene(read, truth, np.arange(N_QUERIES))
     return score_scene(
-        truth, claim, world.protocol.lift, world.protocol.solver, world.protocol.scores
+        truth, predicted, world.protocol.lift, world.protocol.solver, world.protocol.scores
     )
 
 

@@ -232,6 +232,6 @@ def test_unwrapped_longitudes_are_the_same_places_near_by(
     assert math.isclose((moved - lon) % 360 % 360, 0, abs_tol=1e-9) or math.isclose(
         (moved - lon) % 360, 360, abs_tol=1e-9
     )
-    np.testing.assert_equal(same, lat)
+    np.testing.assert_array_equal(same, lat)
     if abs(lon - about) < 180:
         assert moved == lon  # to the last bit
