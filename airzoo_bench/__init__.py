@@ -75,7 +75,7 @@ _HOMES = {
     "api.scores": ("QueryScores",),
     "api.solving": ("solve_pose",),
     "core.errors": ("ArgumentError", "UserError"),
-    "matching.estimates": ("PoseEstimate",),
+    "matching.solvers": ("PoseEstimate",),
     "matching.metrics": ("PoseErrors",),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}

@@ -23,6 +23,7 @@ import rasterio
 from rasterio import Affine
 
 from airzoo_bench.benchmark.queries import query_table
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.grids import world_to_pixel
 from airzoo_bench.geometry.poses import Poses, world_to_camera
@@ -31,8 +32,8 @@ from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import score_scene
-from airzoo_bench.matching.settings import MatchingScores, Solver
 from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 
 N_QUERIES = 351
 N_MATCHES = 5000
@@ -164,21 +165,15 @@ def track(n_queries: int) -> None:
             PoseProblem(cameras.take(row), predicted.query_xy[part], lifted.points[part])
             for row, part in enumerate(parts)
         ]
-        solver = Solver(
-            name="colmap",
-            **{key: value for key, value in SETTINGS.items() if key != "solver"},
-        )
-        scores = MatchingScores(
-            orientation_is_trusted=True,
-            translation_below_m=(5.0,),
-            pose_below_m_deg=((5.0, 1.0),),
-            auc_up_to_m=(5.0,),
-        )
+        shipped = load_protocol(shipped_protocols()["photos-matching"])
+        settings = {key: value for key, value in SETTINGS.items() if key != "solver"}
+        solver = shipped.solver.model_copy(update={"name": "colmap", **settings})
+        protocol = shipped.model_copy(update={"solver": solver})
         bare = bare_calls(problems)
         ways: list[Callable[[], object]] = [
             bare,
-            lambda: score_scene(truth, predicted, solver, scores, jobs=1),
-            lambda: score_scene(truth, predicted, solver, scores, jobs=2),
+            lambda: score_scene(truth, predicted, protocol, Resources(jobs=1)),
+            lambda: score_scene(truth, predicted, protocol, Resources(jobs=2)),
         ]
         idle = idle_share()
         times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)]).min(axis=0)

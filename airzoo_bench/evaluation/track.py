@@ -42,10 +42,10 @@ S = TypeVar("S", bound=ScoredScene)
 
 
 class Track(ABC, Generic[P, R, T, A, C, S]):
-    """One track, by the types of what goes through it.
+    """One track.
 
-    The types: protocol, predictions as read, truth of a scene, assignment of predictions to
-    scenes, predictions of a scene, scored scene.
+    Its type parameters are its protocol, predictions as read, the truth of a scene, the assignment
+    of predictions to queries or scenes, the predictions of a scene, and a scored scene.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     folders : bool
         Whether predictions can be a folder.
     says_protocol : tuple of str
-        Where predictions say which protocol they are for, and how to fix that they do not.
+        Where predictions state their protocol, and the fix where they do not, for messages.
     argument, example : str
         For the help: what predictions are; predictions and further options.
     jobs : int

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.evaluation.parts import Baseline, Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
 from airzoo_bench.geometry.poses import Poses
@@ -37,7 +37,7 @@ def _predict(
     """Match every query of a benchmark to its crop and write a prediction file."""
     check_npz(out)
     ids: list[str] = []
-    matches: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+    matches: list[tuple[Floats, Floats]] = []
     for scene in protocol.scenes:
         truth = read_truth(benchmark, scene.id)
         ids += truth.queries["id"].tolist()

@@ -9,16 +9,15 @@ import numpy as np
 
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.conventions import suspect_inverted
 from airzoo_bench.matching.lifting import LiftStatus
 from airzoo_bench.matching.predictions import MatchingPredictions
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
-from airzoo_bench.matching.settings import Lift, Solver
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = ["equal_to_prior", "lifting_notes", "plausibility_warnings", "scored_notes"]
+__all__ = ["lifting_notes", "plausibility_warnings", "scored_notes"]
 
 _Scene = tuple[MatchingTruth, ScenePredictions]
 
@@ -27,8 +26,6 @@ _ENOUGH_MATCHES, _MANY_MATCHES = 100, 2000
 _CORNER, _CORNER_OF_MANY = 0.6, 0.9
 # Beyond any error of GPS, and of poses that mean the right place.
 _FAR_M = 1000.0
-# A prior that was copied went through a file at most.
-_SAME_M, _SAME_DEG = 1e-3, 1e-3
 _NOT_LIFTED = {
     LiftStatus.OUTSIDE_MAP: "outside the map",
     LiftStatus.OUTSIDE_DSM: "outside the surface model",
@@ -57,8 +54,7 @@ def plausibility_warnings(
 def lifting_notes(
     truths: Sequence[MatchingTruth],
     scene_predictions: Sequence[ScenePredictions],
-    lifting: Lift,
-    solver: Solver,
+    protocol: MatchingProtocol,
     jobs: int,
 ) -> list[str]:
     """Return what `eval` will note of given poses or of lifting, without solving."""
@@ -73,11 +69,11 @@ def lifting_notes(
     became = np.zeros(len(LiftStatus), np.int64)
     blind = beyond = 0
     for truth, predicted in zip(truths, scene_predictions, strict=True):
-        _, status = lifted_points(truth, predicted, lifting, jobs)
+        _, status = lifted_points(truth, predicted, protocol.lift, jobs)
         for part in predicted.parts():
             counts = np.bincount(status[part], minlength=len(LiftStatus))
             blind += int(counts[LiftStatus.LIFTED] == 0 < counts[LiftStatus.NO_HEIGHT])
-            beyond += max(0, int(counts[LiftStatus.LIFTED]) - solver.max_matches)
+            beyond += max(0, int(counts[LiftStatus.LIFTED]) - protocol.solver.max_matches)
             became += counts
     dropped = {why: int(became[status]) for status, why in _NOT_LIFTED.items()}
     return _count_notes(int(became.sum()), dropped, blind, beyond)
@@ -106,17 +102,6 @@ def scored_notes(
         *_count_notes(sums["matches"], dropped, blind, sums["beyond_limit"]),
         *_far_notes(truths, [scene.centres for scene in scored], kind),
     ]
-
-
-def equal_to_prior(truth: MatchingTruth, predicted: ScenePredictions) -> int:
-    """Count the poses that are the photo's own GPS position and gimbal angles."""
-    if predicted.poses is None:
-        return 0
-    priors = truth.priors
-    with np.errstate(over="ignore"):
-        apart = np.linalg.norm(predicted.poses.centres - priors.centres, axis=1)
-    turned = rotation_angle_deg(predicted.poses.rotation, priors.rotation)
-    return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
 
 
 def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
@@ -163,7 +148,7 @@ def _count_notes(given: int, lost: dict[str, int], blind: int, beyond: int) -> l
 
 
 def _prior_notes(scenes: Sequence[_Scene]) -> list[str]:
-    same = sum(equal_to_prior(truth, predicted) for truth, predicted in scenes)
+    same = sum(predicted.equal_to_prior(truth) for truth, predicted in scenes)
     total = sum(len(truth.queries) for truth, _ in scenes)
     if not same:
         return []

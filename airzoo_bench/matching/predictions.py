@@ -17,6 +17,7 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M
 
@@ -27,9 +28,6 @@ __all__ = [
     "check_digits",
     "validation_errors",
 ]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +81,7 @@ class GivenPoses:
 
     kind: ClassVar[str] = "poses"
 
-    found: NDArray[np.bool_]
+    found: Bools
     poses: Poses
     errors_m: Floats
     quaternions: bool = False

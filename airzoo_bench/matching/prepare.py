@@ -11,6 +11,7 @@ from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.settings import Crop, Prior
@@ -96,8 +97,6 @@ def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
         )
 
 
-def _excluded(
-    inputs: SceneInputs, left_out: NDArray[np.bool_], reasons: NDArray[np.object_]
-) -> pd.DataFrame:
+def _excluded(inputs: SceneInputs, left_out: Bools, reasons: NDArray[np.object_]) -> pd.DataFrame:
     photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
     return photos.assign(reason=reasons[left_out])

@@ -12,6 +12,7 @@ from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.prediction_files import Fields, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses, check_rotations
 from airzoo_bench.geometry.precision import COARSEST_M, narrow_type, pose_errors_m
 from airzoo_bench.matching.pose_list import read_pose_list
@@ -126,8 +127,8 @@ def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondence
     return GivenPoses(found, poses, np.zeros(len(rows)))
 
 
-def _found(arrays: Arrays, name: str, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=(1, 2)))
+def _found(arrays: Arrays, name: str, values: Floats) -> Bools:
+    found: Bools = np.asarray(np.isfinite(values).all(axis=(1, 2)))
     half = int((~found & np.isfinite(values).any(axis=(1, 2))).sum())
     if half:
         raise PredictionError(
@@ -138,9 +139,7 @@ def _found(arrays: Arrays, name: str, values: NDArray[np.float64]) -> NDArray[np
     return found
 
 
-def _rotations(
-    where: str, matrices: NDArray[np.float64], names: NDArray[np.str_]
-) -> NDArray[np.float64]:
+def _rotations(where: str, matrices: Floats, names: NDArray[np.str_]) -> Floats:
     try:
         return check_rotations(matrices, names.tolist())
     except CameraError as error:
@@ -152,7 +151,7 @@ def _rotations(
         ) from error
 
 
-def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
 
     Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
@@ -175,7 +174,7 @@ def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArra
     return values
 
 
-def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.int64]:
+def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Ints:
     values: NDArray[Any] = arrays.read(name)
     fits = values.ndim == len(shape) and values.shape[1:] == shape[1:]
     if values.dtype.kind not in "iu" or not fits:

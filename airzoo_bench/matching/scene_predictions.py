@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
 from airzoo_bench.matching.conventions import refuse_other_conventions
@@ -23,13 +24,14 @@ from airzoo_bench.matching.truth import MatchingTruth
 
 __all__ = ["ScenePredictions", "match_scene"]
 
-Floats = NDArray[np.float64]
 
 # Coordinates may lie this far outside a picture: sub-pixel refinement oversteps its border.
 _SLACK_PX = 1.0
 # Pixels count as those of crops, or as rows before columns, where at least the first share fits
 # that reading, and at most the second share fits what they should be.
 _NEARLY_ALL, _SOME = 0.98, 0.8
+# A prior that was copied went through a file at most.
+_SAME_M, _SAME_DEG = 1e-3, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +53,21 @@ class ScenePredictions:
         Instead of matches and pairs; NaN where there is none.
     """
 
-    answered: NDArray[np.bool_]
-    offsets: NDArray[np.int64]
+    answered: Bools
+    offsets: Ints
     query_xy: Floats
     map_xy: Floats | None
     points: Floats
     poses: Poses | None
+
+    def equal_to_prior(self, truth: MatchingTruth) -> int:
+        """Count the poses that are the photo's own GPS position and gimbal angles."""
+        if self.poses is None:
+            return 0
+        with np.errstate(over="ignore"):
+            apart = np.linalg.norm(self.poses.centres - truth.priors.centres, axis=1)
+        turned = rotation_angle_deg(self.poses.rotation, truth.priors.rotation)
+        return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
 
     def parts(self) -> list[slice]:
         """Return the rows of each query."""
@@ -162,9 +173,7 @@ def _zoom(truth: MatchingTruth) -> float:
     return float(np.median(np.hypot(*truth.crops[:, 2:].T) / photo))
 
 
-def _refuse_other_frame(
-    map_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64], *, stated: bool
-) -> None:
+def _refuse_other_frame(map_xy: Floats, truth: MatchingTruth, query: Ints, *, stated: bool) -> None:
     """Refuse pixels that fit the crops, or rows and columns exchanged, and not the map."""
     if not len(map_xy):
         return
@@ -191,7 +200,7 @@ def _refuse_other_frame(
             )
 
 
-def _share_inside(local: Floats, crop: NDArray[np.int64]) -> float:
+def _share_inside(local: Floats, crop: Ints) -> float:
     inside = (local >= -_SLACK_PX) & (local <= crop[:, 2:] + _SLACK_PX)
     return float(inside.all(axis=1).mean())
 
@@ -218,7 +227,7 @@ def _check_image_size(
         )
 
 
-def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64]) -> None:
+def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: Ints) -> None:
     cameras = truth.cameras
     size = np.stack([cameras.width, cameras.height], axis=1)[query]
     outside = ((query_xy < -_SLACK_PX) | (query_xy > size + _SLACK_PX)).any(axis=1)
@@ -239,7 +248,7 @@ def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[n
         )
 
 
-def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64]) -> None:
+def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: Ints) -> None:
     size = truth.crops[query, 2:]
     outside = ((map_xy < -_SLACK_PX) | (map_xy > size + _SLACK_PX)).any(axis=1)
     if outside.any():

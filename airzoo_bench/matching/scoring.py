@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import pose_errors
 from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scores import pose_columns
-from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
+from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
 from airzoo_bench.matching.truth import MatchingTruth
 
 if TYPE_CHECKING:
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MISSING = "missing from the predictions"
 NOT_GIVEN = "no pose given"
@@ -51,19 +50,19 @@ class ScoredScene:
 
     records: pd.DataFrame
     centres: Floats
-    inliers: list[NDArray[np.bool_]]
+    inliers: list[Bools]
     seconds: Floats
     counts: dict[str, int]
 
 
 @dataclass(frozen=True, eq=False)
 class _Posed:
-    """Poses of Q queries however they came about, with the counts of what led to them."""
+    """Poses of Q queries, given or solved, and the counts of their matches."""
 
     rotations: Floats
     centres: Floats
     status: list[str]
-    inliers: list[NDArray[np.bool_]]
+    inliers: list[Bools]
     seconds: Floats
     counts: dict[str, Ints]
 
@@ -71,12 +70,8 @@ class _Posed:
 def score_scene(
     truth: MatchingTruth,
     predicted: ScenePredictions,
-    lifting: Lift,
-    solver: Solver,
-    settings: MatchingScores,
-    *,
-    jobs: int = 1,
-    progress: Progress = silent,
+    protocol: MatchingProtocol,
+    resources: Resources,
 ) -> ScoredScene:
     """Score every query of a scene.
 
@@ -86,11 +81,9 @@ def score_scene(
         With Q queries.
     predicted : ScenePredictions
         Of the same Q queries.
-    lifting, solver, settings : Lift, Solver, MatchingScores
-        The protocol's.
-    jobs : int
-        Threads; the records do not depend on it.
-    progress : Progress
+    protocol : MatchingProtocol
+    resources : Resources
+        The records do not depend on them.
 
     Returns
     -------
@@ -100,9 +93,9 @@ def score_scene(
     if predicted.poses is not None:
         posed = _given(predicted.poses)
     else:
-        posed = _solved(truth, predicted, lifting, solver, jobs, progress)
-    records = _records(truth, predicted.answered, posed, settings)
-    counts = _result_counts(truth, records)
+        posed = _solved(truth, predicted, protocol, resources)
+    records = _records(truth, predicted.answered, posed, protocol.scores)
+    counts = _result_counts(truth, records) | {"equal_to_prior": predicted.equal_to_prior(truth)}
     return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
 
 
@@ -120,7 +113,7 @@ def _result_counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int
 
 
 def _records(
-    truth: MatchingTruth, answered: NDArray[np.bool_], posed: _Posed, settings: MatchingScores
+    truth: MatchingTruth, answered: Bools, posed: _Posed, settings: MatchingScores
 ) -> pd.DataFrame:
     import pandas as pd
 
@@ -146,8 +139,8 @@ def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame
 
 
 def _given(poses: Poses) -> _Posed:
-    none: NDArray[np.bool_] = np.zeros(0, np.bool_)
-    found: NDArray[np.bool_] = np.asarray(np.isfinite(poses.centres).all(axis=1))
+    none: Bools = np.zeros(0, np.bool_)
+    found: Bools = np.asarray(np.isfinite(poses.centres).all(axis=1))
     return _Posed(
         poses.rotation,
         poses.centres,
@@ -161,12 +154,11 @@ def _given(poses: Poses) -> _Posed:
 def _solved(
     truth: MatchingTruth,
     predicted: ScenePredictions,
-    lifting: Lift,
-    solver: Solver,
-    jobs: int,
-    progress: Progress,
+    protocol: MatchingProtocol,
+    resources: Resources,
 ) -> _Posed:
-    points, status = lifted_points(truth, predicted, lifting, jobs)
+    solver = protocol.solver
+    points, status = lifted_points(truth, predicted, protocol.lift, resources.jobs)
     given = np.diff(predicted.offsets)
     lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
     cameras = truth.cameras
@@ -177,7 +169,9 @@ def _solved(
         for row, part in enumerate(predicted.parts())
     ]
     settings = solver.model_dump(exclude={"name", "least_matches"})
-    found = solve_poses(problems, jobs=jobs, progress=progress, solver=solver.name, **settings)
+    found = solve_poses(
+        problems, jobs=resources.jobs, progress=resources.progress, solver=solver.name, **settings
+    )
     return _Posed(
         np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
         np.array([estimate.centre for estimate in found]).reshape(-1, 3),
@@ -205,8 +199,8 @@ def lifted_points(
     return lifted.points, lifted.status
 
 
-def _of_all(estimate: PoseEstimate, lifted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Spread inliers among lifted matches over all matches of a query."""
+def _of_all(estimate: PoseEstimate, lifted: Bools) -> Bools:
+    """Return which of all matches of a query are inliers."""
     inliers = np.zeros(len(lifted), np.bool_)
     inliers[lifted] = estimate.inliers
     return inliers

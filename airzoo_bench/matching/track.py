@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.matching.baseline import SIFT
 from airzoo_bench.matching.notes import (
-    equal_to_prior,
     lifting_notes,
     plausibility_warnings,
     scored_notes,
@@ -121,17 +119,7 @@ class MatchingTrack(
         resources: Resources,
     ) -> ScoredScene:
         """See `score_scene`."""
-        scored = score_scene(
-            truth,
-            predicted,
-            protocol.lift,
-            protocol.solver,
-            protocol.scores,
-            jobs=resources.jobs,
-            progress=resources.progress,
-        )
-        same = {"equal_to_prior": equal_to_prior(truth, predicted)}
-        return replace(scored, counts=scored.counts | same)
+        return score_scene(truth, predicted, protocol, resources)
 
     def scores(self, protocol: MatchingProtocol, scored: Sequence[ScoredScene]) -> list[Score]:
         """See `matching_scores`."""
@@ -175,9 +163,7 @@ class MatchingTrack(
     ) -> list[str]:
         """See `lifting_notes` and `plausibility_warnings`."""
         return [
-            *lifting_notes(
-                truths, scene_predictions, protocol.lift, protocol.solver, resources.jobs
-            ),
+            *lifting_notes(truths, scene_predictions, protocol, resources.jobs),
             *plausibility_warnings(truths, scene_predictions),
         ]
 

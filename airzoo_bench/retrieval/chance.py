@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.results.result import Reference, with_summary
 from airzoo_bench.results.scores import concatenate, summarise
 from airzoo_bench.retrieval.scores import ap_name, retrieval_scores
@@ -19,9 +19,6 @@ from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["chance_level", "chance_scores"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.candidate_search import Search, rounded_down
 from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
 from airzoo_bench.retrieval.pairs import Positives
@@ -33,8 +34,6 @@ from airzoo_bench.retrieval.similarity import (
 
 __all__ = ["Candidates", "nearest"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _BLOCK_BYTES = 1 << 26
 _BLOCK_ROWS = 4096
@@ -80,7 +79,7 @@ class _Gallery:
             single = as_float32(rows)
             yield start, rows, single, norms_of(rows, single)
 
-    def finite(self, rows: Ints) -> NDArray[np.bool_]:
+    def finite(self, rows: Ints) -> Bools:
         """Whether all numbers of each row are finite."""
         return np.array([np.isfinite(self.rows.read(row, row + 1)).all() for row in rows], bool)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rasterio.enums import MaskFlags
 from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.frames import describe_crs, geodesic_distance_m, to_lonlat, unwrapped
 from airzoo_bench.geometry.grids import pixel_to_world
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened
@@ -34,8 +34,6 @@ __all__ = [
 ]
 
 _SIDE_PX = 4096  # of the part of a mask that is read at a time
-
-Ints = NDArray[np.int64]
 
 
 def tile_starts(length: int, size: int, overlap: float) -> Ints:
@@ -163,14 +161,14 @@ def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.Da
     return tiles.assign(size_m=_sides(ring), **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
 
 
-def _sides(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sides(ring: Floats) -> Floats:
     """Return the mean of a tile's width and height on the ground, to the millimetre."""
     width = geodesic_distance_m(ring[:, 3], ring[:, 4])
     height = geodesic_distance_m(ring[:, 1], ring[:, 6])
     return np.round((width + height) / 2, 3)
 
 
-def _ring(info: RasterInfo, windows: Ints) -> NDArray[np.float64]:
+def _ring(info: RasterInfo, windows: Ints) -> Floats:
     """Return lon, lat (G, 8, 2) of the corners of tiles and of the middles of their sides.
 
     A straight side in a projection bends in degrees, hence the middles.
@@ -185,7 +183,7 @@ def _ring(info: RasterInfo, windows: Ints) -> NDArray[np.float64]:
     return ring
 
 
-def _check_on_earth(info: RasterInfo, ring: NDArray[np.float64]) -> None:
+def _check_on_earth(info: RasterInfo, ring: Floats) -> None:
     """Refuse maps that no box in degrees describes."""
     latitudes = ring[..., 1]
     if not (np.abs(latitudes) <= 90).all():  # also tells NaN
@@ -205,7 +203,7 @@ def _check_on_earth(info: RasterInfo, ring: NDArray[np.float64]) -> None:
         )
 
 
-def valid_shares(path: Path, windows: Ints) -> NDArray[np.float64]:
+def valid_shares(path: Path, windows: Ints) -> Floats:
     """Share of valid pixels of windows of a raster, exactly.
 
     A pixel is valid by the file's own word: its alpha band (above 0), else its mask, else its
@@ -243,11 +241,11 @@ def valid_shares(path: Path, windows: Ints) -> NDArray[np.float64]:
     x0, x1 = np.searchsorted(columns, left), np.searchsorted(columns, right)
     y0, y1 = np.searchsorted(rows, top), np.searchsorted(rows, bottom)
     valid = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
-    shares: NDArray[np.float64] = valid / ((right - left) * (bottom - top))
+    shares: Floats = valid / ((right - left) * (bottom - top))
     return shares
 
 
-def _masks(dataset: Any) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
+def _masks(dataset: Any) -> Iterator[tuple[int, int, Bools]]:
     """Give (column, row, validity) of parts that together are the raster."""
     for row in range(0, dataset.height, _SIDE_PX):
         for column in range(0, dataset.width, _SIDE_PX):
@@ -257,7 +255,7 @@ def _masks(dataset: Any) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
             yield column, row, mask > 0
 
 
-def _count_into(cells: Ints, mask: NDArray[np.bool_], below: Ints, right_of: Ints) -> None:
+def _count_into(cells: Ints, mask: Bools, below: Ints, right_of: Ints) -> None:
     """Add the valid pixels of a part to the cells that it meets.
 
     `below` and `right_of` say by how much the part's corner lies beyond each cut.

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 
 __all__ = ["Positives", "hit_matrix", "offsets_of"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Cells of one block's bitmap: 4 MB stays in the cache, where random reads are cheap.
 _CELLS = 1 << 22
@@ -82,16 +81,12 @@ class Positives:
         """Query of each pair, (P,)."""
         return np.repeat(np.arange(self.n_queries), self.counts)
 
-    def holds(
-        self, queries: Ints, tiles: NDArray[np.integer[Any]], n_tiles: int
-    ) -> NDArray[np.bool_]:
+    def holds(self, queries: Ints, tiles: NDArray[np.integer[Any]], n_tiles: int) -> Bools:
         """Tell which pairs of query and tile are positive, `n_tiles` tiles in the gallery."""
         keys = self.queries * n_tiles + self.tiles
         asked = queries * n_tiles + tiles
         place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
-        found: NDArray[np.bool_] = (
-            keys[place] == asked if len(keys) else np.zeros(asked.shape, bool)
-        )
+        found: Bools = keys[place] == asked if len(keys) else np.zeros(asked.shape, bool)
         return found
 
     def of(self, query: int) -> NDArray[np.int32]:
@@ -115,10 +110,10 @@ def offsets_of(counts: Ints) -> Ints:
 
 def hit_matrix(
     ranked: NDArray[np.int32],
-    offsets: NDArray[np.int64],
+    offsets: Ints,
     tiles: NDArray[np.int32],
     n_tiles: int,
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Mark the ranks that hold a positive tile.
 
     Time grows with Q K + P and memory with the answer; neither depends on how many positives a
@@ -164,7 +159,7 @@ def hit_matrix(
 
 
 def _check_hits(
-    ranked: NDArray[np.int32], offsets: NDArray[np.int64], tiles: NDArray[np.int32], n_tiles: int
+    ranked: NDArray[np.int32], offsets: Ints, tiles: NDArray[np.int32], n_tiles: int
 ) -> None:
     if ranked.ndim != 2:
         raise ValueError(f"ranked has shape {ranked.shape}, expected (Q, K)")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.retrieval.footprints import (
     box_areas,
     intersection_areas,
@@ -30,8 +31,6 @@ __all__ = [
     "positives_from_points",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _BLOCK = 4096  # queries at a time; bounds memory and stays in the cache
 _PAIRS = 1 << 17  # query-tile pairs at a time

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.retrieval.descriptor_rows import as_float32
 from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 
@@ -28,7 +29,6 @@ __all__ = [
 ]
 
 Texts = NDArray[np.str_]
-Bools = NDArray[np.bool_]
 
 _BLOCK_BYTES = 1 << 26
 _CELLS = 1 << 20  # ranks at a time
@@ -49,7 +49,7 @@ class RankedIds:
     kind: ClassVar[str] = "ranked_ids"
 
     ids: Texts
-    scores: NDArray[np.float64] | None
+    scores: Floats | None
 
 
 @dataclass(frozen=True)

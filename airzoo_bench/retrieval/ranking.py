@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.descriptor_search import Candidates, nearest
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.similarity import Metric, Names, Queries
-from airzoo_bench.retrieval.ties import Bools, Ranking, break_ties, cut_at, without_constant
+from airzoo_bench.retrieval.ties import Ranking, break_ties, cut_at, without_constant
 
 __all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids"]
 
@@ -167,7 +168,7 @@ def _ordered(found: Candidates, positives: Positives, n_tiles: int, k: int, dept
     return without_constant(Ranking(tiles, tie_dependent), found.flat, positives, n_tiles)
 
 
-def _steps_into_run(tied: Bools, n: int) -> NDArray[np.int64]:
+def _steps_into_run(tied: Bools, n: int) -> Ints:
     """How many elements of its run come before each of n; `tied` to the one before, from 1 on."""
     place = np.arange(n)
     opens = np.ones(n, bool)
@@ -206,7 +207,7 @@ def _check_request(
         raise ValueError("the positives are of other queries or another gallery")
 
 
-def _check_tiles(tiles: NDArray[np.int64], names: Names | None) -> None:
+def _check_tiles(tiles: Ints, names: Names | None) -> None:
     resumed = ((tiles[:, 1:] >= 0) & (tiles[:, :-1] < 0)).any(axis=1) | (tiles < -1).any(axis=1)
     _refuse_rows(resumed, "rankings that go on after their end", "tiles, then -1", names)
     ascending = np.sort(tiles, axis=1)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.core.validation import nearest
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.pairs import Positives, hit_matrix
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
@@ -38,13 +40,13 @@ class ScenePredictions:
 
     truth: RetrievalTruth
     ranking: Ranking
-    answered: NDArray[np.bool_]
-    given: NDArray[np.bool_]
+    answered: Bools
+    given: Bools
 
     @property
-    def lengths(self) -> NDArray[np.int64]:
+    def lengths(self) -> Ints:
         """How many ranks each query has a tile at."""
-        lengths: NDArray[np.int64] = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
+        lengths: Ints = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
         return lengths
 
     def shorter(self, depth: int) -> int:
@@ -77,9 +79,7 @@ def match_scene(
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
     settings: RetrievalScores,
-    *,
-    memory_bytes: int,
-    jobs: int,
+    resources: Resources,
 ) -> ScenePredictions:
     """Rank the gallery of one scene for each of its queries, as predicted.
 
@@ -91,8 +91,7 @@ def match_scene(
     rows : (Q,) int
         The row of the predictions for each query, -1 where there is none.
     settings : RetrievalScores
-    memory_bytes, jobs : int
-        For ranking descriptors.
+    resources : Resources
 
     Raises
     ------
@@ -108,7 +107,7 @@ def match_scene(
             case RankedIds() as ranked:
                 ranking = _rank_ids(ranked, truth, asked, settings)
             case Descriptors() as described:
-                gallery = _scene_gallery(described, truth, memory_bytes)
+                gallery = _scene_gallery(described, truth, resources.memory_bytes)
                 ranking = rank_by_descriptors(
                     described.queries[asked.rows],
                     gallery,
@@ -116,8 +115,8 @@ def match_scene(
                     metric=settings.descriptor_metric,
                     positives=asked.positives,
                     depth=settings.depth,
-                    memory_bytes=memory_bytes,
-                    jobs=jobs,
+                    memory_bytes=resources.memory_bytes,
+                    jobs=resources.jobs,
                     names=names,
                     tile_names=truth.tiles["id"].to_numpy(),
                 )
@@ -188,7 +187,7 @@ def _rank_some(
     )
 
 
-def _ranks_that_matter(ids: NDArray[np.str_], scores: NDArray[np.float64] | None, kept: int) -> int:
+def _ranks_that_matter(ids: NDArray[np.str_], scores: Floats | None, kept: int) -> int:
     """Return how many ranks decide the first `kept`: as many, and the ties that go on beyond.
 
     One rank more tells a tie that ends there from one that ends with the list.
@@ -200,7 +199,7 @@ def _ranks_that_matter(ids: NDArray[np.str_], scores: NDArray[np.float64] | None
     return kept + int(tied.max(initial=0)) + 1
 
 
-def _with_all_queries(ranking: Ranking, given: NDArray[np.bool_]) -> Ranking:
+def _with_all_queries(ranking: Ranking, given: Bools) -> Ranking:
     """Add the rows of queries that the predictions lack."""
     tiles = np.full((len(given), ranking.tiles.shape[1]), -1, np.int32)
     tied = np.zeros(len(given), np.bool_)

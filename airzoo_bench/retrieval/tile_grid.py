@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+
 __all__ = ["Ruler", "TileRun", "find_runs"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _MAX_RUNS = 16
 _MAX_CANDIDATES = 128  # a point; beyond this a search tree is faster
@@ -262,7 +262,7 @@ def _polynomial(c: Floats | None, x: Floats, y: Floats) -> Floats:
     return value
 
 
-def _inside(ruler: Ruler, values: Floats) -> list[tuple[Ints, NDArray[np.bool_]]]:
+def _inside(ruler: Ruler, values: Floats) -> list[tuple[Ints, Bools]]:
     """Give the columns that may hold each value, one a step, and whether they do."""
     first = ruler.first(values)
     columns = [first + step for step in range(ruler.width)]

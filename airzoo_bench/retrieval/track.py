@@ -90,10 +90,7 @@ class RetrievalTrack(
         resources: Resources,
     ) -> ScenePredictions:
         """See `match_scene`."""
-        memory, jobs = resources.memory_bytes, resources.jobs
-        return match_scene(
-            predictions, truth, rows, protocol.scores, memory_bytes=memory, jobs=jobs
-        )
+        return match_scene(predictions, truth, rows, protocol.scores, resources)
 
     def score(
         self,

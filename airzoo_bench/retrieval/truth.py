@@ -16,6 +16,7 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.retrieval.pairs import Positives
 
 if TYPE_CHECKING:
@@ -80,12 +81,12 @@ class RetrievalTruth:
     dropped_tiles: pd.DataFrame
 
     @property
-    def boxes(self) -> NDArray[np.float64]:
+    def boxes(self) -> Floats:
         """Tile boxes (G, 4): lon_min, lat_min, lon_max, lat_max in degrees."""
         return boxes_of(self.tiles)
 
     @property
-    def footprint_centres(self) -> NDArray[np.float64]:
+    def footprint_centres(self) -> Floats:
         """Footprint centres (Q, 2): lon, lat in degrees; NaN without a ground point."""
         return self.footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64)
 
@@ -114,7 +115,7 @@ class RetrievalTruth:
         return digest.hexdigest()
 
 
-def boxes_of(tiles: pd.DataFrame) -> NDArray[np.float64]:
+def boxes_of(tiles: pd.DataFrame) -> Floats:
     """Boxes (G, 4) of tiles: lon_min, lat_min, lon_max, lat_max in degrees."""
     return tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
 
@@ -195,7 +196,7 @@ def read_tiles(home: Path) -> pd.DataFrame:
     return tiles
 
 
-def _check_boxes(boxes: NDArray[np.float64], where: Path) -> None:
+def _check_boxes(boxes: Floats, where: Path) -> None:
     west, south, east, north = boxes.T
     good = (west <= east) & (south <= north) & (east - west < 180)  # also tells NaN
     good &= (south >= -90) & (north <= 90) & np.isfinite(boxes).all(axis=1)

@@ -134,9 +134,7 @@ def constant_predictions(scene: MadeScene) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("form", constant_predictions(MadeScene("s", [[0]], N_TIED)))
-def test_constant_scorers_of_every_form_score_exactly_nothing(
-    predicted: str, tmp_path: Path
-) -> None:
+def test_constant_scorers_of_every_form_score_exactly_nothing(form: str, tmp_path: Path) -> None:
     scene = MadeScene("s", [[q, q + 5] for q in range(4)], N_TIED)
     chosen = made_protocol([scene])
     chosen = type(chosen).model_validate(
@@ -145,7 +143,7 @@ def test_constant_scorers_of_every_form_score_exactly_nothing(
     )
     write_benchmark(tmp_path / "data" / "made", chosen, [scene])
     path = write_predictions(
-        tmp_path / "p.npz", "made-retrieval", **constant_predictions(scene)[predicted]
+        tmp_path / "p.npz", "made-retrieval", **constant_predictions(scene)[form]
     )
     result = score(path, tmp_path / "data").result
     assert result.overall.pop("distance_m") == np.inf

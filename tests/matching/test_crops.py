@@ -72,64 +72,34 @@ def box(windows: CropWindows) -> list[tuple[int, int, int, int]]:
     return [tuple(window) for window in windows.windows.tolist()]
 
 
+def cut(
+    field: HeightField, rule: Crop, at: Any = (X, Y, 100.0), tilt: float = 0.0, f: float = 600.0
+) -> CropWindows:
+    """The crop of one photo on a map of 1000 m by 2000 m; rays are along (+-3, +-2, -6) / 7."""
+    pose = Poses.from_centres(looking_down(tilt), [at])
+    return crop_windows(
+        camera(f, f), pose, map_of(500, 1000), field, crop=rule, plane_height_m=-20.0
+    )
+
+
 def test_nadir_by_hand() -> None:
     # 100 m up, 600 x 400 px at f = 1000: 60 m by 40 m about (X + 10, Y - 20).
-    pose = Poses.from_centres(looking_down(0), [(X + 10, Y - 20, 100.0)])
-    windows = crop_windows(
-        camera(1000, 1000),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(300.0),
-        plane_height_m=0.0,
-    )
+    at = (X + 10, Y - 20, 100.0)
     # West side at X - 20: 480 m = 240 px from the map's corner; north side at Y: 1000 m.
-    assert box(windows) == [(240, 500, 30, 20)]
-    grown = crop_windows(
-        camera(1000, 1000),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=grown_crop(300.0),
-        plane_height_m=0.0,
-    )
+    assert box(cut(level(), plain_crop(300.0), at, f=1000)) == [(240, 500, 30, 20)]
     # A tenth of 30 and 20 px on each side.
-    assert box(grown) == [(237, 498, 36, 24)]
+    assert box(cut(level(), grown_crop(300.0), at, f=1000)) == [(237, 498, 36, 24)]
     # A quarter of a metre to the east: outward to whole pixels.
-    moved = Poses.from_centres(looking_down(0), [(X + 10.25, Y - 20, 100.0)])
-    outward = crop_windows(
-        camera(1000, 1000),
-        moved,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(300.0),
-        plane_height_m=0.0,
-    )
-    assert box(outward) == [(240, 500, 31, 20)]
+    moved = (X + 10.25, Y - 20, 100.0)
+    assert box(cut(level(), plain_crop(300.0), moved, f=1000)) == [(240, 500, 31, 20)]
     # On ground 50 m high the footprint is half as large: it is the DSM that counts.
-    high = crop_windows(
-        camera(1000, 1000),
-        pose,
-        map_of(500, 600),
-        level(50.0),
-        crop=plain_crop(300.0),
-        plane_height_m=0.0,
-    )
-    assert box(high) == [(247, 505, 16, 10)]
+    assert box(cut(level(50.0), plain_crop(300.0), at, f=1000)) == [(247, 505, 16, 10)]
 
 
 def test_tilted_by_hand() -> None:
     # 45 degrees down to the north, corners at x/z = 1/2, y/z = 1/3; 100 m up. The far corners lie
     # 100 (1 + 1/3) / (1 - 1/3) = 200 m north, the near ones 50 m; the far side is 150 sqrt(2) m.
-    pose = Poses.from_centres(looking_down(45), [(X, Y, 100.0)])
-    windows = crop_windows(
-        camera(600, 600),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=grown_crop(500.0),
-        plane_height_m=0.0,
-    )
+    windows = cut(level(), grown_crop(500.0), tilt=45)
     half, grown = 75 * np.sqrt(2), 0.1 * 150 * np.sqrt(2)
     left, right = np.floor((500 - half - grown) / 2), np.ceil((500 + half + grown) / 2)
     top, bottom = (1000 - 200 - 15) / 2, (1000 - 50 + 15) / 2
@@ -140,28 +110,12 @@ def test_tilted_by_hand() -> None:
 def test_above_the_horizon_cut_at_the_range() -> None:
     # Level to the north: corners along (+-3, 6, +-2) / 7. The upper ones never come down: 700 m
     # out they are 300 m aside and 600 m north. The lower ones land after 350 m, half as far.
-    pose = Poses.from_centres(looking_down(90), [(X, Y, 100.0)])
-    windows = crop_windows(
-        camera(600, 600),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(700.0),
-        plane_height_m=0.0,
-    )
+    windows = cut(level(), plain_crop(700.0), tilt=90)
     assert box(windows) == [(100, 200, 300, 150)]
     up, hit = RayStatus.NOT_DOWNWARD, RayStatus.HIT
     assert windows.rays.tolist() == [[up, up, hit, hit]]
     # At 175 m all are cut: 75 m aside, 150 m north; a box without height still has a pixel.
-    short = crop_windows(
-        camera(600, 600),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(175.0),
-        plane_height_m=0.0,
-    )
-    assert box(short) == [(212, 425, 76, 1)]
+    assert box(cut(level(), plain_crop(175.0), tilt=90)) == [(212, 425, 76, 1)]
 
 
 def holed(heights: Any, step: float = 4.0) -> HeightField:
@@ -169,14 +123,6 @@ def holed(heights: Any, step: float = 4.0) -> HeightField:
     rows, columns = np.shape(heights)
     grid = Affine(step, 0, X - columns * step / 2, 0, -step, Y + rows * step / 2)
     return HeightField(np.array(heights, float), grid, "EPSG:32615")
-
-
-def cut(field: HeightField, rule: Crop, at: Any = (X, Y, 100.0), tilt: float = 0.0) -> CropWindows:
-    """The crop of one photo of rays along (+-3, +-2, -6) / 7 on a map of 1000 m by 2000 m."""
-    pose = Poses.from_centres(looking_down(tilt), [at])
-    return crop_windows(
-        camera(600, 600), pose, map_of(500, 1000), field, crop=rule, plane_height_m=-20.0
-    )
 
 
 def test_without_any_height_cut_at_the_range() -> None:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.quaternions import matrix_to_quaternion
+from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
 from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
 from airzoo_bench.matching.notes import plausibility_warnings
 from airzoo_bench.matching.reading import read_matching
@@ -379,3 +379,11 @@ def test_opengl_axes_of_real_photos(brighton: Path) -> None:
     images = json.loads((brighton / "poses.json").read_text())["images"].values()
     message = read_differently(np.array([image["R_w2c"] for image in images]))
     assert "those of OpenGL's camera axes" in message
+
+
+def test_matrices_of_quaternions_in_another_order() -> None:
+    true = np.concatenate([looking_down(55, 63 * q) for q in range(N_QUERIES)])
+    priors = Poses(rotation=true, centres=np.zeros((N_QUERIES, 3)))
+    mistaken = quaternion_to_matrix(np.roll(matrix_to_quaternion(true), -1, axis=1))
+    with pytest.raises(PredictionError, match="matrices made of quaternions in the order x y z w"):
+        refuse_other_conventions(replace(priors, rotation=mistaken), priors)

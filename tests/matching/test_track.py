@@ -14,6 +14,7 @@ from rasterio import Affine
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import match_scene
 from airzoo_bench.matching.scoring import ScoredScene, score_scene
@@ -142,9 +143,7 @@ def on_surface(
     truth = replace(world.truth, dsm=dsm)
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
     predicted = match_scene(read, truth, np.arange(N_QUERIES))
-    return score_scene(
-        truth, predicted, world.protocol.lift, world.protocol.solver, world.protocol.scores
-    )
+    return score_scene(truth, predicted, world.protocol, Resources())
 
 
 def test_matches_off_the_surface_model(world: World, tmp_path: Path) -> None:

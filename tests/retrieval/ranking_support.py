@@ -51,6 +51,3 @@ def assert_is(ranking, expected):
     assert ranking.tiles.dtype == np.int32
     assert ranking.tiles.tolist() == expected[0].tolist()
     assert ranking.tie_dependent.tolist() == expected[1].tolist()
-
-
-# Ranked ids
