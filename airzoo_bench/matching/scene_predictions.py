@@ -230,37 +230,46 @@ def _check_image_size(
 def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: Ints) -> None:
     cameras = truth.cameras
     size = np.stack([cameras.width, cameras.height], axis=1)[query]
-    outside = ((query_xy < -_SLACK_PX) | (query_xy > size + _SLACK_PX)).any(axis=1)
-    if outside.any():
-        first = query_xy[outside][0]
-        swapped = (query_xy[:, ::-1] <= size + _SLACK_PX).all()
-        rows = np.unique(query[outside])
-        width, height = size[outside][0]
-        raise PredictionError(
-            f"{counted(int(outside.sum()), 'pixel', 'pixels')} outside the photo, in "
-            f"{_named(truth, rows)}; the first is ({first[0]:.1f}, {first[1]:.1f}) in a photo of "
-            f"{width}x{height} px",
-            where="field 'query_xy'",
-            expected="pixels of the photo at its full size, the corner being (0, 0)",
-            fix="write x, the column, before y: the other way round all lie inside"
-            if swapped
-            else "scale them from the size that the method worked in",
-        )
+    _refuse_outside(
+        query_xy,
+        size,
+        truth,
+        query,
+        ("pixel", "photo"),
+        where="field 'query_xy'",
+        expected="pixels of the photo at its full size, the corner being (0, 0)",
+        fix="write x, the column, before y: the other way round all lie inside"
+        if (query_xy[:, ::-1] <= size + _SLACK_PX).all()
+        else "scale them from the size that the method worked in",
+    )
 
 
 def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: Ints) -> None:
-    size = truth.crops[query, 2:]
-    outside = ((map_xy < -_SLACK_PX) | (map_xy > size + _SLACK_PX)).any(axis=1)
+    _refuse_outside(
+        map_xy,
+        truth.crops[query, 2:],
+        truth,
+        query,
+        ("map pixel", "crop"),
+        where="field 'map_xy'",
+        expected="pixels of the query's crop, the corner being (0, 0)",
+        fix="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
+    )
+
+
+def _refuse_outside(
+    xy: Floats, size: Ints, truth: MatchingTruth, query: Ints, nouns: tuple[str, str], **error: str
+) -> None:
+    """Refuse pixels (M, 2) outside the picture of their query, of these sizes (M, 2)."""
+    outside = ((xy < -_SLACK_PX) | (xy > size + _SLACK_PX)).any(axis=1)
     if outside.any():
-        first, rows = map_xy[outside][0], np.unique(query[outside])
-        width, height = size[outside][0]
+        pixel, picture = nouns
+        first, (width, height) = xy[outside][0], size[outside][0]
         raise PredictionError(
-            f"{counted(int(outside.sum()), 'map pixel', 'map pixels')} outside the crop, in "
-            f"{_named(truth, rows)}; the first is ({first[0]:.1f}, {first[1]:.1f}) in a crop of "
-            f"{width}x{height} px",
-            where="field 'map_xy'",
-            expected="pixels of the query's crop, the corner being (0, 0)",
-            fix="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
+            f"{counted(int(outside.sum()), pixel)} outside the {picture}, in "
+            f"{_named(truth, np.unique(query[outside]))}; the first is ({first[0]:.1f}, "
+            f"{first[1]:.1f}) in a {picture} of {width}x{height} px",
+            **error,
         )
 
 

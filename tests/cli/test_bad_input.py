@@ -175,9 +175,9 @@ CASES: dict[str, tuple[Make, list[str]]] = {
         ["p.npz: has fields that are not read here: 'score'", "only", "misspelt"],
     ),
     "gallery beside ranks": (changed(gallery_ids=["east/t"]), ["not read here: 'gallery_ids'"]),
-    "both claims": (
+    "lists and descriptors": (
         changed(query_descriptors=np.ones((10, 2))),
-        ["both ranked_ids and query_descriptors", "keep one"],
+        ["holds ranked_ids and query_descriptors", "keep one"],
     ),
     "ids are numbers": (
         changed(query_ids=np.arange(10)),
@@ -587,7 +587,7 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     ),
     "template without ending": (
         ["template", "made-retrieval", "--out", "x"],
-        ["x: templates are written as .npz", "name it x.npz"],
+        ["x: predictions are written as .npz", "name it x.npz"],
     ),
     "template is a folder": (
         ["template", "made-retrieval", "--out", "folder.npz"],
