@@ -175,7 +175,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
         ["p.npz: has fields that are not read here: 'score'", "only", "misspelt"],
     ),
     "gallery beside ranks": (changed(gallery_ids=["east/t"]), ["not read here: 'gallery_ids'"]),
-    "lists and descriptors": (
+    "both claims": (
         changed(query_descriptors=np.ones((10, 2))),
         ["holds ranked_ids and query_descriptors", "keep one"],
     ),
