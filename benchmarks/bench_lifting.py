@@ -83,7 +83,7 @@ def ours(path: Path, xy: Floats, workers: int) -> Callable[[], Any]:
     from airzoo_bench.matching.lifting import lift
 
     info = open_info(path)
-    return lambda: lift(xy, info, info, workers=workers)
+    return lambda: lift(xy, info, info, jobs=workers)
 
 
 def peer(path: Path, xy: Floats, *, reading: bool) -> Callable[[], Floats]:

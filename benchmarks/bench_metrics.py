@@ -85,7 +85,7 @@ def timed(call: Callable[[], T], at_least_s: float = 1.0) -> tuple[float, T]:
 def run_ours(problem: Problem) -> Outcome:
     """Evaluate with this package, which has nothing to build."""
     from airzoo_bench.retrieval import metrics
-    from airzoo_bench.retrieval.hits import hit_matrix
+    from airzoo_bench.retrieval.pairs import hit_matrix
 
     def evaluate() -> Scores:
         hits = hit_matrix(*problem, N_TILES)

@@ -23,15 +23,17 @@ import rasterio
 from rasterio import Affine
 
 from airzoo_bench.benchmark.queries import query_table
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, world_to_pixel
-from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import lift
-from airzoo_bench.matching.pose import PoseProblem, PoseSettings, Status, solve_poses
+from airzoo_bench.matching.pose import PoseProblem, PoseSettings, solve_poses
+from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import score_scene
-from airzoo_bench.matching.settings import MatchingScores, Solver
+from airzoo_bench.matching.solvers import Status
 from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 
 N_QUERIES = 351
 N_MATCHES = 5000
@@ -125,8 +127,8 @@ def compare(name: str, n_queries: int) -> None:
     problems = [make_problem(seed, LENSES[name]) for seed in range(n_queries)]
     ways: list[Callable[[], object]] = [
         bare_calls(problems),
-        lambda: solve_poses(problems, workers=1, **SETTINGS),
-        lambda: solve_poses(problems, workers=2, **SETTINGS),
+        lambda: solve_poses(problems, jobs=1, **SETTINGS),
+        lambda: solve_poses(problems, jobs=2, **SETTINGS),
     ]
     idle = idle_share()
     times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)])
@@ -144,7 +146,7 @@ def whole(name: str, n_queries: int) -> None:
     problems = [make_problem(seed, LENSES[name]) for seed in range(n_queries)]
     idle = idle_share()
     start = time.perf_counter()
-    estimates = solve_poses(problems, workers=2, **SETTINGS)
+    estimates = solve_poses(problems, jobs=2, **SETTINGS)
     took = time.perf_counter() - start
     solved = sum(estimate.status is Status.SOLVED for estimate in estimates)
     print(
@@ -156,28 +158,22 @@ def whole(name: str, n_queries: int) -> None:
 def track(n_queries: int) -> None:
     """Print a row: the whole track (lifting, solving, records) beside bare calls on its points."""
     with tempfile.TemporaryDirectory() as folder:
-        truth, claim = made_scene(Path(folder), n_queries)
-        lifted = lift(claim.map_xy, truth.dom, truth.dsm, workers=1)
-        cameras, parts = truth.cameras, claim.parts()
+        truth, predicted = made_scene(Path(folder), n_queries)
+        lifted = lift(predicted.map_xy, truth.dom, truth.dsm, jobs=1)
+        cameras, parts = truth.cameras, predicted.parts()
         problems = [
-            PoseProblem(cameras.take(row), claim.query_xy[part], lifted.points[part])
+            PoseProblem(cameras.take(row), predicted.query_xy[part], lifted.points[part])
             for row, part in enumerate(parts)
         ]
-        solver = Solver(
-            name="colmap",
-            **{key: value for key, value in SETTINGS.items() if key != "solver"},
-        )
-        scores = MatchingScores(
-            orientation_is_trusted=True,
-            translation_below_m=(5.0,),
-            pose_below_m_deg=((5.0, 1.0),),
-            auc_up_to_m=(5.0,),
-        )
+        shipped = load_protocol(shipped_protocols()["photos-matching"])
+        settings = {key: value for key, value in SETTINGS.items() if key != "solver"}
+        solver = shipped.solver.model_copy(update={"name": "colmap", **settings})
+        protocol = shipped.model_copy(update={"solver": solver})
         bare = bare_calls(problems)
         ways: list[Callable[[], object]] = [
             bare,
-            lambda: score_scene(truth, claim, solver, scores, workers=1),
-            lambda: score_scene(truth, claim, solver, scores, workers=2),
+            lambda: score_scene(truth, predicted, protocol, Resources(jobs=1)),
+            lambda: score_scene(truth, predicted, protocol, Resources(jobs=2)),
         ]
         idle = idle_share()
         times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)]).min(axis=0)
@@ -187,7 +183,7 @@ def track(n_queries: int) -> None:
     print(f"{'whole track':12}{n_queries:9}{row}{overhead:>10}{gain:8.2f}{100 * idle:8.0f}")
 
 
-def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, SceneClaim]:
+def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, ScenePredictions]:
     """Make pinhole photos of flat ground, matched to a map of 0.5 m as `make_problem` does."""
     side, gsd = 1600, 0.5
     west, north = OFFSET[0] - side * gsd / 2, OFFSET[1] + side * gsd / 2
@@ -215,7 +211,7 @@ def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, SceneClaim]
     offsets = np.concatenate([[0], np.cumsum(counts)])
     query_xy = np.concatenate([problem.query_xy for problem in problems])
     answered = np.ones(n_queries, np.bool_)
-    return truth, SceneClaim(answered, offsets, query_xy, map_xy, np.zeros((0, 3)), None)
+    return truth, ScenePredictions(answered, offsets, query_xy, map_xy, np.zeros((0, 3)), None)
 
 
 def main() -> None:

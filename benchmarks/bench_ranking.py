@@ -44,7 +44,7 @@ def generate(folder: Path, size: str) -> dict[str, Any]:
 
 def ours(folder: Path, _: str) -> dict[str, Any]:
     """Rank from the map."""
-    from airzoo_bench.retrieval.positives import Positives
+    from airzoo_bench.retrieval.pairs import Positives
     from airzoo_bench.retrieval.ranking import rank_by_descriptors
 
     queries = np.load(folder / "queries.npy")

@@ -10,9 +10,10 @@ import numpy as np
 from airzoo_bench.api.items import Items
 from airzoo_bench.api.map_parts import Crop, Tile
 from airzoo_bench.api.photos import Photo, Photos
-from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, data_root, find_benchmark
+from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
 from airzoo_bench.benchmark.queries import read_queries
 from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles

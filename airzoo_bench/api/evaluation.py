@@ -19,7 +19,7 @@ from airzoo_bench.core.errors import ArgumentError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.evaluation.check import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as run
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.results.records import held_to_result
 
 __all__ = ["Check", "check", "evaluate"]

@@ -145,7 +145,7 @@ class Crop:
         RasterError
             The surface model is not there or cannot be read.
         """
-        return lift(self.to_map(xy), self.map, self.surface, workers=1).points
+        return lift(self.to_map(xy), self.map, self.surface, jobs=1).points
 
     def __repr__(self) -> str:
         _, _, width, height = self.window

@@ -18,15 +18,10 @@ from airzoo_bench.api.kinds import DESCRIBED, KINDS, MATCHES, PAIRS, POSES, RANK
 from airzoo_bench.api.matching_claims import MatchClaims, PoseClaims
 from airzoo_bench.api.reconstruction_claims import ReconstructionClaims, entries_of
 from airzoo_bench.api.retrieval_claims import DescribedClaims, RankedClaims
-from airzoo_bench.benchmark.folder import data_root
+from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError
-from airzoo_bench.core.files import (
-    atomic_entries,
-    atomic_write,
-    check_output_file,
-    check_output_folder,
-    write_npz,
-)
+from airzoo_bench.core.files import atomic_entries, atomic_write, write_npz
+from airzoo_bench.core.output_places import check_output_file, check_output_folder
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol

@@ -14,8 +14,7 @@ from airzoo_bench.api.scores import QueryScores
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.hits import hit_matrix
-from airzoo_bench.retrieval.pairs import Positives
+from airzoo_bench.retrieval.pairs import Positives, hit_matrix
 from airzoo_bench.retrieval.scores import hit_columns
 from airzoo_bench.retrieval.settings import ApVariant
 from airzoo_bench.retrieval.ties import Ranking

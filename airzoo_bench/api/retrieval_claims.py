@@ -170,8 +170,8 @@ def _lacking(rows: Mapping[str, int], kept: RowFile) -> list[str]:
 
 def _refuse_faults(name: str, ids: list[str], scores: NDArray[np.float64] | None) -> None:
     """Hold one list to all that is asked of a file of lists."""
-    claim = RankedIds(np.array([ids], dtype=str), None if scores is None else scores[None])
-    one = RetrievalPredictions(Path(name), None, np.array([name]), claim)
+    ranked = RankedIds(np.array([ids], dtype=str), None if scores is None else scores[None])
+    one = RetrievalPredictions(Path(name), None, np.array([name]), ranked)
     for fault in (
         *validation_errors(one, 0),
         *deep_validation_errors(one, "l2", [name.partition("/")[0]]),

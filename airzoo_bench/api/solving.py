@@ -11,8 +11,7 @@ from airzoo_bench.api.arrays import choice, coordinates, finite, floats, positiv
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import pose
-from airzoo_bench.matching.estimates import PoseEstimate
-from airzoo_bench.matching.solvers import Solver
+from airzoo_bench.matching.solvers import PoseEstimate, Solver
 
 __all__ = ["solve_pose"]
 

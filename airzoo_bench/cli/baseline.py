@@ -22,8 +22,8 @@ from airzoo_bench.cli.common import (
 from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
-    from airzoo_bench.evaluation.baseline import Baseline, Option
     from airzoo_bench.evaluation.given import AnyTrack
+    from airzoo_bench.evaluation.parts import Baseline, Option
 
 __all__ = ["app"]
 
@@ -65,7 +65,7 @@ def _group() -> None:
 
 def _options(baseline: Baseline[Any]) -> list[tuple[str, Option, type[Any], Any]]:
     """Return the fields of a baseline's settings that are options, with their defaults."""
-    from airzoo_bench.evaluation.baseline import Option
+    from airzoo_bench.evaluation.parts import Option
 
     hints = get_type_hints(type(baseline.settings), include_extras=True)
     found = []
@@ -81,8 +81,8 @@ def _options(baseline: Baseline[Any]) -> list[tuple[str, Option, type[Any], Any]
 def _predict(
     track: AnyTrack, protocol: str, out: Path, data: Path | None, jobs: int, **settings: Any
 ) -> None:
-    from airzoo_bench.evaluation.baseline import run_baseline
-    from airzoo_bench.evaluation.resources import Resources
+    from airzoo_bench.evaluation.generate import run_baseline
+    from airzoo_bench.evaluation.parts import Resources
 
     baseline: Any = track.baseline
     run_baseline(

@@ -40,7 +40,7 @@ def check(
     are aligned, so that all is found that eval would refuse.
     """
     from airzoo_bench.evaluation.check import check as find_errors
-    from airzoo_bench.evaluation.resources import Resources
+    from airzoo_bench.evaluation.parts import Resources
 
     checked = find_errors(
         predictions,

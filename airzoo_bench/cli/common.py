@@ -21,7 +21,7 @@ from airzoo_bench.core.progress import told
 from airzoo_bench.tables.model import Table
 
 if TYPE_CHECKING:
-    from airzoo_bench.tables.latex import LatexStyle
+    from airzoo_bench.tables.latex_float import LatexStyle
 
 __all__ = [
     "DataOption",
@@ -117,7 +117,7 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
     UsageError
         See `airzoo_bench.core.files.check_output_file`; or the ending is another.
     """
-    from airzoo_bench.core.files import check_output_file
+    from airzoo_bench.core.output_places import check_output_file
     from airzoo_bench.results.files import records_path
 
     files = [path / "result.json" if path.is_dir() else path for path in results]

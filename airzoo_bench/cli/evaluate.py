@@ -99,7 +99,7 @@ def _evaluate(
 ) -> None:
     from airzoo_bench.core.registry import resolve
     from airzoo_bench.evaluation.evaluate import evaluate
-    from airzoo_bench.evaluation.resources import Resources
+    from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.evaluation.run_files import save
 
     asked = [one for one in track.options if extras[one.name] != one.default]

@@ -118,7 +118,7 @@ def photos(
     It serves retrieval; matching where the photos' metadata hold GPS and gimbal angles; and
     reconstruction where there is a true --cloud.
     """
-    from airzoo_bench.benchmark.folder import data_root
+    from airzoo_bench.core.data_root import data_root
     from airzoo_bench.core.errors import UsageError
     from airzoo_bench.core.settings import SAFE_NAME
     from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
@@ -183,7 +183,7 @@ def airzoo_mini(
 
     Needs no data. Worlds and photos are kept in the data root: a run that was stopped goes on.
     """
-    from airzoo_bench.benchmark.folder import data_root
+    from airzoo_bench.core.data_root import data_root
     from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
 
     protocols = mini_protocols(seed)

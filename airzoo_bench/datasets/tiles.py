@@ -11,7 +11,7 @@ from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.folder import SceneTruths
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
-from airzoo_bench.matching.crop_files import write_crop
+from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 

@@ -1,4 +1,4 @@
-"""Checking predictions of whatever track, without looking at what is true."""
+"""Checking predictions of any track, without scoring them."""
 
 from __future__ import annotations
 
@@ -13,25 +13,16 @@ from airzoo_bench.core.errors import (
     UnreadableError,
     UserError,
 )
+from airzoo_bench.evaluation.evaluate import counts_apart, namesake_notes
 from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
-from airzoo_bench.evaluation.notes import counts_apart, namesake_notes
-from airzoo_bench.evaluation.parts import Assigned, Truth
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Assigned, Resources, Truth
 
 __all__ = ["Checked", "check"]
 
 
 @dataclass(frozen=True)
 class Checked:
-    """What a check found.
-
-    Attributes
-    ----------
-    errors : sequence of UserError
-        What `evaluate` would refuse.
-    notes : list of str
-        What a person may wish to know besides.
-    """
+    """What a check found: errors, which `evaluate` would raise, and notes."""
 
     errors: Sequence[UserError]
     notes: list[str]
@@ -44,9 +35,9 @@ def check(
     protocol: str | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
 ) -> Checked:
-    """Find all that is wrong with predictions.
+    """Find all errors of predictions.
 
-    Where the benchmark folder is there, they are held against its queries, tiles, photos and
+    Where the benchmark folder exists, they are compared with its queries, tiles, photos and
     priors.
 
     Parameters
@@ -54,15 +45,15 @@ def check(
     path : Path
         A file, folder or archive.
     data : Path
-        The benchmark folder, or the folder that holds it; it need not be there.
+        The benchmark folder, or the folder that holds it; it need not exist.
     protocol : str, optional
-        Name or path; by default the file's own. It says which track the file is of.
+        Name or path; by default the file's own. It decides the track.
     resources : Resources
 
     Raises
     ------
     UserError
-        The file is not there or is none of its kind, or no protocol is known for it.
+        The file is missing or of no known kind, or no protocol is known for it.
     """
     try:
         return _checked(open_predictions(path, None, protocol, data, resources), resources)
@@ -81,24 +72,24 @@ def _checked(given: Given, resources: Resources) -> Checked:
     try:
         _, truths = read_truths(track, protocol, given.data)
     except BenchmarkError as error:
-        return _alone(given, resources, error)
+        return _without_benchmark(given, resources, error)
     assigned = track.assign(predictions, protocol, truths, given.data)
-    return _held(given, truths, assigned, resources)
+    return _with_benchmark(given, truths, assigned, resources)
 
 
-def _alone(given: Given, resources: Resources, missing: BenchmarkError) -> Checked:
+def _without_benchmark(given: Given, resources: Resources, missing: BenchmarkError) -> Checked:
     """Find what can be found without the benchmark folder."""
     found = list(given.track.inspect_alone(given.predictions, given.protocol, resources))
     errors = [one for one in found if isinstance(one, PredictionError)]
     notes = [one for one in found if isinstance(one, str)]
-    told = f"predictions were not held against the benchmark: {missing.what}"
-    return Checked(errors, [*notes, told])
+    unmatched = f"predictions were not compared with the benchmark: {missing.what}"
+    return Checked(errors, [*notes, unmatched])
 
 
-def _held(
+def _with_benchmark(
     given: Given, truths: Sequence[Truth], assigned: Assigned, resources: Resources
 ) -> Checked:
-    """Hold predictions against each scene, and go on after what is wrong."""
+    """Check the predictions of each scene, and go on after errors."""
     track, predictions, protocol = given.track, given.predictions, given.protocol
     counts = {truth.scene: track.expected_counts(truth) for truth in truths}
     notes = [
@@ -106,17 +97,17 @@ def _held(
         *assigned.notes(),
         *counts_apart(protocol, counts),
     ]
-    errors, claims = [], []
-    every = track.claims(predictions, assigned, truths, protocol, resources)
-    for claim, truth in zip(every, truths, strict=True):
-        if isinstance(claim, PredictionError):
-            errors.append(claim)
+    errors, scene_predictions = [], []
+    matched = track.match(predictions, assigned, truths, protocol, resources)
+    for predicted, truth in zip(matched, truths, strict=True):
+        if isinstance(predicted, PredictionError):
+            errors.append(predicted)
             continue
-        claims.append(claim)
+        scene_predictions.append(predicted)
         try:
-            notes += track.inspect(claim, truth, protocol, resources)
+            notes += track.inspect(predicted, truth, protocol, resources)
         except PredictionError as error:
             errors.append(error)
     if not errors:
-        notes += track.check_notes(predictions, protocol, truths, claims, resources)
+        notes += track.check_notes(predictions, protocol, truths, scene_predictions, resources)
     return Checked(errors, notes)

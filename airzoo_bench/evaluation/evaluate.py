@@ -1,20 +1,20 @@
-"""Scoring predictions of whatever track: from a file to records and a result."""
+"""Scoring predictions of any track: from a file to records and a result."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, ProtocolError
 from airzoo_bench.core.files import fingerprint, sha256_of_tree
 from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
-from airzoo_bench.evaluation.notes import counts_apart, namesake_notes
-from airzoo_bench.evaluation.parts import ScoredScene, Truth
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
+from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.results.comparable import other_settings
 from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
@@ -29,23 +29,21 @@ from airzoo_bench.results.scores import summarise
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Evaluation", "evaluate"]
+__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes"]
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A result, the records it was made from, and what pictures need beside them, by scene.
+    """A result, the records it was made from, and what figures need besides.
 
     Attributes
     ----------
-    result : Result
     records : DataFrame
         A row a query, pair or cloud.
-    given : Given
-    benchmark : Benchmark
-    truths : list
-    claims : list
+    truths, scene_predictions : list
+        Of each scene.
     scored : dict
+        Scored scenes by id.
     """
 
     result: Result
@@ -53,7 +51,7 @@ class Evaluation:
     given: Given
     benchmark: Benchmark
     truths: list[Any]
-    claims: list[Any]
+    scene_predictions: list[Any]
     scored: dict[str, Any]
 
     @property
@@ -84,7 +82,7 @@ def evaluate(
     protocol : str, optional
         Name or path; by default the file's own.
     method : str, optional
-        What tables call it; by default the name of the file or folder.
+        Its name in tables; by default that of the file or folder.
     resources : Resources
 
     Raises
@@ -98,20 +96,23 @@ def evaluate(
         raise error
     benchmark, truths = read_truths(of, chosen, data)
     assigned = of.assign(predictions, chosen, truths, data)
-    claims = []
-    for claim in of.claims(predictions, assigned, truths, chosen, resources):
-        if isinstance(claim, PredictionError):
-            raise claim
-        claims.append(claim)
-    pairs = zip(claims, truths, strict=True)
-    scored = [of.score(claim, truth, chosen, resources) for claim, truth in pairs]
+    scene_predictions = []
+    for predicted in of.match(predictions, assigned, truths, chosen, resources):
+        if isinstance(predicted, PredictionError):
+            raise predicted
+        scene_predictions.append(predicted)
+    pairs = zip(scene_predictions, truths, strict=True)
+    scored = [of.score(predicted, truth, chosen, resources) for predicted, truth in pairs]
     records = of.records(scored, chosen)
-    notes = [*assigned.notes(), *of.notes(predictions, chosen, truths, claims, scored)]
+    notes = [
+        *assigned.notes(),
+        *of.notes(predictions, chosen, truths, scene_predictions, scored),
+    ]
     result = _result(
         given, benchmark, truths, scored, records, method, len(assigned.strange), notes
     )
     by_scene = {truth.scene: scene for truth, scene in zip(truths, scored, strict=True)}
-    return Evaluation(result, records, given, benchmark, truths, claims, by_scene)
+    return Evaluation(result, records, given, benchmark, truths, scene_predictions, by_scene)
 
 
 def _result(
@@ -124,7 +125,7 @@ def _result(
     strange: int,
     notes: Sequence[str],
 ) -> Result:
-    """Average records and put everything that is known of a run into a result."""
+    """Average the records, and collect all that a result states."""
     track, protocol, path = given.track, given.protocol, given.predictions.path
     scores = track.scores(protocol, scored)
     counts = {truth.scene: scene.counts for truth, scene in zip(truths, scored, strict=True)}
@@ -164,3 +165,26 @@ def _protocol_used(protocol: Protocol) -> ProtocolUsed:
         fingerprint=protocol.fingerprint,
         settings=protocol.settings(),
     )
+
+
+def namesake_notes(used: Protocol, data: Path) -> list[str]:
+    """Note a protocol that has the name of a known one and measures something else."""
+    path = protocol_files(data).get(used.name)
+    try:
+        known = None if path is None else load_protocol(path)
+    except ProtocolError:  # a protocol that cannot be used is no namesake
+        known = None
+    if known is None or known.fingerprint == used.fingerprint:
+        return []
+    why = other_settings(known.settings(), used.settings())
+    return [f"the protocol is not the {used.name} that all have: {why}"]
+
+
+def counts_apart(protocol: Protocol, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Note scenes whose number of queries is not the paper's."""
+    return [
+        f"scene {scene.title} has {counts[scene.id]['queries']:,} queries here, "
+        f"{scene.queries:,} in the paper"
+        for scene in protocol.scenes
+        if scene.queries not in (None, counts[scene.id].get("queries", scene.queries))
+    ]

@@ -9,12 +9,10 @@ from typing import Any
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import UnreadableError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.evaluation.parts import Predictions, Truth
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Predictions, Resources, Truth
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.protocol.choice import choose_protocol, refuse_other_track
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.lookup import choose_protocol, find_protocol, refuse_other_track
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = ["AnyTrack", "Given", "open_predictions", "read_truths", "track_of"]
@@ -28,9 +26,6 @@ class Given:
 
     Attributes
     ----------
-    track : Track
-    predictions : Predictions
-    protocol : Protocol
     data : Path
         The benchmark folder, or the folder that holds it.
     """

@@ -1,28 +1,32 @@
-"""What goes into a track and comes out of it, as far as all tracks share it."""
+"""What tracks are given and what they give, as far as all share it, and what they may offer."""
 
 from __future__ import annotations
 
-from collections.abc import Sized
+from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from typing import Protocol as Structural
 
-import numpy as np
-from numpy.typing import NDArray
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "DOUBLED",
     "Assigned",
+    "Baseline",
     "EvalOption",
-    "HasQueries",
+    "Option",
     "Predictions",
-    "QueryPredictions",
+    "Resources",
     "ScoredScene",
     "Truth",
 ]
+
+S = TypeVar("S")
 
 
 class Predictions(Structural):
@@ -37,18 +41,6 @@ class Predictions(Structural):
         """The protocol that it names."""
 
 
-class QueryPredictions(Predictions, Structural):
-    """Predictions with a row a query, of all scenes in one file."""
-
-    @property
-    def query_ids(self) -> NDArray[np.str_]:
-        """Ids ``scene/name`` (Q,)."""
-
-    @property
-    def kind(self) -> str:
-        """What they hold, for results."""
-
-
 class Truth(Structural):
     """The truth of a scene."""
 
@@ -58,30 +50,22 @@ class Truth(Structural):
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 over all that scores are held against."""
-
-
-class HasQueries(Truth, Structural):
-    """The truth of a scene of queries."""
-
-    @property
-    def queries(self) -> pd.DataFrame:
-        """A row a query, with its ``id``."""
+        """SHA-256 over all that scores depend on."""
 
 
 class Assigned(Structural):
-    """Which part of the predictions answers which query or scene."""
+    """Which part of the predictions is for which query or scene."""
 
     @property
     def strange(self) -> Sized:
-        """What is predicted of queries or scenes that there are not."""
+        """Ids of queries or scenes that the benchmark does not have."""
 
     def notes(self) -> list[str]:
-        """Say what is missing or left aside."""
+        """Return notes on what is missing or ignored."""
 
 
 class ScoredScene(Structural):
-    """What came of a scene."""
+    """The scores of a scene."""
 
     @property
     def records(self) -> pd.DataFrame:
@@ -89,7 +73,27 @@ class ScoredScene(Structural):
 
     @property
     def counts(self) -> dict[str, int]:
-        """What a result states of the scene beside scores: queries, missing ones, failures."""
+        """Counts for the result: queries, missing ones, failures."""
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a run may use and what it keeps; no score depends on it.
+
+    Attributes
+    ----------
+    memory_bytes : int
+        The most memory that a prediction file may take.
+    jobs : int
+        Threads or processes.
+    keep : bool
+        Keep what figures need besides the scores, such as clouds.
+    """
+
+    memory_bytes: int = 2 << 30
+    jobs: int = 1
+    progress: Progress = silent
+    keep: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,15 +104,13 @@ class EvalOption:
     ----------
     name : str
         Without its hyphens.
-    help : str
     act : str
-        Place ``module:function`` of what it does: takes the `evaluation.Evaluation`, the value, the
-        folder for output or None, and `Resources`; yields sentences for the person.
+        ``module:function`` to call: it takes the `evaluate.Evaluation`, the option's value, the
+        output folder or None, and `Resources`, and yields lines to print.
     default : bool or int
-        A number is asked for from 1 to `most`.
-    most : int
+        An int makes it an option with a number from 1 to `most`.
     needs_out : bool
-        Whether it writes, so that ``--out`` must be given.
+        Whether it writes files, so that ``--out`` must be given.
     """
 
     name: str
@@ -117,3 +119,56 @@ class EvalOption:
     default: bool | int = False
     most: int = 1
     needs_out: bool = True
+
+
+@dataclass(frozen=True)
+class Option:
+    """Makes a field of a baseline's settings an option of the command, as its annotation.
+
+    Attributes
+    ----------
+    name : str
+        Without its hyphens; a bool field can be turned off with ``--no-`` before the name.
+    least, most : float, optional
+        The range allowed.
+    """
+
+    name: str
+    help: str
+    least: float | None = None
+    most: float | None = None
+
+
+DOUBLED = Option("double", "Look for the finest features too, for four times the time.")
+
+
+@dataclass(frozen=True)
+class Baseline(Generic[S]):
+    """A track's baseline: a plain method that needs no weights.
+
+    Attributes
+    ----------
+    method : str
+        Its name in tables.
+    summary : str
+        What it does, in one sentence, for the help.
+    settings, demo : S
+        Its default settings, and those of the demonstration: a dataclass whose fields may be
+        annotated with an `Option`.
+    out : str
+        Default name of the predictions.
+    out_help, example : str
+        For the help; the example names a protocol and where to write.
+    predict : callable
+        Takes protocol, benchmark, settings, the path to write to, `Resources`, and a callable
+        for notes on each scene.
+    """
+
+    method: str
+    summary: str
+    settings: S
+    demo: S
+    out: str
+    out_help: str
+    example: str
+    predict: Callable[[Any, Benchmark, S, Path, Resources, Callable[[str], None]], None]

@@ -5,24 +5,40 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Protocol as Structural
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.ids import Assignment, assign_queries, scene_of
-from airzoo_bench.evaluation.parts import HasQueries, QueryPredictions, ScoredScene
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.core.errors import PredictionError, ProtocolError, UsageError, first_of
+from airzoo_bench.core.ids import Assignment, assign_queries, scene_of, with_endings
+from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
+from airzoo_bench.evaluation.prediction_files import (
+    QueryPredictions,
+    check_npz,
+    write_predictions,
+)
 from airzoo_bench.evaluation.track import Track
-from airzoo_bench.protocol.choice import other_benchmark
+from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["QueryTrack"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["HasQueries", "QueryTrack"]
+
+
+class HasQueries(Truth, Structural):
+    """The truth of a scene of queries."""
+
+    @property
+    def queries(self) -> pd.DataFrame:
+        """A row a query, with its ``id``."""
+
 
 P = TypeVar("P", bound=Protocol)
-Q = TypeVar("Q", bound=QueryPredictions)
+Q = TypeVar("Q", bound=QueryPredictions[Any])
 H = TypeVar("H", bound=HasQueries)
 C = TypeVar("C")
 S = TypeVar("S", bound=ScoredScene)
@@ -32,7 +48,7 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
     """A track whose predictions have a row a query."""
 
     @abstractmethod
-    def claim(
+    def match_scene(
         self,
         predictions: Q,
         truth: H,
@@ -40,14 +56,14 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
         protocol: P,
         resources: Resources,
     ) -> C:
-        """Hold predictions against one scene.
+        """Return the predictions for the queries of one scene, in their order.
 
         Parameters
         ----------
         predictions : QueryPredictions
         truth : HasQueries
         rows : (Q,) int
-            The row that answers each query, -1 where there is none.
+            The row of the predictions for each query, -1 where there is none.
         protocol : Protocol
         resources : Resources
 
@@ -67,10 +83,10 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
             known = bool({scene.id for scene in protocol.scenes} & set(np.unique(scene_of(ids))))
         if not known:
             example = str(truths[0].queries["id"].iloc[0]) if truths else None
-            raise other_benchmark(predictions.path, ids, protocol, data, example)
+            raise _other_benchmark(predictions.path, ids, protocol, data, example)
         return assigned
 
-    def claims(
+    def match(
         self,
         predictions: Q,
         assigned: Assignment,
@@ -78,11 +94,11 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
         protocol: P,
         resources: Resources,
     ) -> Iterator[C | PredictionError]:
-        """See `Track.claims`."""
+        """See `Track.match`."""
         pairs = zip(truths, assigned.rows, strict=True)
         for truth, rows in resources.progress(pairs, "scenes", len(truths)):
             try:
-                yield self.claim(predictions, truth, rows, protocol, resources)
+                yield self.match_scene(predictions, truth, rows, protocol, resources)
             except PredictionError as error:
                 yield error
 
@@ -90,20 +106,68 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
         """See `Track.expected_counts`."""
         return {"queries": len(truth.queries)}
 
-    def kind(self, predictions: Q, scored: Sequence[S]) -> str:
-        """See `Track.kind`."""
-        return predictions.kind
+    def check_template_path(self, out: Path, *, force: bool) -> None:
+        """See `Track.check_template_path`."""
+        check_npz(out)
+        if out.exists() and not out.is_dir() and not force:
+            raise UsageError(
+                "is there already, and could be a prediction",
+                where=out,
+                fix="name another file with --out, or add --force",
+            )
 
     def template(
         self, protocol: P, truths: Sequence[H], kind: str, seed: int
     ) -> dict[str, NDArray[Any]]:
         """Return the arrays of an example prediction, at random, without its protocol."""
-        raise NotImplementedError(f"the {self.name} track has no template")
+        raise self.no_template()
 
     def write_template(
         self, out: Path, protocol: P, truths: Sequence[H], kind: str, seed: int
     ) -> None:
         """See `Track.write_template`."""
-        arrays = self.template(protocol, truths, kind, seed)
-        with atomic_write(out) as stream:
-            write_npz(stream, {"protocol": np.array(protocol.name), **arrays})
+        write_predictions(out, protocol.name, self.template(protocol, truths, kind, seed))
+
+
+def _other_benchmark(
+    path: Path,
+    ids: NDArray[np.str_],
+    protocol: Protocol,
+    data: Path,
+    example: str | None = None,
+) -> PredictionError:
+    """Return the error for predictions none of whose ids belongs to the benchmark."""
+    scenes = set(np.unique(scene_of(ids)))
+    ending = scenes <= {scene.id for scene in protocol.scenes} and with_endings(ids)
+    alike = [] if ending else _alike(scenes, protocol, data)
+    guess = f"they look like those of {' or '.join(alike)}" if alike else ""
+    expected = example or ", ".join(f"{scene.id}/..." for scene in protocol.scenes[:3])
+    return PredictionError(
+        f"none of its query ids belongs to {protocol.benchmark}: {first_of(ids, len(ids))}"
+        + (f"; {guess}" if guess else ""),
+        where=f"{path}, field 'query_ids'",
+        expected=f"ids such as {expected}",
+        fix="leave out the file's ending: ids are names without it"
+        if ending
+        else "name the right protocol with --protocol; `airzoo-bench template` writes the ids",
+    )
+
+
+def _alike(scenes: set[str], protocol: Protocol, data: Path) -> list[str]:
+    """Name the protocols of the same track and another benchmark that have one of the scenes."""
+    return [
+        name
+        for name, path in protocol_files(data).items()
+        if scenes & _scenes_of_other(path, protocol)
+    ]
+
+
+def _scenes_of_other(path: Path, protocol: Protocol) -> set[str]:
+    """Return the scenes of a protocol file, unless it is of another track or this benchmark."""
+    try:
+        other = load_protocol(path)
+    except ProtocolError:  # another benchmark's error is not this file's
+        return set()
+    if other.track != protocol.track or other.benchmark == protocol.benchmark:
+        return set()
+    return {scene.id for scene in other.scenes}

@@ -1,8 +1,8 @@
 """What a track is: all that evaluation and the command line need to know of one.
 
-A track is an object that `registry.TRACKS` names. It reads predictions, holds them against the
-truth scene by scene, scores them, and says what its scores are called; whatever else it offers
-(a template, a baseline, options of ``eval``) has a default of "nothing".
+A track is an object that `registry.TRACKS` names. It reads predictions, matches them to the truth
+of each scene, scores them, and names its scores. What else it may offer (a template, a baseline,
+options of ``eval``) defaults to nothing.
 """
 
 from __future__ import annotations
@@ -14,10 +14,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UsageError
-from airzoo_bench.evaluation.baseline import Baseline
-from airzoo_bench.evaluation.parts import Assigned, EvalOption, Predictions, ScoredScene, Truth
-from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.protocol.choice import IN_A_FIELD
+from airzoo_bench.evaluation.parts import (
+    Assigned,
+    Baseline,
+    EvalOption,
+    Predictions,
+    Resources,
+    ScoredScene,
+    Truth,
+)
+from airzoo_bench.protocol.lookup import IN_A_FIELD
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score, concatenate
@@ -36,7 +42,10 @@ S = TypeVar("S", bound=ScoredScene)
 
 
 class Track(ABC, Generic[P, R, T, A, C, S]):
-    """One track, by the types of its protocol, predictions, truth, assignment, claims and scores.
+    """One track.
+
+    Its type parameters are its protocol, predictions as read, the truth of a scene, the assignment
+    of predictions to queries or scenes, the predictions of a scene, and a scored scene.
 
     Attributes
     ----------
@@ -44,7 +53,6 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         As in protocol files, commands and results.
     summary : str
         What is scored, in one sentence, for the help.
-    protocol : type of Protocol
     kinds : str
         What predictions come in, for messages.
     suffixes : tuple of str
@@ -54,21 +62,17 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     folders : bool
         Whether predictions can be a folder.
     says_protocol : tuple of str
-        Where predictions say which protocol they are for, and how to fix that they do not.
-    argument : str
-        What predictions are, for the help.
-    example : str
-        Predictions and further options, for the help.
+        Where predictions state their protocol, and the fix where they do not, for messages.
+    argument, example : str
+        For the help: what predictions are; predictions and further options.
     jobs : int
-        Threads that ``eval`` takes by default.
-    options : tuple of EvalOption
+        Threads that ``eval`` uses by default.
     files : mapping of str to callable
-        What a run writes beside ``result.json`` and ``records.csv``, by its name.
-    baseline : Baseline or None
+        Writers of files besides ``result.json`` and ``records.csv``, by file name.
     template_kinds : tuple of str
         What templates can hold, the default first; empty where there is no choice.
     template_out : str
-        What a template is called where nobody says.
+        Default name of a template.
     """
 
     name: ClassVar[str]
@@ -100,34 +104,34 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
 
     @abstractmethod
     def assign(self, predictions: R, protocol: P, truths: Sequence[T], data: Path) -> A:
-        """Find what of the predictions is of which query or scene.
+        """Find which part of the predictions is for which query or scene.
 
-        Where the benchmark folder is not there, `truths` is empty, and ids are looked at alone.
+        `truths` is empty where the benchmark folder is missing: then only ids are looked at.
 
         Raises
         ------
         PredictionError
-            They are of another benchmark altogether.
+            They are for another benchmark altogether.
         """
 
     @abstractmethod
-    def claims(
+    def match(
         self, predictions: R, assigned: A, truths: Sequence[T], protocol: P, resources: Resources
     ) -> Iterator[C | PredictionError]:
-        """Hold predictions against each scene; yields what they claim of it, or what is wrong."""
+        """Yield the predictions of each scene, matched to its truth, or what is wrong with them."""
 
     @abstractmethod
-    def score(self, claim: C, truth: T, protocol: P, resources: Resources) -> S:
-        """Score a scene; what is missing from the claim scores its worst."""
+    def score(self, predicted: C, truth: T, protocol: P, resources: Resources) -> S:
+        """Score a scene; whatever is missing from its predictions gets the worst score."""
 
     @abstractmethod
     def scores(self, protocol: P, scored: Sequence[S]) -> list[Score]:
-        """Return what the columns of the records are called."""
+        """Return the scores that are columns of the records."""
 
     # --- what a track may add ---
 
     def records(self, scored: Sequence[S], protocol: P) -> pd.DataFrame:
-        """Put the records of scenes under each other."""
+        """Concatenate the records of all scenes."""
         return concatenate([scene.records for scene in scored])
 
     def expected_counts(self, truth: T) -> dict[str, int]:
@@ -137,18 +141,18 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     def validation_errors(
         self, predictions: R, protocol: P, *, thorough: bool
     ) -> Iterator[PredictionError]:
-        """Yield what is wrong with predictions and can be seen without truth.
+        """Yield the errors of predictions that can be found without truth.
 
-        Where `thorough`, also what takes time to find, and what scoring would find by itself.
+        Where `thorough`, also those that take time to find and that scoring would find by itself.
         """
         yield from ()
 
     def kind(self, predictions: R, scored: Sequence[S]) -> str:
-        """Say what predictions hold, for the result."""
+        """Name what the predictions hold, for the result."""
         return self.name
 
     def method(self, path: Path) -> str:
-        """Name the method where nobody does."""
+        """Return the default name of the method."""
         return path.stem
 
     def notes(
@@ -156,26 +160,26 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         predictions: R,
         protocol: P,
         truths: Sequence[T],
-        claims: Sequence[C],
+        scene_predictions: Sequence[C],
         scored: Sequence[S],
     ) -> list[str]:
-        """Say what a reader of the numbers must know."""
+        """Return what a reader of the scores must know."""
         return []
 
-    def inspect(self, claim: C, truth: T, protocol: P, resources: Resources) -> list[str]:
-        """Do with a claim what can be done without scoring; returns notes on it.
+    def inspect(self, predicted: C, truth: T, protocol: P, resources: Resources) -> list[str]:
+        """Check the predictions of a scene as far as possible without scoring; returns notes.
 
         Raises
         ------
         PredictionError
-            Scoring would refuse it.
+            Scoring would refuse them.
         """
         return []
 
     def inspect_alone(
         self, predictions: R, protocol: P, resources: Resources
     ) -> Iterator[PredictionError | str]:
-        """Yield errors and notes of predictions whose benchmark folder is not there."""
+        """Yield errors and notes of predictions whose benchmark folder is missing."""
         yield from ()
 
     def check_notes(
@@ -183,33 +187,33 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         predictions: R,
         protocol: P,
         truths: Sequence[T],
-        claims: Sequence[C],
+        scene_predictions: Sequence[C],
         resources: Resources,
     ) -> list[str]:
-        """Say, without scoring, what `notes` would; asked where nothing is wrong."""
-        return []
+        """Return, without scoring, what `notes` would; called where there is no error."""
+        return self.notes(predictions, protocol, truths, scene_predictions, ())
 
     def references(self, protocol: P, truths: Sequence[T]) -> dict[str, Reference]:
-        """Return what scores without a method, by the name that tables print."""
+        """Return scores that need no method, such as chance, by the name that tables print."""
         return {}
+
+    def no_template(self) -> UsageError:
+        """Return the error for a track without a template."""
+        return UsageError(
+            f"the {self.name} track has no template",
+            fix="write predictions as the track's own documentation says",
+        )
 
     def check_template_path(self, out: Path, *, force: bool) -> None:
         """Refuse, before any work, a path that a template cannot be written to."""
-        if out.suffix != ".npz":
-            raise UsageError("templates are written as .npz", where=out, fix=f"name it {out}.npz")
-        if out.exists() and not out.is_dir() and not force:
-            raise UsageError(
-                "is there already, and could be a prediction",
-                where=out,
-                fix="name another file with --out, or add --force",
-            )
+        raise self.no_template()
 
     def write_template(
         self, out: Path, protocol: P, truths: Sequence[T], kind: str, seed: int
     ) -> None:
         """Write an example prediction, at random."""
-        raise NotImplementedError(f"the {self.name} track has no template")
+        raise self.no_template()
 
     def template_note(self, protocol: P, truths: Sequence[T]) -> str | None:
-        """Say what a template will score, where that is known."""
+        """Return what a template will score, where that is known."""
         return None

@@ -1,96 +1,56 @@
-"""A matching baseline that needs no weights: SIFT between a photo and the map below it.
-
-The photo and the crop of the map are brought to one ground resolution, that of the coarser, and
-the crop is turned as the prior says that the camera was, by quarters, which only move pixels.
-Features are SIFT (Lowe, IJCV 2004) as RootSIFT (Arandjelovic and Zisserman, CVPR 2012), matched
-where they are each other's nearest and clearly nearer than the second. The turn is no assumption:
-SIFT finds its own orientation, so a prior whose yaw is wrong does no harm.
-"""
+"""The matching baseline: SIFT between the photos of a benchmark and their crops."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import parallel_map
-from airzoo_bench.evaluation.baseline import DOUBLED, Option
-from airzoo_bench.formats.photos import opened_photo
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.evaluation.parts import Baseline, Resources
+from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, world_to_pixel
-from airzoo_bench.geometry.sift import Descriptors, Grey, extract, mutual_nearest
-from airzoo_bench.matching.resampling import resample
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, world_to_pixel
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.sift import SiftSettings, Task, match_photos
+from airzoo_bench.matching.truth import MatchingTruth, read_truth
 
-__all__ = ["SiftSettings", "Task", "match", "match_photos", "plan"]
+__all__ = ["SIFT", "plan"]
 
-_GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 # Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
 _LEAST_SINE = 0.1
-_MEND = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 
-@dataclass(frozen=True)
-class SiftSettings:
-    """How photos are matched with the map.
-
-    Attributes
-    ----------
-    max_features, max_map_features : int
-        The largest SIFT features of the photo, and of the crop, that are kept.
-    peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
-    ratio : float
-        A match is kept where its distance is below this share of the second nearest's.
-    max_side_px : int
-        Photo and crop are made smaller, by the same factor, until both fit.
-    doubled : bool
-        See `sift.extract`.
-    """
-
-    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
-    max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
-    peak_threshold: float = 0.02 / 3
-    ratio: Annotated[
-        float, Option("ratio", "Of the nearest to the second distance.", 0.01, 1.0)
-    ] = 0.8
-    max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
-    doubled: Annotated[bool, DOUBLED] = True
-
-
-@dataclass(frozen=True)
-class Task:
-    """A photo and the part of the map to match it with; `plan` makes it from a prior.
-
-    Attributes
-    ----------
-    photo : Path
-    camera : Cameras
-        One, of the photo at full size.
-    dom : Path
-    window : (column, row, width, height)
-        The crop, in whole pixels of the map.
-    turn_deg : float
-        Where the photo's right points on the map, clockwise from the map's right; 0 where it is
-        not known.
-    gsd_ratio : float
-        Ground size of the photo's pixel over that of the map's; 1 where it is not known.
-    """
-
-    photo: Path
-    camera: Cameras
-    dom: Path
-    window: tuple[int, int, int, int]
-    turn_deg: float
-    gsd_ratio: float
+def _predict(
+    protocol: MatchingProtocol,
+    benchmark: Benchmark,
+    settings: SiftSettings,
+    out: Path,
+    resources: Resources,
+    note: Callable[[str], None],
+) -> None:
+    """Match every query of a benchmark to its crop and write a prediction file."""
+    check_npz(out)
+    ids: list[str] = []
+    matches: list[tuple[Floats, Floats]] = []
+    for scene in protocol.scenes:
+        truth = read_truth(benchmark, scene.id)
+        ids += truth.queries["id"].tolist()
+        tasks = _tasks(benchmark, truth)
+        matches += match_photos(tasks, settings, jobs=resources.jobs, progress=resources.progress)
+    offsets = np.concatenate([[0], np.cumsum([len(query_xy) for query_xy, _ in matches])])
+    arrays = {
+        "query_ids": np.array(ids, dtype=str),
+        "offsets": offsets.astype(np.int64),
+        "query_xy": np.concatenate([np.zeros((0, 2)), *(query_xy for query_xy, _ in matches)]),
+        "map_xy": np.concatenate([np.zeros((0, 2)), *(map_xy for _, map_xy in matches)]),
+    }
+    write_predictions(out, protocol.name, arrays)
 
 
 def plan(
@@ -148,143 +108,32 @@ def _lie(
     return turn, float(ratio)
 
 
-def match_photos(
-    tasks: Sequence[Task],
-    settings: SiftSettings,
-    *,
-    workers: int,
-    progress: Progress = silent,
-) -> Iterator[tuple[Floats, Floats]]:
-    """Match photos with the map.
-
-    Parameters
-    ----------
-    tasks : sequence of Task
-    settings : SiftSettings
-    workers : int
-        Processes; the matches do not depend on it.
-    progress : Progress
-
-    Yields
-    ------
-    query_xy, map_xy : (M, 2) arrays
-        In the order of the tasks: pixels of the photo at full size, and of the whole map.
-
-    Raises
-    ------
-    BenchmarkError
-        A photo is not readable, or not of its camera's size.
-    RasterError
-        The map is not readable, or a window is not inside it.
-    """
-    # Processes, since pycolmap keeps the interpreter's lock while it extracts.
-    matched = parallel_map(partial(_match_task, settings), tasks, workers)
-    yield from progress(matched, "photos", len(tasks))
-
-
-def match(
-    query_grey: Grey,
-    query_camera: Cameras,
-    crop_grey: Grey,
-    *,
-    turn_deg: float,
-    crop_scale: float,
-    settings: SiftSettings,
-) -> tuple[Floats, Floats]:
-    """Match a photo with a crop of the map.
-
-    Parameters
-    ----------
-    query_grey : (h, w) uint8 array
-        The photo, at any size.
-    query_camera : Cameras
-        One, of the photo at full size.
-    crop_grey : (H, W) uint8 array
-        0 where the map has no data; nothing is matched there.
-    turn_deg : float
-        See `Task`.
-    crop_scale : float
-        Before features are extracted the crop is made this much smaller, at most 1.
-    settings : SiftSettings
-
-    Returns
-    -------
-    query_xy : (M, 2) array
-        Pixels of the photo at full size; corner (0, 0).
-    crop_xy : (M, 2) array
-        Pixels of `crop_grey`. No pair comes twice.
-    """
-    seen = (query_grey.shape[1], query_grey.shape[0])
-    full = np.array((query_camera.width[0], query_camera.height[0]), dtype=np.float64)
-    query_xy, query_found = _features(query_grey, settings.max_features, settings)
-    turned, back = resample(crop_grey, crop_scale, turn_deg)
-    there, crop_found = _features(turned, settings.max_map_features, settings)
-    crop_xy = there @ back[:, :2].T + back[:, 2]
-    known = _has_data(crop_grey, crop_xy)
-    crop_xy, crop_found = crop_xy[known], crop_found[known]
-    query, crop = mutual_nearest(query_found, crop_found, settings.ratio)
-    pairs = np.hstack((query_xy[query] * (full / seen), crop_xy[crop]))
-    # Features of one place and several orientations may agree more than once.
-    _, first = np.unique(pairs, axis=0, return_index=True)
-    kept = pairs[np.sort(first)]
-    return kept[:, :2], kept[:, 2:]
-
-
-def _match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
-    size = np.array((task.camera.width[0], task.camera.height[0]))
-    photo_scale, crop_scale = min(1.0, task.gsd_ratio), min(1.0, 1.0 / task.gsd_ratio)
-    largest = max(size.max() * photo_scale, max(task.window[2:]) * crop_scale)
-    fit = min(1.0, settings.max_side_px / largest)
-    wanted = np.maximum(np.round(size * photo_scale * fit), 1).astype(int)
-    query_xy, crop_xy = match(
-        _read_photo(task.photo, size, wanted),
-        task.camera,
-        _read_crop(task.dom, task.window),
-        turn_deg=task.turn_deg,
-        crop_scale=crop_scale * fit,
-        settings=settings,
-    )
-    return query_xy, crop_xy + task.window[:2]
-
-
-def _read_crop(dom: Path, window: tuple[int, int, int, int]) -> Grey:
-    colours = read_rgb(dom, window)
-    grey = np.round(colours @ _GREY).astype(np.uint8)
-    # Black is where a map has no data; what is nearly black is not.
-    data: Grey = np.maximum(grey, colours.any(axis=-1))
-    return data
-
-
-def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
-    from PIL.Image import Resampling
-
-    with opened_photo(path, _MEND) as image:
-        _require_size(path, image.size, size)
-        target = (int(wanted[0]), int(wanted[1]))
-        # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
-        # so the box says where that is.
-        reduced = image.draft("L", target)
-        box = reduced[1] if reduced else (0, 0, *image.size)
-        small = image.convert("L").resize(target, Resampling.LANCZOS, box)
-    grey: Grey = np.asarray(small)
-    return grey
-
-
-def _require_size(path: Path, found: tuple[int, int], expected: Ints) -> None:
-    if found != tuple(expected.tolist()):
-        raise BenchmarkError(
-            f"the photo is {found[0]} x {found[1]} px",
-            where=path,
-            expected=f"{expected[0]} x {expected[1]} px, the size of its camera",
+def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
+    scene = benchmark.scene(truth.scene)
+    images, cameras, priors = benchmark.resolve(scene.images), truth.cameras, truth.priors
+    return [
+        plan(
+            images / name,
+            cameras.take(row),
+            priors.take(row),
+            scene.crs,
+            truth.dom,
+            (int(x), int(y), int(width), int(height)),
+            ground_height_m=scene.plane_height_m,
         )
+        for row, (name, (x, y, width, height)) in enumerate(
+            zip(truth.queries["image"], truth.crops, strict=True)
+        )
+    ]
 
 
-def _has_data(grey: Grey, xy: Floats) -> Bools:
-    column, row = np.floor(xy).astype(np.int64).T
-    inside: Bools = (column >= 0) & (row >= 0) & (column < grey.shape[1]) & (row < grey.shape[0])
-    inside[inside] = grey[row[inside], column[inside]] > 0
-    return inside
-
-
-def _features(image: Grey, count: int, settings: SiftSettings) -> tuple[Floats, Descriptors]:
-    return extract(image, count, settings.peak_threshold, doubled=settings.doubled)
+SIFT = Baseline(
+    method="SIFT",
+    summary="Match photos to their crops by SIFT, mutual neighbours and ratio test.",
+    settings=SiftSettings(),
+    demo=SiftSettings(doubled=False),
+    out="sift-matches.npz",
+    out_help="The .npz to write.",
+    example="brighton-matching --out matches.npz",
+    predict=_predict,
+)

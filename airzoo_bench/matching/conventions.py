@@ -11,32 +11,34 @@ from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_
 
 __all__ = ["refuse_other_conventions", "suspect_inverted"]
 
-# Poses are taken for inverted where that brings most of them this many times nearer to the priors.
+# Poses count as inverted where that brings most of them this many times nearer to the priors.
 _TIMES_NEARER = 10.0
-# Rotations are taken for another convention where they are this far from the IMU's, and that
-# convention is nearer, and so many times nearer: of cameras that look down, the rotation and its
-# inverse differ by little more than their tilt. Yaw may be wrong by 180 degrees in a few photos:
-# medians do not mind.
+# Rotations count as written in another convention where they are at least this far from the IMU's,
+# read in that convention they are nearer than that, and nearer by this factor: if cameras look
+# down, a rotation and its inverse differ by little more than the tilt. Yaw may be wrong by 180
+# degrees in a few photos, which does not move medians.
 _FAR_DEG, _TIMES_NEARER_DEG = 20.0, 3.0
-# Where cameras look straight down, the inverse of a rotation looks the other way off the vertical.
-# It is suspected where so many photos agree by so much, and by so many standard errors.
+# Where cameras look straight down, the inverse of a rotation is tilted to the opposite side. It is
+# suspected from this many photos, this mean gain, and this many standard errors of the gain on.
 _LEAST_PHOTOS, _LEAST_GAIN_DEG, _STANDARD_ERRORS = 5, 0.5, 3.0
 # From camera axes x right, y down, z forward to x right, y up, z backward, or back.
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 
 
-def refuse_other_conventions(given: Poses, priors: Poses) -> None:
+def refuse_other_conventions(given: Poses, priors: Poses, *, quaternions: bool = False) -> None:
     """Refuse poses that agree with the photos' own GPS and gimbal only when read in another way.
 
     Parameters
     ----------
     given, priors : Poses
         Of the same N queries; N may be 0.
+    quaternions : bool
+        Whether the rotations were written as quaternions, and not as matrices.
 
     Raises
     ------
     PredictionError
-        The message says in which way, and how near each reading comes to the priors.
+        It names the convention, and how near each reading comes to the priors.
     """
     if not len(given):
         return
@@ -51,13 +53,13 @@ def refuse_other_conventions(given: Poses, priors: Poses) -> None:
             expected="world-to-camera, x_cam = R X + t, in the scene's CRS",
             fix=_way_back(given, priors),
         )
-    _refuse_turned(given, priors)
+    _refuse_turned(given.rotation, priors.rotation, quaternions=quaternions)
 
 
 def suspect_inverted(given: Poses, priors: Poses) -> str | None:
-    """Say so where rotations of cameras that look down fit the gimbal better when inverted.
+    """Return a note where rotations of cameras that look down fit the gimbal better inverted.
 
-    Nothing is refused for it: a gimbal's signs can be wrong in the metadata, too.
+    This is no error: a gimbal's signs can be wrong in the metadata, too.
 
     Parameters
     ----------
@@ -94,28 +96,38 @@ def _way_back(given: Poses, priors: Poses) -> str:
     return "invert them: R.T and -R.T @ t"
 
 
-def _refuse_turned(given: Poses, priors: Poses) -> None:
+def _refuse_turned(given: Floats, priors: Floats, *, quaternions: bool) -> None:
     """Refuse rotations that agree with the IMU only when they are read in another way."""
-    quaternions = matrix_to_quaternion(given.rotation)
-    back = np.swapaxes(given.rotation, 1, 2)
-    ways = {
+    back = np.swapaxes(given, 1, 2)
+    reordered = quaternion_to_matrix(np.roll(matrix_to_quaternion(given), 1, axis=1))
+    order = "quaternions in the order x y z w"
+    readings = {
         "camera-to-world": back,
-        "quaternions in the order x y z w": quaternion_to_matrix(np.roll(quaternions, 1, axis=1)),
-        "those of OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ given.rotation,
+        "those of OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ given,
         "camera-to-world with OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ back,
+        order if quaternions else f"matrices made of {order}": reordered,
     }
-    off = float(np.median(rotation_angle_deg(given.rotation, priors.rotation)))
-    for way, rotation in ways.items():
-        other = float(np.median(rotation_angle_deg(rotation, priors.rotation)))
-        if other < _FAR_DEG < off and other * _TIMES_NEARER_DEG < off:
-            raise PredictionError(
-                f"the rotations look like {way}: they differ from the IMU's by {off:.0f} degrees, "
-                f"read so by {other:.0f}",
-                where="the poses",
-                expected="world-to-camera rotations, x_cam = R X + t, camera axes x right, y down, "
-                "z forward, quaternions as w x y z",
-                fix="convert them before you write the file; OpenGL's w2c becomes "
-                "diag(1, -1, -1) @ R"
-                if "OpenGL" in way
-                else "convert them before you write the file",
-            )
+    off = float(np.median(rotation_angle_deg(given, priors)))
+    errors = {
+        name: float(np.median(rotation_angle_deg(rotation, priors)))
+        for name, rotation in readings.items()
+    }
+    fitting = [
+        name
+        for name, error in errors.items()
+        if error < _FAR_DEG < off and error * _TIMES_NEARER_DEG < off
+    ]
+    if not fitting:
+        return
+    # Of cameras that look down and north, OpenGL's matrices fit that order of quaternions too.
+    likely = [name for name in fitting if quaternions or order not in name] or fitting
+    best = min(likely, key=errors.__getitem__)
+    convert = "convert them before you write the file"
+    raise PredictionError(
+        f"the rotations look like {best}: they differ from the IMU's by {off:.0f} degrees, "
+        f"read so by {errors[best]:.0f}",
+        where="the poses",
+        expected="world-to-camera rotations, x_cam = R X + t, camera axes x right, y down, "
+        "z forward, quaternions as w x y z",
+        fix=f"{convert}; OpenGL's w2c becomes diag(1, -1, -1) @ R" if "OpenGL" in best else convert,
+    )

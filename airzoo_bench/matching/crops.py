@@ -1,23 +1,35 @@
-"""Reference crops: the part of the map that a query is matched to."""
+"""Reference crops: the part of the map that a query is matched to, and its files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import rasterio
+from numpy.typing import NDArray
+from rasterio import Affine
+from rasterio.enums import ColorInterp, MaskFlags
+from rasterio.io import MemoryFile
+from rasterio.windows import Window
 
+from airzoo_bench.core.errors import RasterError
+from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.geometry.rasters import RasterInfo, world_to_pixel
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    open_info,
+    opened,
+    pixel_to_world,
+    world_to_pixel,
+)
 from airzoo_bench.geometry.rays import (
     HeightAt,
     intersect_heightfield,
@@ -30,15 +42,16 @@ __all__ = [
     "CropStatus",
     "CropWindows",
     "PixelWindow",
-    "crop_to_map",
     "crop_windows",
-    "map_to_crop",
+    "write_crop",
 ]
 
 # A few hundred rays at a time: what they need of the DSM fits into the blocks kept.
 _CAMERAS = 64
 # Pixels are rounded to this before they are made whole, so that two builds of PROJ give one crop.
 _DECIMALS = 6
+# Along each side of a window that is taken to another CRS, where sides bend.
+_SIDE_POINTS = 33
 
 PixelWindow = tuple[int, int, int, int]
 
@@ -59,8 +72,8 @@ class CropWindows:
 
     Attributes
     ----------
-    x, y, width, height : (N,) int64 array
-        Column and row of the first pixel, and size; all zero where there is no crop.
+    windows : (N, 4) int64 array
+        Column and row of the first pixel, width, height; all zero where there is no crop.
     status : (N,) uint8 array
         CropStatus of each query.
     rays : (N, 4) uint8 array
@@ -68,21 +81,9 @@ class CropWindows:
         HIT and NO_RAY met a stand-in for missing heights, or were cut at the range.
     """
 
-    x: Ints
-    y: Ints
-    width: Ints
-    height: Ints
+    windows: Ints
     status: NDArray[np.uint8]
     rays: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-    def window(self, index: int) -> PixelWindow:
-        """Window (x, y, width, height) of one query."""
-        sides = (self.x, self.y, self.width, self.height)
-        x, y, width, height = (int(side[index]) for side in sides)
-        return x, y, width, height
 
 
 def crop_windows(
@@ -117,10 +118,6 @@ def crop_windows(
     plane_height_m : float
         Height of the plane that `missing_heights = "plane"` asks for.
 
-    Returns
-    -------
-    CropWindows
-
     Raises
     ------
     RasterError
@@ -137,20 +134,9 @@ def crop_windows(
     last = np.maximum(np.ceil(np.round(high + grown, _DECIMALS)), first + 1)
     first, last = np.clip(first, 0, size), np.clip(last, 0, size)
     found = (last > first).all(axis=1)
-    x, y = np.where(found[:, None], first, 0).astype(np.int64).T
-    width, height = np.where(found[:, None], last - first, 0).astype(np.int64).T
+    windows = np.where(found[:, None], np.hstack((first, last - first)), 0).astype(np.int64)
     status = np.select((found, blind), (CropStatus.CROPPED, CropStatus.NO_RAY), CropStatus.OFF_MAP)
-    return CropWindows(x, y, width, height, status.astype(np.uint8), corners.rays)
-
-
-def crop_to_map(xy: ArrayLike, window: PixelWindow) -> Floats:
-    """Take pixels (..., 2) of a crop to pixels of the whole map; corners are (0, 0) in both."""
-    return np.asarray(xy, dtype=np.float64) + window[:2]
-
-
-def map_to_crop(xy: ArrayLike, window: PixelWindow) -> Floats:
-    """Take pixels (..., 2) of the whole map to pixels of a crop; the inverse of `crop_to_map`."""
-    return np.asarray(xy, dtype=np.float64) - window[:2]
+    return CropWindows(windows, status.astype(np.uint8), corners.rays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +163,8 @@ def _cast_corners(
     ends = centres[:, None] + far * directions
     rays = np.empty(ends.shape[:2], np.uint8)
     height_at = _missing_heights(dsm, crop, plane_height_m)
-    for part in _parts(len(cameras)):
+    for start in range(0, len(cameras), _CAMERAS):
+        part = slice(start, start + _CAMERAS)
         hits = intersect_heightfield(centres[part], directions[part], dsm, far)
         points = hits.points
         if height_at is not None:
@@ -198,6 +185,106 @@ def _missing_heights(dsm: HeightField, crop: Crop, plane_height_m: float) -> Hei
             return None
 
 
-def _parts(count: int) -> Iterator[slice]:
-    for start in range(0, count, _CAMERAS):
-        yield slice(start, start + _CAMERAS)
+def write_crop(
+    dom_path: str | Path, dsm_path: str | Path, window: PixelWindow, folder: Path, name: str
+) -> tuple[Path, Path]:
+    """Write the crop of map and surface model, ``<name>_dom.tif`` and ``<name>_dsm.tif``.
+
+    Each keeps its file's bands, numbers, nodata, mask, scale and CRS, and has its own geotransform.
+    The crop of the surface model covers that of the map with a pixel to spare, so that the surface
+    inside is that of the whole raster. The same inputs give the same bytes.
+
+    Parameters
+    ----------
+    dom_path, dsm_path : str or Path
+    window : (x, y, width, height)
+        In whole pixels of the map, inside it.
+    folder : Path
+        Made where it is missing.
+    name : str
+
+    Returns
+    -------
+    tuple of Path
+        The two files; each appears when it is complete.
+
+    Raises
+    ------
+    RasterError
+        The window is empty or reaches outside the map; the surface model does not meet it.
+    UserError
+        The files cannot be written.
+    """
+    dom, dsm = open_info(dom_path), open_info(dsm_path)
+    x, y, width, height = window
+    if min(x, y, width - 1, height - 1) < 0 or x + width > dom.width or y + height > dom.height:
+        raise RasterError(
+            f"window {window} (x, y, width, height) is not inside the map",
+            where=dom.path,
+            expected=f"a part of {dom.width} x {dom.height} px",
+        )
+    below = _window_below(window, dom, dsm)
+    targets = folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
+    for path, part, target in zip((dom_path, dsm_path), (window, below), targets, strict=True):
+        _copy(path, part, target)
+    return targets
+
+
+def _window_below(window: PixelWindow, dom: RasterInfo, dsm: RasterInfo) -> PixelWindow:
+    """Return the window of the surface model that covers a window of the map and a pixel more."""
+    x, y, width, height = window
+    share = np.linspace(0.0, 1.0, _SIDE_POINTS)
+    column, row = np.meshgrid(x + width * share, y + height * share)
+    world = pixel_to_world(dom.transform, np.stack((column, row), axis=-1).reshape(-1, 2))
+    pixels = world_to_pixel(dsm.transform, change_of_plane(dom.crs, dsm.crs)(world))
+    size = (dsm.width, dsm.height)
+    low = np.clip(np.floor(np.fmin.reduce(pixels)) - 1, 0, size)
+    high = np.clip(np.ceil(np.fmax.reduce(pixels)) + 1, 0, size)
+    if not (high > low).all():
+        raise RasterError(
+            f"the surface model does not meet the window {window} of the map",
+            where=dsm.path,
+            expected=f"a raster that covers {dom.path}",
+        )
+    first, second, third, fourth = (int(value) for value in (*low, *(high - low)))
+    return first, second, third, fourth
+
+
+def _copy(source: str | Path, window: PixelWindow, target: Path) -> None:
+    """Write a window of a GeoTIFF as one of its own, whole or not at all."""
+    x, y, width, height = window
+    part = Window(x, y, width, height)
+    # The mask goes into the file: a separate one would not be moved with it.
+    with opened(source) as dataset, rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True):
+        a, b, _, d, e, _ = dataset.transform[:6]
+        c, f = pixel_to_world(dataset.transform, (x, y)).tolist()
+        profile = {
+            "driver": "GTiff",
+            "width": width,
+            "height": height,
+            "count": dataset.count,
+            "dtype": dataset.dtypes[0],
+            "crs": dataset.crs,
+            "transform": Affine(a, b, c, d, e, f),
+            "nodata": dataset.nodata,
+            "tiled": True,
+            "blockxsize": 256,
+            "blockysize": 256,
+            "compress": "deflate",
+            "bigtiff": "if_safer",
+        }
+        with MemoryFile() as memory:
+            with memory.open(**profile) as crop:
+                _fill(crop, dataset, part)
+            with atomic_write(target) as stream:
+                stream.write(memory.getbuffer())
+
+
+def _fill(crop: Any, dataset: Any, part: Window) -> None:
+    crop.colorinterp = dataset.colorinterp
+    crop.scales, crop.offsets, crop.units = dataset.scales, dataset.offsets, dataset.units
+    if ColorInterp.palette in dataset.colorinterp:
+        crop.write_colormap(1, dataset.colormap(1))
+    crop.write(dataset.read(window=part))
+    if dataset.mask_flag_enums[0] == [MaskFlags.per_dataset]:
+        crop.write_mask(dataset.dataset_mask(window=part))

@@ -71,10 +71,6 @@ class Lifted(NamedTuple):
         lifted: Bools = self.status == LiftStatus.LIFTED
         return lifted
 
-    def counts(self) -> dict[str, int]:
-        """Count the matches by the name of their status, all names included."""
-        return {kind.name: int((self.status == kind).sum()) for kind in LiftStatus}
-
 
 def lift(
     map_xy: ArrayLike,
@@ -82,7 +78,7 @@ def lift(
     dsm: RasterInfo | str | Path,
     *,
     heights_above_m: float | None = None,
-    workers: int,
+    jobs: int,
 ) -> Lifted:
     """Lift matches onto the surface model.
 
@@ -99,13 +95,13 @@ def lift(
         The surface model; its grid and CRS need not be the map's.
     heights_above_m : float, optional
         Drop matches of which a neighbour that counts has no height above this.
-    workers : int
+    jobs : int
         Threads. The result is the same bytes for any number of them.
 
     Returns
     -------
     Lifted
-        Beside it, memory holds some 10 bytes a match and a few million pixels a worker.
+        Besides, memory holds some 10 bytes a match and a few million pixels a job.
 
     Raises
     ------
@@ -122,20 +118,20 @@ def lift(
         stack.enter_context(small_cache())
         datasets = [stack.enter_context(opened(ground.path))]
         task = _Task.of(xy, dom, ground, window_shape(datasets[0], _BLOCK_PIXELS), heights_above_m)
-        with ThreadPoolExecutor(workers) as pool:
+        with ThreadPoolExecutor(jobs) as pool:
             list(pool.map(task.locate, range(0, len(xy), _POINTS)))
         order, runs = task.runs()
-        shares = [share for share in np.array_split(runs, workers) if share.size]
-        # Opened here and not by the workers: `opened` sets warnings, which threads share.
+        shares = [share for share in np.array_split(runs, jobs) if share.size]
+        # Opened here and not by the jobs: `opened` sets warnings, which threads share.
         datasets += [stack.enter_context(opened(ground.path)) for _ in shares[1:]]
-        with ThreadPoolExecutor(workers) as pool:
+        with ThreadPoolExecutor(jobs) as pool:
             list(pool.map(partial(task.sample, order), datasets, shares))
     return Lifted(task.points, task.status)
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What the workers share; each writes to rows of its own."""
+    """What the jobs share; each writes to rows of its own."""
 
     xy: Floats
     dom: RasterInfo
@@ -261,6 +257,6 @@ def _inside(pixel: Floats, raster: RasterInfo) -> Bools:
     # By columns: numpy reduces an axis of two some ten times slower.
     column, row = pixel.T
     inside: Bools = column >= 0.0
-    for held in (column <= raster.width, row >= 0.0, row <= raster.height):
-        inside &= held
+    for condition in (column <= raster.width, row >= 0.0, row <= raster.height):
+        inside &= condition
     return inside

@@ -68,10 +68,6 @@ def pose_errors(
         None where the truth has no trusted orientation (RTK positions only).
     true_centres : (Q, 3) array
 
-    Returns
-    -------
-    PoseErrors
-
     Raises
     ------
     ValueError

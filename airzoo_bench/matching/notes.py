@@ -1,35 +1,31 @@
-"""What a reader of matching's numbers must know, and who checks a file wants to know before."""
+"""Notes of the matching track: what a reader of its scores, or who checks a file, must know."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.conventions import suspect_inverted
 from airzoo_bench.matching.lifting import LiftStatus
 from airzoo_bench.matching.predictions import MatchingPredictions
+from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
-from airzoo_bench.matching.settings import Lift, Solver
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 
-if TYPE_CHECKING:
-    import pandas as pd
+__all__ = ["lifting_notes", "plausibility_warnings", "scored_notes"]
 
-__all__ = ["claim_notes", "equal_to_prior", "lifting_notes", "scored_notes"]
+_Scene = tuple[MatchingTruth, ScenePredictions]
 
 # Pixels that all lie within this share of the photo are suspected, if there are enough of them.
 _ENOUGH_MATCHES, _MANY_MATCHES = 100, 2000
 _CORNER, _CORNER_OF_MANY = 0.6, 0.9
 # Beyond any error of GPS, and of poses that mean the right place.
 _FAR_M = 1000.0
-# A prior that was copied went through a file at most.
-_SAME_M, _SAME_DEG = 1e-3, 1e-3
 _NOT_LIFTED = {
     LiftStatus.OUTSIDE_MAP: "outside the map",
     LiftStatus.OUTSIDE_DSM: "outside the surface model",
@@ -42,72 +38,70 @@ _DOUBTS = {
 }
 
 
-def claim_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
-    """Say what can be seen of claims without solving them: what `check` and `eval` both note."""
+def plausibility_warnings(
+    truths: Sequence[MatchingTruth], scene_predictions: Sequence[ScenePredictions]
+) -> list[str]:
+    """Return what `check` and `eval` both note, before any pose is solved."""
+    scenes = list(zip(truths, scene_predictions, strict=True))
     return [
-        *_scale_notes(truths, claims),
-        *_crop_notes(truths, claims),
-        *_prior_notes(truths, claims),
-        *_inverted_notes(truths, claims),
+        *_scale_notes(scenes),
+        *_crop_notes(scenes),
+        *_prior_notes(scenes),
+        *_inverted_notes(scenes),
     ]
 
 
 def lifting_notes(
     truths: Sequence[MatchingTruth],
-    claims: Sequence[SceneClaim],
-    lifting: Lift,
-    solver: Solver,
+    scene_predictions: Sequence[ScenePredictions],
+    protocol: MatchingProtocol,
     jobs: int,
 ) -> list[str]:
-    """Say what `eval` will say of given poses, of lifting and of its limits, without solving."""
-    given = [claim.poses.centres for claim in claims if claim.poses is not None]
+    """Return what `eval` will note of given poses or of lifting, without solving."""
+    given = [one for one in scene_predictions if one.poses is not None]
     if given:
+        centres = [one.poses.centres for one in given if one.poses is not None]
         lost = sum(
-            int((c.answered & np.isnan(c.poses.centres).any(axis=1)).sum())
-            for c in claims
-            if c.poses is not None
+            int((one.answered & np.isnan(there).any(axis=1)).sum())
+            for one, there in zip(given, centres, strict=True)
         )
-        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, given, "poses")]
+        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, centres, "poses")]
     became = np.zeros(len(LiftStatus), np.int64)
     blind = beyond = 0
-    for truth, claim in zip(truths, claims, strict=True):
-        _, status = lifted_points(truth, claim, lifting, jobs)
-        for part in claim.parts():
+    for truth, predicted in zip(truths, scene_predictions, strict=True):
+        _, status = lifted_points(truth, predicted, protocol.lift, jobs)
+        for part in predicted.parts():
             counts = np.bincount(status[part], minlength=len(LiftStatus))
             blind += int(counts[LiftStatus.LIFTED] == 0 < counts[LiftStatus.NO_HEIGHT])
-            beyond += max(0, int(counts[LiftStatus.LIFTED]) - solver.max_matches)
+            beyond += max(0, int(counts[LiftStatus.LIFTED]) - protocol.solver.max_matches)
             became += counts
     dropped = {why: int(became[status]) for status, why in _NOT_LIFTED.items()}
     return _count_notes(int(became.sum()), dropped, blind, beyond)
 
 
 def scored_notes(
-    records: pd.DataFrame,
     predictions: MatchingPredictions,
     truths: Sequence[MatchingTruth],
     scored: Sequence[ScoredScene],
 ) -> list[str]:
-    """Say what is known once the poses are."""
-    failed = records[records["failed"] & records["answered"]]
-    reasons = {str(why): int(n) for why, n in failed["status"].value_counts().sort_index().items()}
-    notes = [f"scored from {predictions.kind}", *_failed_notes(reasons)]
-    if "lifted" in records.columns:
-        blind = (records["no_height"] > 0) & (records["lifted"] == 0)
-        sums = {name: int(records[name].sum()) for name in ("matches", "beyond_limit")}
-        dropped = {why: int(records[s.name.lower()].sum()) for s, why in _NOT_LIFTED.items()}
-        notes += _count_notes(sums["matches"], dropped, int(blind.sum()), sums["beyond_limit"])
-    return [*notes, *_far_notes(truths, [scene.centres for scene in scored], predictions.kind)]
-
-
-def equal_to_prior(truth: MatchingTruth, claim: SceneClaim) -> int:
-    """Count the poses that are the photo's own GPS position and gimbal angles."""
-    if claim.poses is None:
-        return 0
-    priors = truth.priors
-    with np.errstate(over="ignore"):
-        apart = np.linalg.norm(claim.poses.centres - priors.centres, axis=1)
-    turned = rotation_angle_deg(claim.poses.rotation, priors.rotation)
-    return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
+    """Return what is known once poses are solved: failures, lost matches, poses far away."""
+    kind = predictions.content.kind
+    reasons: Counter[str] = Counter()
+    sums: Counter[str] = Counter()
+    blind = 0
+    for scene in scored:
+        records = scene.records
+        reasons.update(records["status"][records["failed"] & records["answered"]])
+        sums.update(scene.counts)
+        if "lifted" in records.columns:
+            blind += int(((records["no_height"] > 0) & (records["lifted"] == 0)).sum())
+    dropped = {why: sums[status.name.lower()] for status, why in _NOT_LIFTED.items()}
+    return [
+        f"scored from {kind}",
+        *_failed_notes(dict(sorted(reasons.items()))),
+        *_count_notes(sums["matches"], dropped, blind, sums["beyond_limit"]),
+        *_far_notes(truths, [scene.centres for scene in scored], kind),
+    ]
 
 
 def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
@@ -135,7 +129,7 @@ def _failed_notes(reasons: dict[str, int]) -> list[str]:
 
 
 def _count_notes(given: int, lost: dict[str, int], blind: int, beyond: int) -> list[str]:
-    """Say what became of matches before solving: how many were lost and why."""
+    """Return how many matches were lost before solving, and why."""
     notes = []
     if dropped := sum(lost.values()):
         reasons = ", ".join(f"{number:,} {why}" for why, number in lost.items() if number)
@@ -153,45 +147,47 @@ def _count_notes(given: int, lost: dict[str, int], blind: int, beyond: int) -> l
     return notes
 
 
-def _prior_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
-    same = sum(equal_to_prior(truth, claim) for truth, claim in zip(truths, claims, strict=True))
-    total = sum(len(truth.queries) for truth in truths)
+def _prior_notes(scenes: Sequence[_Scene]) -> list[str]:
+    same = sum(predicted.equal_to_prior(truth) for truth, predicted in scenes)
+    total = sum(len(truth.queries) for truth, _ in scenes)
     if not same:
         return []
     return [f"{same:,} of {total:,} answers equal the prior, the photo's own GPS and gimbal angles"]
 
 
-def _inverted_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
+def _inverted_notes(scenes: Sequence[_Scene]) -> list[str]:
     notes = []
-    for truth, claim in zip(truths, claims, strict=True):
-        if claim.poses is not None:
-            found = np.isfinite(claim.poses.centres).all(axis=1)
-            said = suspect_inverted(claim.poses.take(found), truth.priors.take(found))
+    for truth, predicted in scenes:
+        if predicted.poses is not None:
+            found = np.isfinite(predicted.poses.centres).all(axis=1)
+            said = suspect_inverted(predicted.poses.take(found), truth.priors.take(found))
             notes += [f"scene {truth.scene}: {said}"] if said else []
     return notes
 
 
-def _crop_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
+def _crop_notes(scenes: Sequence[_Scene]) -> list[str]:
     """Count matches that the query's crop could not have given."""
     outside = 0
-    for truth, claim in zip(truths, claims, strict=True):
-        if claim.map_xy is not None:
-            crop = np.repeat(truth.crops, np.diff(claim.offsets), axis=0)
-            local = claim.map_xy - crop[:, :2]
+    for truth, predicted in scenes:
+        if predicted.map_xy is not None:
+            crop = np.repeat(truth.crops, np.diff(predicted.offsets), axis=0)
+            local = predicted.map_xy - crop[:, :2]
             outside += int(((local < -1) | (local > crop[:, 2:] + 1)).any(axis=1).sum())
     lying = counted(outside, "map pixel lies", "map pixels lie")
     return [f"{lying} outside the query's crop"] if outside else []
 
 
-def _scale_notes(truths: Sequence[MatchingTruth], claims: Sequence[SceneClaim]) -> list[str]:
+def _scale_notes(scenes: Sequence[_Scene]) -> list[str]:
     """Suspect pixels of a smaller image: they would all lie in a corner of the photos."""
     notes = []
-    for truth, claim in zip(truths, claims, strict=True):
-        count = len(claim.query_xy)
+    for truth, predicted in scenes:
+        count = len(predicted.query_xy)
         if count < _ENOUGH_MATCHES:
             continue
         size = np.stack([truth.cameras.width, truth.cameras.height], axis=1)
-        reach = (claim.query_xy / np.repeat(size, np.diff(claim.offsets), axis=0)).max(axis=0)
+        reach = (predicted.query_xy / np.repeat(size, np.diff(predicted.offsets), axis=0)).max(
+            axis=0
+        )
         if (reach < (_CORNER if count < _MANY_MATCHES else _CORNER_OF_MANY)).all():
             notes.append(
                 f"scene {truth.scene}: no match lies beyond {reach[0]:.0%} of the photos' width "

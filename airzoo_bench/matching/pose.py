@@ -20,8 +20,14 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.matching.estimates import PoseEstimate, Status
-from airzoo_bench.matching.solvers import Ransac, Solver, check_settings, find_pose
+from airzoo_bench.matching.solvers import (
+    PoseEstimate,
+    Ransac,
+    Solver,
+    Status,
+    check_settings,
+    find_pose,
+)
 
 __all__ = [
     "MIN_MATCHES",
@@ -37,7 +43,7 @@ MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
 
 # Points nearer to a line than this share of its length leave the turn about it to rounding.
 _LINE_TOLERANCE = 1e-6
-# Problems under way or waiting, for each worker: enough that a slow one does not idle the others.
+# Problems under way or waiting, for each job: enough that a slow one does not idle the others.
 _WINDOW = 64
 
 
@@ -103,7 +109,7 @@ def solve_pose(
         Of the sampling, 0 or above. The answer depends on the arguments and on nothing else, and
         not on the order of the matches or on matches that stand more than once.
     max_matches : int
-        Of more different matches so many are chosen by the seed and solved.
+        Of more different matches, this many are chosen by the seed and solved.
     max_trials_times_matches : int
         Bounds the trials, those of `min_trials` too: about ten seconds on any machine of today
         for 5e8.
@@ -172,7 +178,7 @@ def _solve(solver: Solver, camera: Cameras, rows: Floats, ransac: Ransac) -> Pos
 def solve_poses(
     problems: Sequence[PoseProblem],
     *,
-    workers: int,
+    jobs: int,
     progress: Progress = silent,
     **settings: Unpack[PoseSettings],
 ) -> list[PoseEstimate]:
@@ -182,7 +188,7 @@ def solve_poses(
     ----------
     problems : sequence of PoseProblem
         May make its items when they are asked for: few are held at a time.
-    workers : int
+    jobs : int
         Threads, at least 1; the estimates do not depend on it, to the last bit.
     progress : Progress
         Shows problems as they are solved.
@@ -198,12 +204,12 @@ def solve_poses(
     Raises
     ------
     ValueError
-        See `solve_pose`; `workers` below 1.
+        See `solve_pose`; `jobs` below 1.
     UsageError
         See `solve_pose`.
     """
-    if workers < 1:
-        raise ValueError(f"workers is {workers}, expected at least 1")
+    if jobs < 1:
+        raise ValueError(f"jobs is {jobs}, expected at least 1")
 
     def solve(problem: PoseProblem) -> PoseEstimate:
         begin = perf_counter()
@@ -211,11 +217,11 @@ def solve_poses(
         return replace(estimate, seconds=perf_counter() - begin)
 
     load_pycolmap()  # here, since signals that it takes are given back in the main thread only
-    return list(progress(_threaded(solve, problems, workers), "poses", len(problems)))
+    return list(progress(_threaded(solve, problems, jobs), "poses", len(problems)))
 
 
 def _threaded(
-    solve: Callable[[PoseProblem], PoseEstimate], problems: Sequence[PoseProblem], workers: int
+    solve: Callable[[PoseProblem], PoseEstimate], problems: Sequence[PoseProblem], jobs: int
 ) -> Iterator[PoseEstimate]:
     """Map in order, with a bounded number of problems taken and not yet answered.
 
@@ -223,10 +229,10 @@ def _threaded(
     the main thread at once, which does not wait for the problems under way.
     """
     pending: deque[Future[PoseEstimate]] = deque()
-    pool = ThreadPoolExecutor(workers)
+    pool = ThreadPoolExecutor(jobs)
     try:
         for problem in problems:
-            if len(pending) == _WINDOW * workers:
+            if len(pending) == _WINDOW * jobs:
                 yield pending.popleft().result()
             pending.append(pool.submit(solve, problem))
         while pending:

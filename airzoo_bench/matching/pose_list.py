@@ -11,9 +11,10 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.formats.budget import Budget
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import pose_errors_m
-from airzoo_bench.matching.predictions import MatchingPredictions, PoseClaim
+from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
 
 __all__ = ["read_pose_list"]
 
@@ -49,7 +50,7 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     _check_rows(rows, path)
     names = np.array([_without_ending(row[0]) for row in rows], dtype=str)
     values = np.array([_floats(row, path) for row in rows], dtype=np.float64)
-    found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
+    found: Bools = np.asarray(np.isfinite(values).all(axis=1))
     _check_whole(values, found, names, path)
     found &= ~(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)
     _check_unit(values[found, :4], names[found], path)
@@ -58,8 +59,8 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     poses = Poses.from_quaternions(quaternion, translation, names.tolist())
     errors = np.zeros(len(found))
     errors[found] = pose_errors_m(poses.rotation[found], translation[found], quaternion[found])
-    claim = PoseClaim(found, poses, errors)
-    return MatchingPredictions(path, None, names, claim)
+    given = GivenPoses(found, poses, errors, quaternions=True)
+    return MatchingPredictions(path, None, names, given)
 
 
 def _check_rows(rows: list[list[str]], path: Path) -> None:
@@ -90,9 +91,7 @@ def _without_ending(name: str) -> str:
     return stem if dot + ending.lower() in PHOTO_SUFFIXES else name
 
 
-def _check_whole(
-    values: NDArray[np.float64], found: NDArray[np.bool_], names: NDArray[np.str_], path: Path
-) -> None:
+def _check_whole(values: Floats, found: Bools, names: NDArray[np.str_], path: Path) -> None:
     half = np.flatnonzero(~found & ~np.isnan(values).all(axis=1))
     if half.size:
         raise PredictionError(
@@ -111,7 +110,7 @@ def _floats(row: list[str], path: Path) -> list[float]:
         ) from error
 
 
-def _check_unit(quaternions: NDArray[np.float64], names: NDArray[np.str_], path: Path) -> None:
+def _check_unit(quaternions: Floats, names: NDArray[np.str_], path: Path) -> None:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternions, axis=1)
     bad = np.flatnonzero(np.abs(length - 1) > _UNIT_TOLERANCE)

@@ -1,7 +1,6 @@
-"""What a matching method claims: matches, 2D-3D pairs, or finished poses.
+"""Predictions of the matching track, matches, 2D-3D pairs or poses, and their validation.
 
-The checks here need no truth; they are what ``airzoo-bench check`` runs and what ``eval`` runs
-first.
+The checks here need no truth; ``airzoo-bench check`` runs them, and ``eval`` runs them first.
 """
 
 from __future__ import annotations
@@ -9,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,34 +16,18 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M
 
 __all__ = [
-    "FIELDS",
     "Correspondences",
+    "GivenPoses",
     "MatchingPredictions",
-    "PoseClaim",
     "check_digits",
     "validation_errors",
 ]
-
-FIELDS = (
-    "protocol",
-    "query_ids",
-    "offsets",
-    "query_xy",
-    "map_xy",
-    "map_frame",
-    "points3d",
-    "image_size",
-    "poses",
-    "rotations",
-    "centres",
-)
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +57,15 @@ class Correspondences:
     points3d: Floats | None
     image_size: Ints | None
 
-    def of(self, row: int) -> slice:
-        """Return the rows of one query."""
-        return slice(int(self.offsets[row]), int(self.offsets[row + 1]))
+    @property
+    def kind(self) -> str:
+        """What they are, for results."""
+        return "matches" if self.points3d is None else "pairs"
 
 
 @dataclass(frozen=True, eq=False)
-class PoseClaim:
-    """Finished poses.
+class GivenPoses:
+    """Poses that the method computed itself.
 
     Attributes
     ----------
@@ -91,68 +74,45 @@ class PoseClaim:
     poses : Poses
         World-to-camera, in the scene's CRS; meaningless where there is none.
     errors_m : (Q,) float64
-        How far the digits that the file keeps leave the cameras open; see `pose_errors_m`.
+        How far rounding in the file may have moved the cameras; see `pose_errors_m`.
+    quaternions : bool
+        Whether the file has rotations as quaternions, and not as matrices.
     """
 
-    found: NDArray[np.bool_]
+    kind: ClassVar[str] = "poses"
+
+    found: Bools
     poses: Poses
     errors_m: Floats
+    quaternions: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class MatchingPredictions:
-    """A prediction file of the matching track, as read.
-
-    Attributes
-    ----------
-    path : Path
-    protocol : str or None
-        The protocol that the file names.
-    query_ids : (Q,) str
-        ``scene/name``.
-    claim : Correspondences or PoseClaim
-    """
-
-    path: Path
-    protocol: str | None
-    query_ids: NDArray[np.str_]
-    claim: Correspondences | PoseClaim
-
-    @property
-    def kind(self) -> str:
-        """What the claim is, for results: matches, pairs or poses."""
-        if isinstance(self.claim, PoseClaim):
-            return "poses"
-        return "matches" if self.claim.points3d is None else "pairs"
+MatchingPredictions = QueryPredictions[Correspondences | GivenPoses]
+"""A prediction file of the matching track, as read."""
 
 
 def validation_errors(predictions: MatchingPredictions) -> Iterator[PredictionError]:
-    """Yield everything that is wrong with predictions and can be seen without truth."""
-    claim = predictions.claim
+    """Yield the errors of predictions that can be found without truth."""
+    content = predictions.content
     checks = [partial(check_ids, predictions.query_ids, f"{predictions.path}, field 'query_ids'")]
-    if isinstance(claim, Correspondences):
+    if isinstance(content, Correspondences):
         checks += [
-            partial(_check_offsets, predictions, claim),
-            partial(_check_finite, predictions, claim),
+            partial(check, predictions, content) for check in (_check_offsets, _check_finite)
         ]
-    for check in checks:
-        try:
-            check()
-        except PredictionError as error:
-            yield error
+    yield from errors_of(checks)
 
 
-def check_digits(claim: PoseClaim, query_ids: NDArray[np.str_]) -> None:
-    """Refuse poses whose digits leave open where their cameras are, by more than a centimetre.
+def check_digits(given: GivenPoses, query_ids: NDArray[np.str_]) -> None:
+    """Refuse poses whose rounding may have moved their cameras by more than a centimetre.
 
     Raises
     ------
     PredictionError
-        Which they are, and by how much.
+        It names them and the error.
     """
-    coarse = np.flatnonzero(claim.errors_m > COARSEST_M)
+    coarse = np.flatnonzero(given.errors_m > COARSEST_M)
     if coarse.size:
-        error = float(np.sqrt((claim.errors_m[coarse] ** 2).mean()))
+        error = float(np.sqrt((given.errors_m[coarse] ** 2).mean()))
         raise PredictionError(
             f"too few digits in the poses of {_queries(query_ids[coarse], query_ids)}: what they "
             f"leave out moves a camera by {error:.2g} m on average, since its centre is -R^T t",
@@ -163,8 +123,8 @@ def check_digits(claim: PoseClaim, query_ids: NDArray[np.str_]) -> None:
         )
 
 
-def _check_offsets(predictions: MatchingPredictions, claim: Correspondences) -> None:
-    offsets, rows = claim.offsets, len(claim.query_xy)
+def _check_offsets(predictions: MatchingPredictions, matches: Correspondences) -> None:
+    offsets, rows = matches.offsets, len(matches.query_xy)
     sound = len(offsets) and offsets[0] == 0 and offsets[-1] == rows
     # Compared, not subtracted: the difference of two large integers may wrap around.
     falling = np.flatnonzero(offsets[1:] < offsets[:-1])
@@ -181,15 +141,15 @@ def _check_offsets(predictions: MatchingPredictions, claim: Correspondences) -> 
         )
 
 
-def _check_finite(predictions: MatchingPredictions, claim: Correspondences) -> None:
+def _check_finite(predictions: MatchingPredictions, matches: Correspondences) -> None:
     for name in ("query_xy", "map_xy", "points3d"):
-        values = getattr(claim, name)
+        values = getattr(matches, name)
         if values is None:
             continue
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if bad.size:
-            queries = np.unique(np.searchsorted(claim.offsets, bad, side="right") - 1)
-            # Offsets that do not add up, which is a fault of its own, may point beyond the ids.
+            queries = np.unique(np.searchsorted(matches.offsets, bad, side="right") - 1)
+            # Offsets that do not add up, an error of its own, may point beyond the ids.
             known = (queries >= 0) & (queries < len(predictions.query_ids))
             named = _queries(predictions.query_ids[queries[known]], predictions.query_ids)
             rows = counted(len(bad), "row is", "rows are")

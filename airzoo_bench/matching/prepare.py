@@ -11,6 +11,7 @@ from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.settings import Crop, Prior
@@ -56,7 +57,7 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         _refuse_truth_as_prior(asked)
     else:
         asked = with_truth_as_prior(asked)
-    windows = crop_windows(
+    found = crop_windows(
         cameras_of(asked),
         poses_of(asked, PRIOR_COLUMNS),
         inputs.dom,
@@ -64,16 +65,15 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         crop=crop,
         plane_height_m=inputs.plane_height_m,
     )
-    kept = windows.status == CropStatus.CROPPED
+    kept = found.status == CropStatus.CROPPED
     reasons = np.full(len(photos), _NO_PRIOR, dtype=object)
-    reasons[there] = [_NO_CROP.get(CropStatus(status), "") for status in windows.status]
+    reasons[there] = [_NO_CROP.get(CropStatus(status), "") for status in found.status]
     left_out = ~there
     left_out[there] = ~kept
-    boxes = np.stack([windows.x, windows.y, windows.width, windows.height], axis=1)
     return MatchingTruth(
         inputs.scene,
         asked[kept].reset_index(drop=True),
-        boxes[kept],
+        found.windows[kept],
         inputs.dom,
         inputs.dsm,
         sha256_of(inputs.dsm),
@@ -97,8 +97,6 @@ def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
         )
 
 
-def _excluded(
-    inputs: SceneInputs, left_out: NDArray[np.bool_], reasons: NDArray[np.object_]
-) -> pd.DataFrame:
+def _excluded(inputs: SceneInputs, left_out: Bools, reasons: NDArray[np.object_]) -> pd.DataFrame:
     photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
     return photos.assign(reason=reasons[left_out])

@@ -1,4 +1,4 @@
-"""From a file to the matching track's prediction type."""
+"""Reading prediction files of the matching track."""
 
 from __future__ import annotations
 
@@ -10,28 +10,16 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.formats.arrays import (
-    Arrays,
-    check_fields,
-    check_length,
-    numbers,
-    open_arrays,
-    protocol_name,
-    texts,
-    wrong_type,
-)
+from airzoo_bench.evaluation.prediction_files import Fields, read_fields
+from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses, check_rotations
 from airzoo_bench.geometry.precision import COARSEST_M, narrow_type, pose_errors_m
 from airzoo_bench.matching.pose_list import read_pose_list
-from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions, PoseClaim
+from airzoo_bench.matching.predictions import Correspondences, GivenPoses, MatchingPredictions
 
 __all__ = ["read_matching"]
 
-_COMMON = ("protocol", "query_ids")
-_MATCHES = ("offsets", "query_xy", "map_xy", "map_frame", "image_size")
-_PAIRS = ("offsets", "query_xy", "points3d", "image_size")
-_POSES = ("poses",)
-_CENTRES = ("rotations", "centres")
 _EXPECTED = (
     "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "
     "points3d, or poses, or rotations and centres"
@@ -47,7 +35,7 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
     path : Path
         ``.npz``, or ``.txt`` with a pose a line: ``name qw qx qy qz tx ty tz``.
     limit_bytes : int
-        The most that the file's arrays may take in memory together.
+        The most memory that the file's arrays may take together.
 
     Raises
     ------
@@ -56,33 +44,13 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
     """
     if path.suffix == ".txt":
         return read_pose_list(path, limit_bytes)
-    arrays = open_arrays(path, limit_bytes)
-    names = arrays.names()
-    kinds = [name for name in ("map_xy", "points3d", "poses", "centres") if name in names]
-    if len(kinds) > 1:
-        raise PredictionError(
-            f"holds {' and '.join(kinds)}, and they could disagree",
-            where=path,
-            expected=_EXPECTED,
-            fix="keep one of them",
-        )
-    claim: Correspondences | PoseClaim
-    fields: tuple[str, ...]
-    if kinds in (["poses"], ["centres"]):
-        fields = _POSES if kinds == ["poses"] else _CENTRES
-        check_fields(arrays, ("query_ids", *fields), (*_COMMON, *fields), _EXPECTED)
-        query_ids = texts(arrays, "query_ids", 1)
-        read = _read_poses if kinds == ["poses"] else _read_centres
-        claim = read(arrays, query_ids)
-    else:
-        fields = _PAIRS if kinds == ["points3d"] else _MATCHES
-        check_fields(arrays, ("query_ids", *fields[:3]), (*_COMMON, *fields), _EXPECTED)
-        query_ids = texts(arrays, "query_ids", 1)
-        claim = _read_correspondences(arrays, len(query_ids))
-    return MatchingPredictions(path, protocol_name(arrays), query_ids, claim)
+    return read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
 
 
-def _read_correspondences(arrays: Arrays, n_queries: int) -> Correspondences:
+def _read_correspondences(
+    arrays: Arrays, query_ids: NDArray[np.str_]
+) -> Correspondences | GivenPoses:
+    n_queries = len(query_ids)
     offsets = _integers(arrays, "offsets", (None,))
     if len(offsets) != n_queries + 1:
         raise PredictionError(
@@ -130,7 +98,7 @@ def _map_frame(arrays: Arrays) -> Literal["map", "crop"] | None:
     )
 
 
-def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
+def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences | GivenPoses:
     values = numbers(arrays, "poses", (None, 3, 4)).astype(np.float64)
     check_length(arrays, "poses", values, len(query_ids))
     found = _found(arrays, "poses", values)
@@ -141,10 +109,10 @@ def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
     errors = np.zeros(len(values))
     errors[found] = pose_errors_m(given[:, :, :3], given[:, :, 3], None)
     translation = np.where(found[:, None], values[:, :, 3], 0.0)
-    return PoseClaim(found, Poses.from_translations(rotation, translation), errors)
+    return GivenPoses(found, Poses.from_translations(rotation, translation), errors)
 
 
-def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
+def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences | GivenPoses:
     """Read rotations and centres; what a rotation has lost does not move its camera."""
     rotations = numbers(arrays, "rotations", (None, 3, 3)).astype(np.float64)
     centres = _precise(arrays, "centres", (None, 3))
@@ -156,11 +124,11 @@ def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> PoseClaim:
     where = f"{arrays.path}, field 'rotations'"
     rotation[found] = _rotations(where, rotations[found], query_ids[found])
     poses = Poses(rotation=rotation, centres=np.where(found[:, None], centres, 0.0))
-    return PoseClaim(found, poses, np.zeros(len(rows)))
+    return GivenPoses(found, poses, np.zeros(len(rows)))
 
 
-def _found(arrays: Arrays, name: str, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=(1, 2)))
+def _found(arrays: Arrays, name: str, values: Floats) -> Bools:
+    found: Bools = np.asarray(np.isfinite(values).all(axis=(1, 2)))
     half = int((~found & np.isfinite(values).any(axis=(1, 2))).sum())
     if half:
         raise PredictionError(
@@ -171,9 +139,7 @@ def _found(arrays: Arrays, name: str, values: NDArray[np.float64]) -> NDArray[np
     return found
 
 
-def _rotations(
-    where: str, matrices: NDArray[np.float64], names: NDArray[np.str_]
-) -> NDArray[np.float64]:
+def _rotations(where: str, matrices: Floats, names: NDArray[np.str_]) -> Floats:
     try:
         return check_rotations(matrices, names.tolist())
     except CameraError as error:
@@ -185,11 +151,10 @@ def _rotations(
         ) from error
 
 
-def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Read coordinates of the scene, which are millions of metres: float32 keeps 0.25 m of them.
+def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
 
-    X and Y tell what they went through. Beside places on a lattice, such as the pixels of a map,
-    heights of a surface model fit float32 and have lost nothing.
+    Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
     """
     given = numbers(arrays, name, shape)
     values = given.astype(np.float64)
@@ -209,7 +174,7 @@ def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArra
     return values
 
 
-def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArray[np.int64]:
+def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Ints:
     values: NDArray[Any] = arrays.read(name)
     fits = values.ndim == len(shape) and values.shape[1:] == shape[1:]
     if values.dtype.kind not in "iu" or not fits:
@@ -222,3 +187,16 @@ def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> NDArr
             fix=f"np.asarray({name}, dtype=np.int64)",
         )
     return values.astype(np.int64)
+
+
+_FORMS = (
+    Fields(
+        "map_xy",
+        ("offsets", "query_xy", "map_xy"),
+        ("map_frame", "image_size"),
+        _read_correspondences,
+    ),
+    Fields("points3d", ("offsets", "query_xy", "points3d"), ("image_size",), _read_correspondences),
+    Fields("poses", ("poses",), (), _read_poses),
+    Fields("centres", ("rotations", "centres"), (), _read_centres),
+)

@@ -81,11 +81,6 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
 def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
     """Return the columns of the records that errors of Q poses give: the errors, then scores.
 
-    Parameters
-    ----------
-    errors : PoseErrors
-    settings : MatchingScores
-
     Returns
     -------
     dict of str to (Q,) array

@@ -1,4 +1,4 @@
-"""Scoring one scene of the matching track: truth and claim become records, a row a query."""
+"""Scoring one scene of the matching track: its predictions become records, a row a query."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.claims import SceneClaim
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import pose_errors
-from airzoo_bench.matching.pose import PoseEstimate, PoseProblem, solve_poses
+from airzoo_bench.matching.pose import PoseProblem, solve_poses
+from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scores import pose_columns
-from airzoo_bench.matching.settings import Lift, MatchingScores, Solver
+from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
+from airzoo_bench.matching.solvers import PoseEstimate
 from airzoo_bench.matching.truth import MatchingTruth
 
 if TYPE_CHECKING:
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MISSING = "missing from the predictions"
 NOT_GIVEN = "no pose given"
@@ -33,7 +33,7 @@ GIVEN = "given"
 
 @dataclass(frozen=True, eq=False)
 class ScoredScene:
-    """Records of a scene, and what pictures need beside them.
+    """Records of a scene, and what figures need besides.
 
     Attributes
     ----------
@@ -51,32 +51,28 @@ class ScoredScene:
 
     records: pd.DataFrame
     centres: Floats
-    inliers: list[NDArray[np.bool_]]
+    inliers: list[Bools]
     seconds: Floats
     counts: dict[str, int]
 
 
 @dataclass(frozen=True, eq=False)
 class _Posed:
-    """Poses of Q queries however they came about, with the counts of what led to them."""
+    """Poses of Q queries, given or solved, and the counts of their matches."""
 
     rotations: Floats
     centres: Floats
     status: list[str]
-    inliers: list[NDArray[np.bool_]]
+    inliers: list[Bools]
     seconds: Floats
     counts: dict[str, Ints]
 
 
 def score_scene(
     truth: MatchingTruth,
-    claim: SceneClaim,
-    lifting: Lift,
-    solver: Solver,
-    settings: MatchingScores,
-    *,
-    workers: int = 1,
-    progress: Progress = silent,
+    predicted: ScenePredictions,
+    protocol: MatchingProtocol,
+    resources: Resources,
 ) -> ScoredScene:
     """Score every query of a scene.
 
@@ -84,25 +80,23 @@ def score_scene(
     ----------
     truth : MatchingTruth
         With Q queries.
-    claim : SceneClaim
+    predicted : ScenePredictions
         Of the same Q queries.
-    lifting, solver, settings : Lift, Solver, MatchingScores
-        The protocol's.
-    workers : int
-        Threads; the records do not depend on it.
-    progress : Progress
+    protocol : MatchingProtocol
+    resources : Resources
+        The records do not depend on them.
 
     Returns
     -------
     ScoredScene
         A failure has infinite errors and stays in the records.
     """
-    if claim.poses is not None:
-        posed = _given(claim.poses)
+    if predicted.poses is not None:
+        posed = _given(predicted.poses)
     else:
-        posed = _solved(truth, claim, lifting, solver, workers, progress)
-    records = _records(truth, claim.answered, posed, settings)
-    counts = _result_counts(truth, records)
+        posed = _solved(truth, predicted, protocol, resources)
+    records = _records(truth, predicted.answered, posed, protocol.scores)
+    counts = _result_counts(truth, records) | {"equal_to_prior": predicted.equal_to_prior(truth)}
     return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
 
 
@@ -120,7 +114,7 @@ def _result_counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int
 
 
 def _records(
-    truth: MatchingTruth, answered: NDArray[np.bool_], posed: _Posed, settings: MatchingScores
+    truth: MatchingTruth, answered: Bools, posed: _Posed, settings: MatchingScores
 ) -> pd.DataFrame:
     import pandas as pd
 
@@ -146,8 +140,8 @@ def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame
 
 
 def _given(poses: Poses) -> _Posed:
-    none: NDArray[np.bool_] = np.zeros(0, np.bool_)
-    found: NDArray[np.bool_] = np.asarray(np.isfinite(poses.centres).all(axis=1))
+    none: Bools = np.zeros(0, np.bool_)
+    found: Bools = np.asarray(np.isfinite(poses.centres).all(axis=1))
     return _Posed(
         poses.rotation,
         poses.centres,
@@ -160,25 +154,24 @@ def _given(poses: Poses) -> _Posed:
 
 def _solved(
     truth: MatchingTruth,
-    claim: SceneClaim,
-    lifting: Lift,
-    solver: Solver,
-    workers: int,
-    progress: Progress,
+    predicted: ScenePredictions,
+    protocol: MatchingProtocol,
+    resources: Resources,
 ) -> _Posed:
-    points, status = lifted_points(truth, claim, lifting, workers)
-    given = np.diff(claim.offsets)
+    solver = protocol.solver
+    points, status = lifted_points(truth, predicted, protocol.lift, resources.jobs)
+    given = np.diff(predicted.offsets)
     lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
     cameras = truth.cameras
     problems = [
         PoseProblem(
-            cameras.take(row), claim.query_xy[part][lifted[part]], points[part][lifted[part]]
+            cameras.take(row), predicted.query_xy[part][lifted[part]], points[part][lifted[part]]
         )
-        for row, part in enumerate(claim.parts())
+        for row, part in enumerate(predicted.parts())
     ]
     settings = solver.model_dump(exclude={"name", "least_matches"})
     found = solve_poses(
-        problems, workers=workers, progress=progress, solver=solver.name, **settings
+        problems, jobs=resources.jobs, progress=resources.progress, solver=solver.name, **settings
     )
     return _Posed(
         np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
@@ -186,36 +179,36 @@ def _solved(
         [estimate.status.value for estimate in found],
         [
             _of_all(estimate, lifted[part])
-            for estimate, part in zip(found, claim.parts(), strict=True)
+            for estimate, part in zip(found, predicted.parts(), strict=True)
         ],
         np.array([estimate.seconds for estimate in found]),
-        _counts(claim, status, found),
+        _counts(predicted, status, found),
     )
 
 
 def lifted_points(
-    truth: MatchingTruth, claim: SceneClaim, lifting: Lift, workers: int
+    truth: MatchingTruth, predicted: ScenePredictions, lifting: Lift, jobs: int
 ) -> tuple[Floats, NDArray[np.uint8]]:
     """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
-    if claim.map_xy is None:
-        return claim.points, np.full(len(claim.points), LiftStatus.LIFTED, np.uint8)
+    if predicted.map_xy is None:
+        return predicted.points, np.full(len(predicted.points), LiftStatus.LIFTED, np.uint8)
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
     lifted = lift(
-        claim.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, workers=workers
+        predicted.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, jobs=jobs
     )
     return lifted.points, lifted.status
 
 
-def _of_all(estimate: PoseEstimate, lifted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Spread inliers among lifted matches over all matches of a query."""
+def _of_all(estimate: PoseEstimate, lifted: Bools) -> Bools:
+    """Return which of all matches of a query are inliers."""
     inliers = np.zeros(len(lifted), np.bool_)
     inliers[lifted] = estimate.inliers
     return inliers
 
 
 def _counts(
-    claim: SceneClaim, status: NDArray[np.uint8], found: list[PoseEstimate]
+    predicted: ScenePredictions, status: NDArray[np.uint8], found: list[PoseEstimate]
 ) -> dict[str, Ints]:
     names = {
         "lifted": LiftStatus.LIFTED,
@@ -223,7 +216,7 @@ def _counts(
         "outside_dsm": LiftStatus.OUTSIDE_DSM,
         "no_height": LiftStatus.NO_HEIGHT,
     }
-    parts = claim.parts()
+    parts = predicted.parts()
     counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
     for name, kind in names.items():
         counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)

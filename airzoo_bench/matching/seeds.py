@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.results.scores import Score, summarise
 
@@ -18,13 +18,7 @@ __all__ = ["SeedSpread", "seed_spreads", "spread_over_seeds"]
 
 @dataclass(frozen=True)
 class SeedSpread:
-    """One score under several seeds: the average over scenes at its least, median and most.
-
-    Attributes
-    ----------
-    score : Score
-    least, median, most : float
-    """
+    """One score under several seeds: the average over scenes at its least, median and most."""
 
     score: Score
     least: float
@@ -40,7 +34,7 @@ class SeedSpread:
 def spread_over_seeds(
     evaluation: Evaluation, seeds: int, out: Path | None, resources: Resources
 ) -> Iterator[str]:
-    """Score the same claims with the protocol's seed and the seeds that follow it.
+    """Score the same predictions with the protocol's seed and the seeds that follow it.
 
     Parameters
     ----------
@@ -66,17 +60,17 @@ def seed_spreads(evaluation: Evaluation, seeds: int, resources: Resources) -> li
     protocol, track = evaluation.protocol, evaluation.given.track
     scores = [score for score in matching_scores(protocol.scores) if score.headline]
     averages = [evaluation.result.overall]
-    pairs = list(zip(evaluation.claims, evaluation.truths, strict=True))
+    pairs = list(zip(evaluation.scene_predictions, evaluation.truths, strict=True))
     for step in range(1, seeds):
         solver = protocol.solver.model_copy(update={"seed": protocol.solver.seed + step})
         seeded = protocol.model_copy(update={"solver": solver})
-        scored = [track.score(claim, truth, seeded, resources) for claim, truth in pairs]
+        scored = [track.score(predicted, truth, seeded, resources) for predicted, truth in pairs]
         scenes = [truth.scene for _, truth in pairs]
         averages.append(summarise(track.records(scored, seeded), scores, scenes).overall)
     return [_spread(score, [values[score.column] for values in averages]) for score in scores]
 
 
 def _spread(score: Score, values: list[float]) -> SeedSpread:
-    # The lower of the two in the middle, since the mean of infinities and numbers says nothing.
+    # The lower of the two in the middle, since the mean of a number and infinity is no median.
     median = sorted(values)[(len(values) - 1) // 2]
     return SeedSpread(score, float(np.min(values)), median, float(np.max(values)))

@@ -7,17 +7,20 @@ Brown-Conrady.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.core.shown import Shown, number
+from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 
-__all__ = ["Found", "Ransac", "Solver", "check_settings", "find_pose"]
+__all__ = ["Found", "PoseEstimate", "Ransac", "Solver", "Status", "check_settings", "find_pose"]
 
 Solver = Literal["colmap", "colmap+refine", "poselib"]
 
@@ -34,6 +37,52 @@ class Ransac(NamedTuple):
     max_trials: int
     confidence: float
     seed: int
+
+
+class Status(StrEnum):
+    """How the search for a pose ended."""
+
+    SOLVED = "solved"
+    TOO_FEW_MATCHES = "too few matches"
+    NO_POSE = "no pose"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseEstimate(Shown):
+    """The answer of a solver for one query of M matches.
+
+    Attributes
+    ----------
+    rotation : (3, 3) array
+        World-to-camera; NaN on failure.
+    centre : (3,) array
+        Camera centre in the coordinates of the points; NaN on failure.
+    inliers : (M,) bool array
+        Matches that the pose explains; none on failure.
+    status : Status
+        A failure is anything but ``SOLVED``.
+    left_out : int
+        Matches beyond `max_matches`, which were not used.
+    seconds : float
+        Spent on it; the one thing that differs from run to run.
+    """
+
+    rotation: Floats
+    centre: Floats
+    inliers: Bools
+    status: Status
+    left_out: int = 0
+    seconds: float = 0.0
+
+    @property
+    def matrix(self) -> Floats:
+        """The pose [R | t], (3, 4), world-to-camera; NaN on failure."""
+        return np.column_stack([self.rotation, -apply_matrix(self.rotation, self.centre)])
+
+    def _shown(self) -> Mapping[str, object]:
+        inliers = f"{int(self.inliers.sum())} of {len(self.inliers)}"
+        centre = ", ".join(map(number, self.centre.tolist()))
+        return {"status": self.status.value, "inliers": inliers, "centre": centre}
 
 
 class Found(NamedTuple):
@@ -79,7 +128,7 @@ def find_pose(
     Returns
     -------
     Found or None
-        None where the solver has none; otherwise whatever it has, finite or not.
+        None where the solver has none. The pose may not be finite.
 
     Raises
     ------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +13,25 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.parts import EvalOption
+from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.query_track import QueryTrack
-from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.matching.baseline_run import SIFT
-from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
-from airzoo_bench.matching.notes import claim_notes, equal_to_prior, lifting_notes, scored_notes
+from airzoo_bench.matching.baseline import SIFT
+from airzoo_bench.matching.notes import (
+    lifting_notes,
+    plausibility_warnings,
+    scored_notes,
+)
 from airzoo_bench.matching.predictions import (
+    GivenPoses,
     MatchingPredictions,
-    PoseClaim,
     check_digits,
     validation_errors,
 )
 from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
 from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.scoring import ScoredScene, score_priors, score_scene
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.template import match_template
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.results.result import Reference, with_summary
 from airzoo_bench.results.scores import Score, concatenate, summarise
@@ -40,7 +41,7 @@ __all__ = ["PRIOR_ITSELF", "TRACK", "MatchingTrack"]
 PRIOR_ITSELF = "Prior itself"
 """The reference of every result of the track."""
 
-_MATCHES = 20
+_MATCHES = 20  # of each query, in a template
 
 
 def _write_timings(evaluation: Evaluation, path: Path) -> None:
@@ -54,7 +55,7 @@ def _write_timings(evaluation: Evaluation, path: Path) -> None:
 
 
 class MatchingTrack(
-    QueryTrack[MatchingProtocol, MatchingPredictions, MatchingTruth, SceneClaim, ScoredScene]
+    QueryTrack[MatchingProtocol, MatchingPredictions, MatchingTruth, ScenePredictions, ScoredScene]
 ):
     """Cross-view matching; see `Track`."""
 
@@ -99,62 +100,56 @@ class MatchingTrack(
         """See `truth.read_truth`."""
         return read_truth(benchmark, scene)
 
-    def claim(
+    def match_scene(
         self,
         predictions: MatchingPredictions,
         truth: MatchingTruth,
         rows: NDArray[np.intp],
         protocol: MatchingProtocol,
         resources: Resources,
-    ) -> SceneClaim:
-        """See `claim_of_scene`."""
-        return claim_of_scene(predictions, truth, rows)
+    ) -> ScenePredictions:
+        """See `match_scene`."""
+        return match_scene(predictions, truth, rows)
 
     def score(
         self,
-        claim: SceneClaim,
+        predicted: ScenePredictions,
         truth: MatchingTruth,
         protocol: MatchingProtocol,
         resources: Resources,
     ) -> ScoredScene:
         """See `score_scene`."""
-        scored = score_scene(
-            truth,
-            claim,
-            protocol.lift,
-            protocol.solver,
-            protocol.scores,
-            workers=resources.jobs,
-            progress=resources.progress,
-        )
-        same = {"equal_to_prior": equal_to_prior(truth, claim)}
-        return replace(scored, counts=scored.counts | same)
+        return score_scene(truth, predicted, protocol, resources)
 
     def scores(self, protocol: MatchingProtocol, scored: Sequence[ScoredScene]) -> list[Score]:
         """See `matching_scores`."""
         return matching_scores(protocol.scores)
+
+    def kind(self, predictions: MatchingPredictions, scored: Sequence[ScoredScene]) -> str:
+        """See `Track.kind`."""
+        return predictions.content.kind
 
     def notes(
         self,
         predictions: MatchingPredictions,
         protocol: MatchingProtocol,
         truths: Sequence[MatchingTruth],
-        claims: Sequence[SceneClaim],
+        scene_predictions: Sequence[ScenePredictions],
         scored: Sequence[ScoredScene],
     ) -> list[str]:
-        """See `scored_notes` and `claim_notes`."""
+        """See `scored_notes` and `plausibility_warnings`."""
         return [
-            *scored_notes(self.records(scored, protocol), predictions, truths, scored),
-            *claim_notes(truths, claims),
+            *scored_notes(predictions, truths, scored),
+            *plausibility_warnings(truths, scene_predictions),
         ]
 
     def inspect_alone(
         self, predictions: MatchingPredictions, protocol: MatchingProtocol, resources: Resources
     ) -> Iterator[PredictionError | str]:
-        """See `check_digits`, which claims do where there are queries to make them for."""
-        if isinstance(predictions.claim, PoseClaim):
+        """See `check_digits`, which `match_scene` calls where the benchmark is there."""
+        if isinstance(predictions.content, GivenPoses):
             try:
-                check_digits(predictions.claim, predictions.query_ids)
+                check_digits(predictions.content, predictions.query_ids)
             except PredictionError as error:
                 yield error.inside(predictions.path)
 
@@ -163,13 +158,13 @@ class MatchingTrack(
         predictions: MatchingPredictions,
         protocol: MatchingProtocol,
         truths: Sequence[MatchingTruth],
-        claims: Sequence[SceneClaim],
+        scene_predictions: Sequence[ScenePredictions],
         resources: Resources,
     ) -> list[str]:
-        """See `lifting_notes` and `claim_notes`."""
+        """See `lifting_notes` and `plausibility_warnings`."""
         return [
-            *lifting_notes(truths, claims, protocol.lift, protocol.solver, resources.jobs),
-            *claim_notes(truths, claims),
+            *lifting_notes(truths, scene_predictions, protocol, resources.jobs),
+            *plausibility_warnings(truths, scene_predictions),
         ]
 
     def references(
@@ -193,8 +188,18 @@ class MatchingTrack(
         kind: str,
         seed: int,
     ) -> dict[str, NDArray[Any]]:
-        """See `match_template`."""
-        return match_template(truths, _MATCHES, seed)
+        """Match random pixels of every query to random pixels of its crop."""
+        random = np.random.default_rng(seed)
+        sizes = [np.stack([t.cameras.width, t.cameras.height], axis=1) for t in truths]
+        size = np.repeat(np.concatenate(sizes), _MATCHES, axis=0)
+        crop = np.repeat(np.concatenate([t.crops for t in truths]), _MATCHES, axis=0)
+        ids = np.concatenate([t.queries["id"].to_numpy(str) for t in truths])
+        return {
+            "query_ids": ids,
+            "offsets": np.arange(len(ids) + 1) * _MATCHES,
+            "query_xy": random.uniform(0, size),
+            "map_xy": crop[:, :2] + random.uniform(0, crop[:, 2:]),
+        }
 
 
 TRACK = MatchingTrack()

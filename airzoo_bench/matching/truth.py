@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import (
@@ -23,6 +22,7 @@ from airzoo_bench.benchmark.queries import (
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import read_text, sha256_of
+from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import check_same_crs
 from airzoo_bench.geometry.poses import Poses
@@ -62,7 +62,7 @@ class MatchingTruth:
 
     scene: str
     queries: pd.DataFrame
-    crops: NDArray[np.int64]
+    crops: Ints
     dom: RasterInfo
     dsm: Path
     dsm_sha256: str
@@ -110,7 +110,7 @@ def with_truth_as_prior(queries: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_truth(folder: Path, truth: MatchingTruth) -> None:
-    """Write a scene's truth below its folder, beside ``queries.csv``."""
+    """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "matching"
     home.mkdir(parents=True, exist_ok=True)
     columns = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
@@ -122,7 +122,7 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
-    """Read a scene's truth, and hold the surface model to its checksum and the map to its grid.
+    """Read a scene's truth, and compare surface model and map with those that were prepared.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def _check_map(path: Path, dom: RasterInfo) -> None:
     check_same_crs(dom.crs, prepared.get("crs"), f"{dom.path} and the map that was prepared")
 
 
-def _windows(crops: pd.DataFrame, dom: RasterInfo, path: Path) -> NDArray[np.int64]:
+def _windows(crops: pd.DataFrame, dom: RasterInfo, path: Path) -> Ints:
     """Return the crops (Q, 4), each inside the map; `read_table` has seen to whole numbers."""
     values = crops[list(CROP_COLUMNS)].to_numpy(np.int64)
     far = max(dom.width, dom.height)
@@ -200,7 +200,7 @@ def _windows(crops: pd.DataFrame, dom: RasterInfo, path: Path) -> NDArray[np.int
     return values
 
 
-def _refuse_cells(bad: NDArray[np.bool_], crops: pd.DataFrame, what: str, path: Path) -> None:
+def _refuse_cells(bad: Bools, crops: pd.DataFrame, what: str, path: Path) -> None:
     if not bad.any():
         return
     row, column = (int(index[0]) for index in np.nonzero(bad))

@@ -1,4 +1,4 @@
-"""Finding protocol files: shipped ones, and those of prepared benchmark folders."""
+"""Finding protocols: shipped ones, those of benchmark folders, and the one predictions are for."""
 
 from __future__ import annotations
 
@@ -8,21 +8,31 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import ValidationError
 
-from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.core.errors import PredictionError, ProtocolError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = [
+    "IN_A_FIELD",
+    "choose_protocol",
     "find_protocol",
     "load_protocol",
     "protocol_files",
     "protocol_for",
     "protocol_of_track",
+    "refuse_other_track",
     "shipped_protocols",
 ]
 
 P = TypeVar("P", bound=Protocol)
+
+IN_A_FIELD = (
+    "a field 'protocol' with the name of one",
+    "name it with --protocol, or add the field; `airzoo-bench protocols` lists them",
+)
+"""Where a file states its protocol, and the fix where it does not: parts of a message."""
 
 
 def load_protocol(path: Path) -> Protocol:
@@ -53,7 +63,7 @@ def shipped_protocols() -> dict[str, Path]:
 
 
 def _shipped_folder() -> Path:
-    # In the wheel they lie inside the package; in a checkout beside it.
+    # In the wheel they are inside the package; in a checkout next to it.
     package = Path(__file__).parents[1]
     inside = package / "protocols"
     return inside if inside.is_dir() else package.parent / "protocols"
@@ -105,6 +115,65 @@ def protocol_of_track(name: str, data_root: Path, model: type[P]) -> P:
             fix="`airzoo-bench protocols` lists them with their tracks",
         )
     return chosen
+
+
+def choose_protocol(
+    path: Path,
+    in_file: str | None,
+    named: str | None,
+    data: Path,
+    model: type[P],
+    says: tuple[str, str] = IN_A_FIELD,
+) -> P:
+    """Return the protocol that was named, else the one that the file names.
+
+    `says` is the expectation and the fix of the error where neither names one.
+
+    Raises
+    ------
+    ProtocolError
+        Neither names one, or it is unknown.
+    PredictionError
+        It is of another track.
+    """
+    if named is not None:
+        chosen = find_protocol(named, data)
+    elif in_file is not None:
+        try:
+            chosen = find_protocol(in_file, data)
+        except ProtocolError as error:
+            raise error.inside(f"{path}, field 'protocol'") from error
+    else:
+        raise ProtocolError(
+            "does not say which protocol it is for",
+            where=path,
+            expected=says[0],
+            fix=says[1],
+        )
+    if not isinstance(chosen, model):
+        raise PredictionError(
+            f"protocol {chosen.name} is of the {chosen.track} track",
+            where=path,
+            expected="a protocol of the track that was asked for",
+            fix=f"airzoo-bench eval {chosen.track} {path}",
+        )
+    return chosen
+
+
+def refuse_other_track(
+    path: Path, named: str | None, data: Path, model: type[P], memory_bytes: int
+) -> None:
+    """Refuse an ``.npz`` that names a protocol of another track, before its fields are read.
+
+    Raises
+    ------
+    PredictionError
+        The message names the right command, not the fields that the file lacks for this one.
+    """
+    if named is None and path.suffix == ".npz" and path.is_file():
+        in_file = protocol_name(open_arrays(path, memory_bytes))
+        if in_file is not None:
+            choose_protocol(path, in_file, None, data, model)
 
 
 def protocol_files(data_root: Path) -> dict[str, Path]:

@@ -18,10 +18,10 @@ import numpy as np
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.files import atomic_write, check_output_folder, write_npz
+from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.output_places import check_output_folder
 from airzoo_bench.core.workers import parallel_map
-from airzoo_bench.evaluation.baseline import Baseline
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Baseline, Resources
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.arrays import Floats, Ints

@@ -11,7 +11,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.temporaries import PART
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling

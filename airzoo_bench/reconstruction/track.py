@@ -12,8 +12,7 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageErro
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.parts import EvalOption
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
@@ -71,7 +70,7 @@ class ReconstructionTrack(
         ScoredScene,
     ]
 ):
-    """Multi-view reconstruction; see `Track`. Its claims are all predictions, opened by scene."""
+    """Multi-view reconstruction; see `Track`. All scenes share the listed predictions."""
 
     name = "reconstruction"
     summary = (
@@ -145,7 +144,7 @@ class ReconstructionTrack(
             )
         return _Listed(predictions, known)
 
-    def claims(
+    def match(
         self,
         predictions: ReconstructionPredictions,
         assigned: _Listed,
@@ -153,23 +152,23 @@ class ReconstructionTrack(
         protocol: ReconstructionProtocol,
         resources: Resources,
     ) -> Iterator[ReconstructionPredictions | PredictionError]:
-        """Claim all for each scene: entries are opened one at a time, when they are scored."""
+        """Yield all predictions for each scene: entries are opened one at a time, to be scored."""
         for _ in truths:
             yield predictions
 
     def score(
         self,
-        claim: ReconstructionPredictions,
+        predicted: ReconstructionPredictions,
         truth: ReconstructionTruth,
         protocol: ReconstructionProtocol,
         resources: Resources,
     ) -> ScoredScene:
         """See `scored_scene` and `score_missing`."""
-        if truth.scene not in claim.scenes:
+        if truth.scene not in predicted.scenes:
             return score_missing(truth.scene, protocol.scores)
-        with scored_scene(claim, truth, protocol, resources) as scored:
+        with scored_scene(predicted, truth, protocol, resources) as scored:
             if resources.keep:
-                return _kept(scored, claim.path)
+                return _kept(scored, predicted.path)
             return replace(scored, clouds=None, distances=None)
 
     def records(
@@ -203,7 +202,7 @@ class ReconstructionTrack(
         predictions: ReconstructionPredictions,
         protocol: ReconstructionProtocol,
         truths: Sequence[ReconstructionTruth],
-        claims: Sequence[ReconstructionPredictions],
+        scene_predictions: Sequence[ReconstructionPredictions],
         scored: Sequence[ScoredScene],
     ) -> list[str]:
         """See `scored_scene`."""
@@ -211,13 +210,13 @@ class ReconstructionTrack(
 
     def inspect(
         self,
-        claim: ReconstructionPredictions,
+        predicted: ReconstructionPredictions,
         truth: ReconstructionTruth,
         protocol: ReconstructionProtocol,
         resources: Resources,
     ) -> list[str]:
         """Score the scene, since only that finds all that scoring would refuse."""
-        return list(self.score(claim, truth, protocol, resources).notes)
+        return list(self.score(predicted, truth, protocol, resources).notes)
 
     def inspect_alone(
         self,

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb, world_to_pixel
-from airzoo_bench.matching.claims import SceneClaim
+from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import ScoredScene
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.report.figures import save_figure
@@ -49,13 +49,13 @@ def draw_figures(
     limits = protocol.scores.translation_below_m
     save_figure(draw_error_curves(evaluation.records, titles, limits), folder / "errors.png")
     drawn, benchmark = 1, evaluation.benchmark
-    for truth, claim in zip(evaluation.truths, evaluation.claims, strict=True):
+    for truth, predicted in zip(evaluation.truths, evaluation.scene_predictions, strict=True):
         scored = evaluation.scored[truth.scene]
         _draw_map(truth, scored, titles[truth.scene], folder / f"{truth.scene}_map.png")
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
-        rows = range(len(truth.queries) if claim.map_xy is not None else 0)
+        rows = range(len(truth.queries) if predicted.map_xy is not None else 0)
         for row in resources.progress(rows, "pictures", len(rows)):
-            _draw_query(truth, claim, scored, row, images, folder)
+            _draw_query(truth, predicted, scored, row, images, folder)
         drawn += 1 + len(rows)
     yield f"drew {drawn} pictures into {folder}"
 
@@ -85,22 +85,22 @@ def _draw_map(truth: MatchingTruth, scored: ScoredScene, title: str, path: Path)
 
 def _draw_query(
     truth: MatchingTruth,
-    claim: SceneClaim,
+    predicted: ScenePredictions,
     scored: ScoredScene,
     row: int,
     images: Path,
     folder: Path,
 ) -> None:
-    query, part = truth.queries.iloc[row], claim.parts()[row]
+    query, part = truth.queries.iloc[row], predicted.parts()[row]
     x, y, width, height = (int(side) for side in truth.crops[row])
     photo = read_rgb_photo(images / query["image"], _LONG_SIDE_PX)
     crop = read_rgb(truth.dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
     shrunk = np.array([photo.shape[1] / query["width"], photo.shape[0] / query["height"]])
-    map_xy = claim.map_xy if claim.map_xy is not None else np.zeros((0, 2))
+    map_xy = predicted.map_xy if predicted.map_xy is not None else np.zeros((0, 2))
     figure = draw_matches(
         photo,
         crop,
-        claim.query_xy[part] * shrunk,
+        predicted.query_xy[part] * shrunk,
         (map_xy[part] - (x, y)) * (crop.shape[1] / width, crop.shape[0] / height),
         scored.inliers[row],
         str(query["id"]),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.reconstruction.scoring import ScoredScene

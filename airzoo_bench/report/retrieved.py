@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section, tile_columns
-from airzoo_bench.retrieval.hits import hit_matrix
+from airzoo_bench.retrieval.pairs import hit_matrix
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,24 +10,34 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.images import read_grey, read_tile
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.workers import parallel_map
-from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.evaluation.parts import DOUBLED, Baseline, Option, Resources
+from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.sift import extract
+from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
-__all__ = ["VladSettings", "describe", "learn_words", "root_sift", "vlad"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["VLAD", "VladSettings", "describe", "learn_words", "root_sift", "vlad"]
 
 Floats = NDArray[np.float32]
 Reader = Callable[[], NDArray[np.uint8]]
 
 _SIFT_DIMENSIONS = 128
 _ITERATIONS = 20
+_GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as in the grey of photos
 _PEAK_THRESHOLD = 0.02 / 3  # pycolmap's own
 
 
@@ -64,7 +74,7 @@ def describe(
     queries: Sequence[Reader],
     settings: VladSettings,
     *,
-    workers: int = 1,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> tuple[Floats, Floats]:
     """Describe gallery and queries with words learnt on the gallery.
@@ -74,7 +84,7 @@ def describe(
     gallery, queries : sequence of callable
         Each returns one grey image (height, width) uint8.
     settings : VladSettings
-    workers : int
+    jobs : int
         Processes that extract features; the descriptors do not depend on it.
     progress : Progress
 
@@ -89,10 +99,10 @@ def describe(
     BenchmarkError
         The gallery has fewer features than there are words.
     """
-    features = list(_extracted(gallery, settings, workers, progress, "tiles"))
+    features = list(_extracted(gallery, settings, jobs, progress, "tiles"))
     words = learn_words(features, settings)
     described = np.stack([vlad(one, words) for one in features])
-    asked = [vlad(one, words) for one in _extracted(queries, settings, workers, progress, "photos")]
+    asked = [vlad(one, words) for one in _extracted(queries, settings, jobs, progress, "photos")]
     return described, np.stack(asked)
 
 
@@ -150,16 +160,75 @@ def vlad(features: Floats, words: Floats) -> Floats:
 def _extracted(
     readers: Sequence[Reader],
     settings: VladSettings,
-    workers: int,
+    jobs: int,
     progress: Progress,
     label: str,
 ) -> Iterator[Floats]:
     # Processes, since pycolmap keeps the interpreter's lock while it extracts.
     found = parallel_map(
-        partial(_features_of, settings.max_features, settings.doubled), readers, workers
+        partial(_features_of, settings.max_features, settings.doubled), readers, jobs
     )
     yield from progress(found, label, len(readers))
 
 
 def _features_of(max_features: int, doubled: bool, reader: Reader) -> Floats:
     return root_sift(reader(), max_features, doubled=doubled)
+
+
+def _predict(
+    protocol: RetrievalProtocol,
+    benchmark: Benchmark,
+    settings: VladSettings,
+    out: Path,
+    resources: Resources,
+    note: Callable[[str], None],
+) -> None:
+    """Describe every query and tile of a benchmark and write a prediction file."""
+    check_npz(out)
+    parts: dict[str, list[NDArray[np.generic]]] = {}
+    for scene in protocol.scenes:
+        truth = read_truth(benchmark.scene_folder(scene.id), scene.id)
+        tiles, photos = _readers(benchmark, truth, settings.long_side_px)
+        gallery, queries = describe(
+            tiles, photos, settings, jobs=resources.jobs, progress=resources.progress
+        )
+        for key, rows in {
+            "query_ids": truth.queries["id"].to_numpy(str),
+            "query_descriptors": queries,
+            "gallery_ids": truth.tiles["id"].to_numpy(str),
+            "gallery_descriptors": gallery,
+        }.items():
+            parts.setdefault(key, []).append(rows)
+    write_predictions(
+        out, protocol.name, {key: np.concatenate(rows) for key, rows in parts.items()}
+    )
+
+
+def _readers(
+    benchmark: Benchmark, truth: RetrievalTruth, long_side_px: int
+) -> tuple[list[Reader], list[Reader]]:
+    scene = benchmark.scene(truth.scene)
+    gallery = benchmark.resolve(scene.gallery or scene.dom)
+    images = benchmark.resolve(scene.images)
+    tiles: list[Reader] = [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()]
+    photos: list[Reader] = [
+        partial(read_grey, images / name, long_side_px) for name in truth.queries["image"]
+    ]
+    return tiles, photos
+
+
+def _grey_tile(gallery: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
+    grey: NDArray[np.float64] = np.round(read_tile(gallery, tile) @ _GREY)
+    return grey.astype(np.uint8)
+
+
+VLAD = Baseline(
+    method="SIFT and VLAD",
+    summary="Describe photos and tiles by SIFT and VLAD, and write a prediction file.",
+    settings=VladSettings(),
+    demo=VladSettings(training_features=50_000, doubled=False),
+    out="sift-vlad.npz",
+    out_help="The .npz to write.",
+    example="brighton-retrieval --out sift.npz",
+    predict=_predict,
+)

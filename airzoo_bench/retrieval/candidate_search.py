@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.pairs import offsets_of
 
 __all__ = ["Search", "rounded_down"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _SPARE = 64  # candidates beyond 2k that a query may keep
 
@@ -38,7 +37,7 @@ class Search:
     part: slice
     k: int
     kth: Floats
-    crowded: NDArray[np.bool_]
+    crowded: Bools
     query: Ints
     tile: Ints
     value: NDArray[np.float32]
@@ -71,10 +70,10 @@ class Search:
         kept &= ~self.crowded[self.query]
         self.query, self.tile, self.value = self.query[kept], self.tile[kept], self.value[kept]
 
-    def _hits(self, values: NDArray[np.float32], bounds: Floats) -> NDArray[np.bool_]:
-        hits: NDArray[np.bool_] = values >= self._cut(bounds)
+    def _hits(self, values: NDArray[np.float32], bounds: Floats) -> Bools:
+        hits: Bools = values >= self._cut(bounds)
         many = np.flatnonzero(np.count_nonzero(hits, axis=0) > self.limit)
-        if len(many):  # so many by themselves that they hold a better k-th value
+        if len(many):  # they alone are enough to hold a better k-th value
             there = len(values) - self.k
             best = np.partition(values[:, many], there, axis=0)[there]
             self.kth[many] = np.maximum(self.kth[many], best)

@@ -1,4 +1,4 @@
-"""What tiles in random order score: the floor that a number must be held against.
+"""Chance level: what tiles in random order score.
 
 With R of G tiles positive and every order as likely as any other, the ranks hold positives as draws
 without replacement do. All expectations here are exact.
@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.results.result import Reference, with_summary
 from airzoo_bench.results.scores import concatenate, summarise
 from airzoo_bench.retrieval.scores import ap_name, retrieval_scores
@@ -20,12 +20,9 @@ from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["chance_level", "chance_scores"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
-    """Give the expected score of each query under a random order of its gallery.
+    """Return the expected score of each query under a random order of its gallery.
 
     Parameters
     ----------

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.candidate_search import Search, rounded_down
 from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
 from airzoo_bench.retrieval.pairs import Positives
@@ -33,8 +34,6 @@ from airzoo_bench.retrieval.similarity import (
 
 __all__ = ["Candidates", "nearest"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _BLOCK_BYTES = 1 << 26
 _BLOCK_ROWS = 4096
@@ -72,7 +71,7 @@ class _Gallery:
     rows: RowSource
     queries: Queries
     block: int
-    workers: int
+    jobs: int
 
     def blocks(self) -> Iterator[tuple[int, NDArray[Any], NDArray[np.float32], Floats]]:
         """Give (first row, rows, rows in float32, norms), in order."""
@@ -80,7 +79,7 @@ class _Gallery:
             single = as_float32(rows)
             yield start, rows, single, norms_of(rows, single)
 
-    def finite(self, rows: Ints) -> NDArray[np.bool_]:
+    def finite(self, rows: Ints) -> Bools:
         """Whether all numbers of each row are finite."""
         return np.array([np.isfinite(self.rows.read(row, row + 1)).all() for row in rows], bool)
 
@@ -103,7 +102,7 @@ class _Gallery:
                 scores[some] = similarity(asked, given, self.queries.metric)
                 slacks[some] = roundoff(asked, given, scores[some], self.queries.metric)
 
-        with ThreadPoolExecutor(self.workers) as pool:
+        with ThreadPoolExecutor(self.jobs) as pool:
             list(pool.map(evaluate, groups))
         return scores, slacks
 
@@ -115,7 +114,7 @@ def nearest(
     positives: Positives,
     *,
     memory_bytes: int,
-    workers: int,
+    jobs: int,
     names: Names | None = None,
 ) -> Candidates:
     """Find the pairs that hold the k most similar tiles of each query, and all that tie with them.
@@ -132,14 +131,14 @@ def nearest(
     block = int(np.clip(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, 1, _BLOCK_ROWS))
     part = max(1, memory_bytes // 16 // (4 * block))
     batch = max(1, memory_bytes // 8 // (16 * max(1, len(gallery))))
-    stored = _Gallery(RowSource.of(gallery), queries, block, workers)
+    stored = _Gallery(RowSource.of(gallery), queries, block, jobs)
     if points_one_way(stored.rows, queries.metric, max(1, block // 8)):
         none = np.zeros(0, np.int64)
         return Candidates(none, none, none, np.zeros(0), np.arange(len(queries.norms)))
     caution = 1.0
     while True:
         searches, bounds = _search(stored, k, part, caution, names)
-        found = [_settled(stored, search, bounds[search.part]) for search in searches]
+        found = [_evaluated(stored, search, bounds[search.part]) for search in searches]
         worst = max((error for _, error in found), default=0.0)
         if worst <= 1:
             break
@@ -186,7 +185,7 @@ def _search(
     return searches, bounds
 
 
-def _settled(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candidates, float]:
+def _evaluated(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candidates, float]:
     """Form clusters of candidates that the search cannot tell apart, and evaluate these.
 
     Also gives the greatest error seen, as a share of its bound. The best candidate of each query

@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["is_within", "pdm_at", "sdm_at", "top1_distance"]
 
-_Floats = NDArray[np.float64]
 
-
-def top1_distance(distances_m: _Floats) -> _Floats:
+def top1_distance(distances_m: Floats) -> Floats:
     """Distance of the first tile.
 
     Parameters
@@ -38,7 +38,7 @@ def top1_distance(distances_m: _Floats) -> _Floats:
     return first[:, 0].copy() if first.shape[1] else np.full(len(first), np.inf)
 
 
-def is_within(top1_m: _Floats, limit_m: float) -> _Floats:
+def is_within(top1_m: Floats, limit_m: float) -> Floats:
     """1 where the first tile is nearer than the limit, strictly; else 0.
 
     Parameters
@@ -60,7 +60,7 @@ def is_within(top1_m: _Floats, limit_m: float) -> _Floats:
     return (top1_m < limit_m).astype(np.float64)
 
 
-def sdm_at(distances_m: _Floats, k: int, scale: float) -> _Floats:
+def sdm_at(distances_m: Floats, k: int, scale: float) -> Floats:
     r"""SDM@k, the spatial distance metric: how near the first k tiles are, early ranks more.
 
     .. math:: \frac{\sum_{i \le k} (k - i + 1)\, e^{-s d_i}}{\sum_{i \le k} (k - i + 1)}
@@ -94,8 +94,8 @@ def sdm_at(distances_m: _Floats, k: int, scale: float) -> _Floats:
 
 
 def pdm_at(
-    distances_m: _Floats, k: int, *, tile_size_m: ArrayLike, steepness: float, tolerance: float
-) -> _Floats:
+    distances_m: Floats, k: int, *, tile_size_m: ArrayLike, steepness: float, tolerance: float
+) -> Floats:
     r"""PDM@k of AnyVisLoc: as SDM@k, with distances in tiles and a gain that falls as a sigmoid.
 
     .. math:: \frac{\sum_{i \le k} (k - i + 1)\, f(d_i / w_i)}{\sum_{i \le k} (k - i + 1)},
@@ -142,12 +142,12 @@ def pdm_at(
     )
 
 
-def _falling_sigmoid(x: _Floats) -> _Floats:
+def _falling_sigmoid(x: Floats) -> Floats:
     with np.errstate(over="ignore"):  # exp overflows to infinity, and the gain is rightly 0
         return 1 / (1 + np.exp(x))
 
 
-def _rank_weighted_mean(values: _Floats, k: int, gain: Callable[[_Floats], _Floats]) -> _Floats:
+def _rank_weighted_mean(values: Floats, k: int, gain: Callable[[Floats], Floats]) -> Floats:
     # One rank after the other: the sum has one order, whatever the layout or the BLAS.
     total = np.zeros(len(values))
     for weight, column in zip(range(k, 0, -1), values.T, strict=False):
@@ -155,7 +155,7 @@ def _rank_weighted_mean(values: _Floats, k: int, gain: Callable[[_Floats], _Floa
     return total / (k * (k + 1) / 2)
 
 
-def _first(distances_m: _Floats, k: int) -> _Floats:
+def _first(distances_m: Floats, k: int) -> Floats:
     if distances_m.ndim != 2:
         raise ValueError(f"distances_m has shape {distances_m.shape}, expected (Q, K)")
     if k < 1:

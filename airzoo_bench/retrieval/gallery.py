@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from rasterio.enums import MaskFlags
+from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.frames import describe_crs, geodesic_distance_m, to_lonlat, unwrapped
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, pixel_to_world
-from airzoo_bench.retrieval.overlap import box_areas, polygon_areas
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world
+from airzoo_bench.retrieval.footprints import box_areas, polygon_areas
 from airzoo_bench.retrieval.settings import Gallery
-from airzoo_bench.retrieval.truth import BOX_COLUMNS
-from airzoo_bench.retrieval.valid_shares import valid_shares
+from airzoo_bench.retrieval.truth import BOX_COLUMNS, LONLAT_DECIMALS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "LONLAT_DECIMALS",
     "box_growth",
     "check_gsd",
     "cut_gallery",
     "middle_lon",
     "tile_starts",
+    "valid_shares",
     "windows_of",
 ]
 
-LONLAT_DECIMALS = 9
-"""Degrees are kept to 0.1 mm, so that two builds of PROJ give the same truth."""
+_SIDE_PX = 4096  # of the part of a mask that is read at a time
 
 
-def tile_starts(length: int, size: int, overlap: float) -> NDArray[np.int64]:
+def tile_starts(length: int, size: int, overlap: float) -> Ints:
     """Return where tiles begin along one axis of the map.
 
     Parameters
@@ -91,7 +93,7 @@ def cut_gallery(info: RasterInfo, gallery: Gallery, scene: str) -> pd.DataFrame:
     return tiles.assign(valid_share=valid_shares(info.path, windows_of(tiles)))
 
 
-def windows_of(tiles: pd.DataFrame) -> NDArray[np.int64]:
+def windows_of(tiles: pd.DataFrame) -> Ints:
     """Return the windows (G, 4) of tiles in the map: left, top, right, bottom in pixels."""
     x, y, width, height = tiles[["x", "y", "width", "height"]].to_numpy(np.int64).T
     return np.stack([x, y, x + width, y + height], axis=1)
@@ -104,7 +106,7 @@ def middle_lon(info: RasterInfo) -> float:
 
 
 def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
-    """By how much the boxes of tiles outgrow the tiles, as a share of the tiles' area.
+    """Return by how much boxes are larger than their tiles, as a share of the tiles' area.
 
     0 where the map is north up in degrees. A map that is turned by an angle a against the
     meridians has boxes that are larger by sin 2a: 0.02 at half a degree, 1 at 45 degrees.
@@ -115,7 +117,7 @@ def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
 
 
 def check_gsd(info: RasterInfo, gallery: Gallery) -> None:
-    """Hold the map's ground sampling distance to the protocol's, on both axes.
+    """Compare the map's ground sampling distance with the protocol's, on both axes.
 
     Raises
     ------
@@ -158,14 +160,14 @@ def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.Da
     return tiles.assign(size_m=_sides(ring), **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
 
 
-def _sides(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sides(ring: Floats) -> Floats:
     """Return the mean of a tile's width and height on the ground, to the millimetre."""
     width = geodesic_distance_m(ring[:, 3], ring[:, 4])
     height = geodesic_distance_m(ring[:, 1], ring[:, 6])
     return np.round((width + height) / 2, 3)
 
 
-def _ring(info: RasterInfo, windows: NDArray[np.int64]) -> NDArray[np.float64]:
+def _ring(info: RasterInfo, windows: Ints) -> Floats:
     """Return lon, lat (G, 8, 2) of the corners of tiles and of the middles of their sides.
 
     A straight side in a projection bends in degrees, hence the middles.
@@ -180,7 +182,7 @@ def _ring(info: RasterInfo, windows: NDArray[np.int64]) -> NDArray[np.float64]:
     return ring
 
 
-def _check_on_earth(info: RasterInfo, ring: NDArray[np.float64]) -> None:
+def _check_on_earth(info: RasterInfo, ring: Floats) -> None:
     """Refuse maps that no box in degrees describes."""
     latitudes = ring[..., 1]
     if not (np.abs(latitudes) <= 90).all():  # also tells NaN
@@ -195,6 +197,76 @@ def _check_on_earth(info: RasterInfo, ring: NDArray[np.float64]) -> None:
         raise RasterError(
             "holds a pole, or tiles half as wide as the earth: no box in degrees describes them",
             where=info.path,
-            expected="a map beside the pole",
+            expected="a map without a pole",
             fix="cut the map so that the pole is outside",
         )
+
+
+def valid_shares(path: Path, windows: Ints) -> Floats:
+    """Share of valid pixels of windows of a raster, exactly.
+
+    A pixel is valid by the file's own word: its alpha band (above 0), else its mask, else its
+    nodata value (valid where any band differs from it). A file that has none of them is valid
+    throughout, whatever its colours. Every pixel of the mask is read once, in parts.
+
+    Parameters
+    ----------
+    path : Path
+    windows : (G, 4) int
+        Left, top, right, bottom in pixels, each with an area and inside the raster.
+
+    Returns
+    -------
+    (G,) float64
+        0 to 1.
+
+    Raises
+    ------
+    RasterError
+        The raster cannot be read.
+    """
+    left, top, right, bottom = windows.T
+    with opened(path) as dataset:
+        if all(flags == [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
+            return np.ones(len(windows))
+        columns = np.unique(np.concatenate([left, right, [0, dataset.width]]))
+        rows = np.unique(np.concatenate([top, bottom, [0, dataset.height]]))
+        cells = np.zeros((len(rows), len(columns)), np.int64)
+        for column, row, mask in _masks(dataset):
+            _count_into(cells, mask, row - rows, column - columns)
+    # The cells between cuts, summed up to each cut: four look-ups then count any window.
+    sums = np.zeros((len(rows) + 1, len(columns) + 1), np.int64)
+    sums[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
+    x0, x1 = np.searchsorted(columns, left), np.searchsorted(columns, right)
+    y0, y1 = np.searchsorted(rows, top), np.searchsorted(rows, bottom)
+    valid = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
+    shares: Floats = valid / ((right - left) * (bottom - top))
+    return shares
+
+
+def _masks(dataset: Any) -> Iterator[tuple[int, int, Bools]]:
+    """Give (column, row, validity) of parts that together are the raster."""
+    for row in range(0, dataset.height, _SIDE_PX):
+        for column in range(0, dataset.width, _SIDE_PX):
+            width = min(_SIDE_PX, dataset.width - column)
+            height = min(_SIDE_PX, dataset.height - row)
+            mask = dataset.dataset_mask(window=Window(column, row, width, height))
+            yield column, row, mask > 0
+
+
+def _count_into(cells: Ints, mask: Bools, below: Ints, right_of: Ints) -> None:
+    """Add the valid pixels of a part to the cells that it meets.
+
+    `below` and `right_of` say by how much the part's corner lies beyond each cut.
+    """
+    y, starts = _cuts(below, mask.shape[0])
+    counts = np.add.reduceat(mask, starts, axis=0, dtype=np.int64)
+    x, starts = _cuts(right_of, mask.shape[1])
+    cells[np.ix_(y, x)] += np.add.reduceat(counts, starts, axis=1)
+
+
+def _cuts(beyond: Ints, length: int) -> tuple[Ints, Ints]:
+    """Return the cells that a run of `length` pixels meets, and where in it each begins."""
+    first = int(np.searchsorted(-beyond, 0, side="right")) - 1
+    cells = np.arange(first, int(np.searchsorted(-beyond, length, side="left")))
+    return cells, np.maximum(-beyond[cells], 0)

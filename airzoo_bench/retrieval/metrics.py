@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.settings import ApVariant
 
 __all__ = [
@@ -25,15 +25,11 @@ __all__ = [
 ]
 
 
-_Bools = NDArray[np.bool_]
-_Ints = NDArray[np.int64]
-_Floats = NDArray[np.float64]
-
 # Cells of the hit matrix looked at in one go; bounds the memory where nearly everything is a hit.
 _CELLS = 1 << 20
 
 
-def recall_at(hits: _Bools, k: int) -> _Floats:
+def recall_at(hits: Bools, k: int) -> Floats:
     """Recall@k of place recognition: 1 when a positive is among the first k.
 
     Information retrieval calls this success@k or hit rate@k; its own recall@k, the share of the
@@ -59,11 +55,11 @@ def recall_at(hits: _Bools, k: int) -> _Floats:
     ----------
     trec_eval, measure ``success``; Arandjelovic et al., NetVLAD, CVPR 2016.
     """
-    found: _Bools = np.any(_first(hits, k), axis=1)
+    found: Bools = np.any(_first(hits, k), axis=1)
     return found.astype(np.float64)
 
 
-def average_precision_at(hits: _Bools, n_positives: _Ints, k: int, variant: ApVariant) -> _Floats:
+def average_precision_at(hits: Bools, n_positives: Ints, k: int, variant: ApVariant) -> Floats:
     r"""AP@k in one of the four readings that are in use.
 
     With :math:`h_i` = 1 where rank i is a hit and :math:`P_i = \frac{1}{i} \sum_{j \le i} h_j`:
@@ -99,7 +95,7 @@ def average_precision_at(hits: _Bools, n_positives: _Ints, k: int, variant: ApVa
     """
     first = _first(hits, k)
     positives = _per_query(n_positives, hits)
-    n_hits: _Ints = np.count_nonzero(first, axis=1)
+    n_hits: Ints = np.count_nonzero(first, axis=1)
     match variant:
         case "precision":
             return np.divide(n_hits, k)
@@ -115,7 +111,7 @@ def average_precision_at(hits: _Bools, n_positives: _Ints, k: int, variant: ApVa
     return np.divide(sums, np.maximum(divisor, 1))
 
 
-def average_precision(hits: _Bools, n_positives: _Ints) -> _Floats:
+def average_precision(hits: Bools, n_positives: Ints) -> Floats:
     r"""Average precision over the whole list: :math:`\frac{1}{R} \sum_i h_i P_i`.
 
     Its mean over queries is mAP. Positives that were not ranked count as never found.
@@ -141,7 +137,7 @@ def average_precision(hits: _Bools, n_positives: _Ints) -> _Floats:
     return average_precision_at(hits, n_positives, max(hits.shape[-1], 1), "trec")
 
 
-def first_hit_rank(hits: _Bools) -> _Ints:
+def first_hit_rank(hits: Bools) -> Ints:
     """Rank of the first hit, counted from 1.
 
     Parameters
@@ -165,7 +161,7 @@ def first_hit_rank(hits: _Bools) -> _Ints:
     return np.where(listed[np.arange(len(listed)), column], column + 1, 0)
 
 
-def reciprocal_rank(hits: _Bools) -> _Floats:
+def reciprocal_rank(hits: Bools) -> Floats:
     """Reciprocal rank: 1 / (rank of the first hit), 0 without a hit; its mean is MRR.
 
     Parameters
@@ -189,7 +185,7 @@ def reciprocal_rank(hits: _Bools) -> _Floats:
     return np.divide(1.0, rank, out=np.zeros(len(rank)), where=rank > 0)
 
 
-def ndcg_at(hits: _Bools, n_positives: _Ints, k: int) -> _Floats:
+def ndcg_at(hits: Bools, n_positives: Ints, k: int) -> Floats:
     r"""nDCG@k with binary gain.
 
     :math:`\sum_{i \le k} h_i / \log_2(i + 1)` over its value for the best possible list, which
@@ -225,7 +221,7 @@ def ndcg_at(hits: _Bools, n_positives: _Ints, k: int) -> _Floats:
     return np.divide(dcg, ideal, out=np.zeros(len(dcg)), where=ideal > 0)
 
 
-def _sum_over_hits(hits: _Bools, term: Callable[[_Ints, _Ints], _Floats]) -> _Floats:
+def _sum_over_hits(hits: Bools, term: Callable[[Ints, Ints], Floats]) -> Floats:
     """Sum term(ordinal, rank) over each query's hits; its n-th hit has the ordinal n.
 
     Hits are few among ranks, so only they are visited. `bincount` adds in the order of the ranks,
@@ -245,7 +241,7 @@ def _sum_over_hits(hits: _Bools, term: Callable[[_Ints, _Ints], _Floats]) -> _Fl
     return sums
 
 
-def _first(hits: _Bools, k: int) -> _Bools:
+def _first(hits: Bools, k: int) -> Bools:
     if hits.ndim != 2 or hits.dtype != np.bool_:
         raise ValueError(f"hits is {hits.dtype} of shape {hits.shape}, expected bool (Q, K)")
     if k < 1:
@@ -253,7 +249,7 @@ def _first(hits: _Bools, k: int) -> _Bools:
     return hits[:, :k]
 
 
-def _per_query(n_positives: _Ints, hits: _Bools) -> _Ints:
+def _per_query(n_positives: Ints, hits: Bools) -> Ints:
     if n_positives.shape != (len(hits),):
         raise ValueError(f"n_positives has shape {n_positives.shape}, expected ({len(hits)},)")
     return n_positives

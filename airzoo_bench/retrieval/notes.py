@@ -1,4 +1,4 @@
-"""What a reader of retrieval's numbers must know."""
+"""Notes of the retrieval track: what a reader of its scores must know."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.retrieval.claims import RankedScene, strange_tiles
 from airzoo_bench.retrieval.predictions import RetrievalPredictions
+from airzoo_bench.retrieval.scene_predictions import ScenePredictions, strange_tiles
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol, RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -18,22 +18,24 @@ _SHOWN_LETTERS = 80
 
 
 def retrieval_notes(
-    predictions: RetrievalPredictions, scenes: Sequence[RankedScene], protocol: RetrievalProtocol
+    predictions: RetrievalPredictions,
+    scenes: Sequence[ScenePredictions],
+    protocol: RetrievalProtocol,
 ) -> list[str]:
-    """Say what `eval` and `check` find beside the scores."""
+    """Return what `eval` and `check` note besides the scores."""
     counts = [scene.counts for scene in scenes]
     empty = sum(count["empty_lists"] for count in counts)
     tied = sum(count["tie_dependent"] for count in counts)
     flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
     dropped = sum(count["dropped_tiles"] for count in counts)
-    said = (
+    kinds = (
         (empty, "query has", "queries have", "an empty list, scored as if it were missing"),
         (tied, "query depends", "queries depend", "on ties, which were broken against the method"),
         (flat, "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
         (dropped, "tile is", "tiles are", "in no gallery, since the map is empty there"),
     )
     return [
-        *(f"{counted(n, one, many)} {what}" for n, one, many, what in said if n),
+        *(f"{counted(n, one, many)} {what}" for n, one, many, what in kinds if n),
         *_strange_tiles(predictions, [scene.truth for scene in scenes]),
         *_short_lists(scenes, protocol.scores),
     ]
@@ -48,8 +50,8 @@ def _strange_tiles(
     return [f"described tiles that are in no gallery, left aside: {named}"] if strange.size else []
 
 
-def _short_lists(scenes: Sequence[RankedScene], scores: RetrievalScores) -> list[str]:
-    """Say which scores read ranks that lists do not have; those of the paper do not."""
+def _short_lists(scenes: Sequence[ScenePredictions], scores: RetrievalScores) -> list[str]:
+    """Name the scores that read ranks beyond the ends of lists; the paper's do not."""
     n = sum(scene.shorter(scores.ranks_kept) for scene in scenes)
     if not n:
         return []

@@ -1,4 +1,4 @@
-"""The positive tiles of every query, as sparse pairs."""
+"""The positive tiles of every query, as sparse pairs, and which ranked tiles are among them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 
-__all__ = ["Positives", "offsets_of"]
+__all__ = ["Positives", "hit_matrix", "offsets_of"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+
+# Cells of one block's bitmap: 4 MB stays in the cache, where random reads are cheap.
+_CELLS = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +55,12 @@ class Positives:
             Where offsets do not rise from 0 to the number of tiles, a tile is not in the
             gallery, tiles do not ascend within a query, or an overlap is not in [0, 1].
         """
-        fault = _fault(offsets, tiles, overlap, n_queries, n_tiles)
-        if fault is not None:
+        damage = _damage(offsets, tiles, overlap, n_queries, n_tiles)
+        if damage is not None:
             raise BenchmarkError(
-                f"the positives are damaged: {fault[0]}",
+                f"the positives are damaged: {damage[0]}",
                 where=where,
-                expected=fault[1],
+                expected=damage[1],
                 fix="run `airzoo-bench prepare` again",
             )
         ratio = None if overlap is None else overlap.astype(np.float64)
@@ -79,15 +81,13 @@ class Positives:
         """Query of each pair, (P,)."""
         return np.repeat(np.arange(self.n_queries), self.counts)
 
-    def holds(
-        self, queries: Ints, tiles: NDArray[np.integer[Any]], n_tiles: int
-    ) -> NDArray[np.bool_]:
+    def holds(self, queries: Ints, tiles: NDArray[np.integer[Any]], n_tiles: int) -> Bools:
         """Tell which pairs of query and tile are positive, `n_tiles` tiles in the gallery."""
         keys = self.queries * n_tiles + self.tiles
         asked = queries * n_tiles + tiles
         place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
-        held: NDArray[np.bool_] = keys[place] == asked if len(keys) else np.zeros(asked.shape, bool)
-        return held
+        found: Bools = keys[place] == asked if len(keys) else np.zeros(asked.shape, bool)
+        return found
 
     def of(self, query: int) -> NDArray[np.int32]:
         """Give the positive tiles of one query."""
@@ -108,7 +108,71 @@ def offsets_of(counts: Ints) -> Ints:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def _fault(
+def hit_matrix(
+    ranked: NDArray[np.int32],
+    offsets: Ints,
+    tiles: NDArray[np.int32],
+    n_tiles: int,
+) -> Bools:
+    """Mark the ranks that hold a positive tile.
+
+    Time grows with Q K + P and memory with the answer; neither depends on how many positives a
+    query has. The tiles of one query are taken to be distinct: a tile ranked twice hits twice.
+
+    Parameters
+    ----------
+    ranked : (Q, K) int32
+        Tile indices of each query, best first; -1 where there is no tile, which is never a hit.
+    offsets : (Q + 1,) int64
+        The positives of query q are ``tiles[offsets[q]:offsets[q + 1]]``.
+    tiles : (P,) int32
+        Tile indices of the positives.
+    n_tiles : int
+        Size of the gallery: indices run from 0 to ``n_tiles - 1``.
+
+    Returns
+    -------
+    (Q, K) bool
+        True where the ranked tile is a positive of its query.
+
+    Raises
+    ------
+    ValueError
+        The shapes do not fit together, or an index lies outside the gallery.
+    """
+    _check_hits(ranked, offsets, tiles, n_tiles)
+    n_queries, depth = ranked.shape
+    width = n_tiles + 1  # column 0 of the bitmap stands for -1 and stays False
+    rows = max(1, _CELLS // max(width, depth))
+    bitmap = np.zeros(min(rows, n_queries) * width, dtype=np.bool_)
+    hits = np.empty(ranked.shape, dtype=np.bool_)
+    for start in range(0, n_queries, rows):
+        stop = min(start + rows, n_queries)
+        origin = np.arange(stop - start) * width + 1
+        bounds = offsets[start : stop + 1]
+        positive = np.repeat(origin, np.diff(bounds)) + tiles[bounds[0] : bounds[-1]]
+        bitmap[positive] = True
+        # "clip" only spares numpy a buffer: every index was checked.
+        np.take(bitmap, origin[:, None] + ranked[start:stop], out=hits[start:stop], mode="clip")
+        bitmap[positive] = False
+    return hits
+
+
+def _check_hits(
+    ranked: NDArray[np.int32], offsets: Ints, tiles: NDArray[np.int32], n_tiles: int
+) -> None:
+    if ranked.ndim != 2:
+        raise ValueError(f"ranked has shape {ranked.shape}, expected (Q, K)")
+    if offsets.shape != (len(ranked) + 1,):
+        raise ValueError(f"offsets has shape {offsets.shape}, expected ({len(ranked) + 1},)")
+    if offsets[0] != 0 or offsets[-1] != len(tiles) or (np.diff(offsets) < 0).any():
+        raise ValueError(f"offsets do not run from 0 to {len(tiles)} without falling")
+    for name, indices, lowest in (("ranked", ranked, -1), ("tiles", tiles, 0)):
+        if indices.size and (indices.min() < lowest or indices.max() >= n_tiles):
+            raise ValueError(f"{name} holds an index outside {lowest} to {n_tiles - 1}")
+
+
+def _damage(
     offsets: NDArray[Any],
     tiles: NDArray[Any],
     overlap: NDArray[Any] | None,

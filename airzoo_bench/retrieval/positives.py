@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.retrieval.overlap import box_areas, intersection_areas, polygon_areas, untangled
+from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.retrieval.footprints import (
+    box_areas,
+    intersection_areas,
+    polygon_areas,
+    untangled,
+)
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.tile_grid import TileRun, find_runs
 
@@ -25,8 +31,6 @@ __all__ = [
     "positives_from_points",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _BLOCK = 4096  # queries at a time; bounds memory and stays in the cache
 _PAIRS = 1 << 17  # query-tile pairs at a time
@@ -58,18 +62,18 @@ def positives_from_points(points: NDArray[np.floating], boxes: NDArray[np.floati
     ValueError
         Where the arrays have other shapes.
     """
-    extents = _check_boxes(boxes)
+    checked = _check_boxes(boxes)
     anchors = np.asarray(points, dtype=np.float64)
     if anchors.ndim != 3 or anchors.shape[2] != 2:
         raise ValueError(f"points must be (Q, A, 2), not {anchors.shape}")
-    if anchors.size == 0 or len(extents) == 0:
+    if anchors.size == 0 or len(checked) == 0:
         return _joined([], len(anchors))
-    runs = find_runs(extents)
-    tree = _tree(extents) if runs is None else None
+    runs = find_runs(checked)
+    tree = _tree(checked) if runs is None else None
 
     def block(start: int) -> tuple[Ints, NDArray[np.int32]]:
         some = anchors[start : start + _BLOCK]
-        return _in_boxes(some, extents, tree) if runs is None else _in_runs(some, runs)
+        return _in_boxes(some, checked, tree) if runs is None else _in_runs(some, runs)
 
     starts = range(0, len(anchors), _BLOCK)
     with ThreadPoolExecutor(min(os.cpu_count() or 1, len(starts))) as pool:
@@ -202,11 +206,11 @@ def _in_boxes(
 
 
 def _near(polygons: Floats, tree: shapely.STRtree, n_tiles: int) -> tuple[Ints, Ints]:
-    """Pairs of polygon and tile whose extents meet, in order."""
+    """Pairs of polygon and tile whose bounding boxes meet, in order."""
     import shapely
 
-    extents = np.concatenate([polygons.min(axis=1), polygons.max(axis=1)], axis=1)
-    query, tile = tree.query(shapely.box(*extents.T))
+    bounds = np.concatenate([polygons.min(axis=1), polygons.max(axis=1)], axis=1)
+    query, tile = tree.query(shapely.box(*bounds.T))
     key = np.sort(query * n_tiles + tile)
     return key // max(n_tiles, 1), key % max(n_tiles, 1)
 
@@ -240,21 +244,21 @@ def _joined(blocks: list[tuple[Ints, NDArray[np.int32]]], n_queries: int) -> Pos
 
 
 def _check_boxes(boxes: NDArray[np.floating]) -> Floats:
-    extents: Floats = np.ascontiguousarray(boxes, dtype=np.float64)
-    if extents.ndim != 2 or extents.shape[1] != 4:
-        raise ValueError(f"boxes must be (G, 4), not {extents.shape}")
-    west, south, east, north = extents.T
+    checked: Floats = np.ascontiguousarray(boxes, dtype=np.float64)
+    if checked.ndim != 2 or checked.shape[1] != 4:
+        raise ValueError(f"boxes must be (G, 4), not {checked.shape}")
+    west, south, east, north = checked.T
     good = (west <= east) & (south <= north)  # also tells NaN
-    if not (good.all() and np.isfinite(extents).all()):
-        good &= np.isfinite(extents).all(axis=1)
+    if not (good.all() and np.isfinite(checked).all()):
+        good &= np.isfinite(checked).all(axis=1)
         rows = np.flatnonzero(~good)
         raise BenchmarkError(
-            f"tiles without a valid extent: {first_of(rows, len(boxes))}",
+            f"tiles without a valid box: {first_of(rows, len(boxes))}",
             where="tiles",
             expected="finite lon_min <= lon_max and lat_min <= lat_max, in degrees",
             fix="correct those rows of the gallery table, or run `airzoo-bench prepare` again",
         )
-    return extents
+    return checked
 
 
 def _check_polygons(polygons: NDArray[np.floating]) -> Floats:

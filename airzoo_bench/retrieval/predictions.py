@@ -1,7 +1,6 @@
-"""What a retrieval method claims: ranked tile ids, or descriptors to be ranked.
+"""Predictions of the retrieval track, ranked tile ids or descriptors, and their validation.
 
-The checks here need no truth; they are what ``airzoo-bench check`` runs and what ``eval`` runs
-first.
+The checks here need no truth; ``airzoo-bench check`` runs them, and ``eval`` runs them first.
 """
 
 from __future__ import annotations
@@ -9,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
+from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.retrieval.descriptor_rows import as_float32
 from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 
@@ -29,7 +29,6 @@ __all__ = [
 ]
 
 Texts = NDArray[np.str_]
-Bools = NDArray[np.bool_]
 
 _BLOCK_BYTES = 1 << 26
 _CELLS = 1 << 20  # ranks at a time
@@ -47,117 +46,82 @@ class RankedIds:
         Similarities (falling) or distances (rising); equal ones are ties.
     """
 
+    kind: ClassVar[str] = "ranked_ids"
+
     ids: Texts
-    scores: NDArray[np.float64] | None
+    scores: Floats | None
 
 
 @dataclass(frozen=True)
 class Descriptors:
-    """Descriptors of queries and tiles.
+    """Descriptors of queries (Q, D) and of tiles (G, D); those of tiles may be mapped from disk."""
 
-    Attributes
-    ----------
-    queries : (Q, D) float
-    gallery_ids : (G,) str
-    gallery : (G, D) float
-        May be mapped from disk.
-    """
+    kind: ClassVar[str] = "descriptors"
 
     queries: NDArray[np.floating[Any]]
     gallery_ids: Texts
     gallery: NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True)
-class RetrievalPredictions:
-    """A prediction file of the retrieval track, as read.
-
-    Attributes
-    ----------
-    path : Path
-    protocol : str or None
-        The protocol that the file names.
-    query_ids : (Q,) str
-        ``scene/name``.
-    claim : RankedIds or Descriptors
-    """
-
-    path: Path
-    protocol: str | None
-    query_ids: Texts
-    claim: RankedIds | Descriptors
-
-    @property
-    def kind(self) -> str:
-        """What the claim is, for results."""
-        return "ranked_ids" if isinstance(self.claim, RankedIds) else "descriptors"
+RetrievalPredictions = QueryPredictions[RankedIds | Descriptors]
+"""A prediction file of the retrieval track, as read."""
 
 
 def validation_errors(
     predictions: RetrievalPredictions, ranks_needed: int
 ) -> Iterator[PredictionError]:
-    """Yield everything that is wrong with predictions and can be seen without truth.
+    """Yield the errors of predictions that can be found without truth.
 
     Parameters
     ----------
     predictions : RetrievalPredictions
-        As read.
     ranks_needed : int
         How many ranks the protocol's scores read.
     """
-    claim = predictions.claim
+    content = predictions.content
     where = f"{predictions.path}, field '%s_ids'"
     checks = [partial(check_ids, predictions.query_ids, where % "query")]
-    if isinstance(claim, RankedIds):
-        checks.append(partial(_check_depth, predictions, claim, ranks_needed))
+    if isinstance(content, RankedIds):
+        checks.append(partial(_check_depth, predictions, content, ranks_needed))
         checks += [
-            partial(check, predictions, claim)
+            partial(check, predictions, content)
             for check in (_check_gaps, _check_repeats, _check_scores, _check_order)
         ]
     else:
-        checks.append(partial(check_ids, claim.gallery_ids, where % "gallery"))
-        checks.append(partial(_check_descriptors, predictions, claim))
-    yield from _raised(checks)
+        checks.append(partial(check_ids, content.gallery_ids, where % "gallery"))
+        checks.append(partial(_check_descriptors, predictions, content))
+    yield from errors_of(checks)
 
 
 def deep_validation_errors(
     predictions: RetrievalPredictions, metric: Metric, scenes: Sequence[str]
 ) -> Iterator[PredictionError]:
-    """Yield what else can be seen without truth, and what scoring finds by itself.
+    """Yield further errors, which scoring would find by itself.
 
     Reads descriptors through, which for a mapped gallery takes as long as its file is large.
 
     Parameters
     ----------
     predictions : RetrievalPredictions
-        As read.
     metric : Metric
         The protocol's, for descriptors.
     scenes : sequence of str
-        The protocol's; queries of others are left aside.
+        The protocol's; queries of others are ignored.
     """
-    claim = predictions.claim
-    if isinstance(claim, RankedIds):
-        yield from _raised([partial(_check_scenes, predictions, claim, scenes)])
+    content = predictions.content
+    if isinstance(content, RankedIds):
+        yield from errors_of([partial(_check_scenes, predictions, content, scenes)])
         return
-    queries = ("query_descriptors", claim.queries, predictions.query_ids)
-    gallery = ("gallery_descriptors", claim.gallery, claim.gallery_ids)
+    queries = ("query_descriptors", content.queries, predictions.query_ids)
+    gallery = ("gallery_descriptors", content.gallery, content.gallery_ids)
     parts = (queries, gallery)
-    yield from _raised([partial(_check_rankable, predictions, metric, *part) for part in parts])
+    yield from errors_of([partial(_check_rankable, predictions, metric, *part) for part in parts])
 
 
-def _raised(checks: Sequence[Callable[[], None]]) -> Iterator[PredictionError]:
-    for check in checks:
-        try:
-            check()
-        except PredictionError as error:
-            yield error
-
-
-def _check_depth(predictions: RetrievalPredictions, claim: RankedIds, needed: int) -> None:
-    if claim.ids.shape[1] < needed:
+def _check_depth(predictions: RetrievalPredictions, ranked: RankedIds, needed: int) -> None:
+    if ranked.ids.shape[1] < needed:
         raise PredictionError(
-            f"ranks only {claim.ids.shape[1]} tiles a query",
+            f"ranks only {ranked.ids.shape[1]} tiles a query",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected=f"at least {needed}, the deepest rank that the protocol scores; where the "
             "gallery is smaller, fill with empty ids",
@@ -165,31 +129,31 @@ def _check_depth(predictions: RetrievalPredictions, claim: RankedIds, needed: in
         )
 
 
-def _check_gaps(predictions: RetrievalPredictions, claim: RankedIds) -> None:
-    def gapped(ids: Texts) -> Bools:
+def _check_gaps(predictions: RetrievalPredictions, ranked: RankedIds) -> None:
+    def interrupted(ids: Texts) -> Bools:
         empty = ids == ""
         found: Bools = (empty[:, :-1] & ~empty[:, 1:]).any(axis=1)
         return found
 
-    gaps = _rows_where(claim, lambda part: gapped(claim.ids[part]))
-    if gaps.size:
+    rows = _rows_where(ranked, lambda part: interrupted(ranked.ids[part]))
+    if rows.size:
         raise PredictionError(
-            f"an empty id before a tile in the lists of {_rows(predictions, gaps)}",
+            f"an empty id before a tile in the lists of {_rows(predictions, rows)}",
             where=f"{predictions.path}, field 'ranked_ids'",
             expected="empty ids only at the end of a list that is shorter than the others",
-            fix="close the gaps",
+            fix="move the empty ids to the end",
         )
 
 
-def _check_repeats(predictions: RetrievalPredictions, claim: RankedIds) -> None:
+def _check_repeats(predictions: RetrievalPredictions, ranked: RankedIds) -> None:
     def repeated(ids: Texts) -> Texts:
         ordered = np.sort(ids, axis=1)
         same = (ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] != "")
         return np.where(same, ordered[:, 1:], "")
 
-    rows = _rows_where(claim, lambda part: (repeated(claim.ids[part]) != "").any(axis=1))
+    rows = _rows_where(ranked, lambda part: (repeated(ranked.ids[part]) != "").any(axis=1))
     if rows.size:
-        twice = repeated(claim.ids[rows[:1]])[0]
+        twice = repeated(ranked.ids[rows[:1]])[0]
         raise PredictionError(
             f"a tile is ranked more than once in the lists of {_rows(predictions, rows)}; "
             f"the first repeats {twice[twice != ''][0]}",
@@ -199,13 +163,13 @@ def _check_repeats(predictions: RetrievalPredictions, claim: RankedIds) -> None:
         )
 
 
-def _check_scores(predictions: RetrievalPredictions, claim: RankedIds) -> None:
-    if claim.scores is None:
+def _check_scores(predictions: RetrievalPredictions, ranked: RankedIds) -> None:
+    if ranked.scores is None:
         return
-    scores = claim.scores
+    scores = ranked.scores
     rows = _rows_where(
-        claim,
-        lambda part: (~np.isfinite(scores[part]) & (claim.ids[part] != "")).any(axis=1),
+        ranked,
+        lambda part: (~np.isfinite(scores[part]) & (ranked.ids[part] != "")).any(axis=1),
     )
     if rows.size:
         raise PredictionError(
@@ -217,19 +181,19 @@ def _check_scores(predictions: RetrievalPredictions, claim: RankedIds) -> None:
 
 
 def _check_scenes(
-    predictions: RetrievalPredictions, claim: RankedIds, scenes: Sequence[str]
+    predictions: RetrievalPredictions, ranked: RankedIds, scenes: Sequence[str]
 ) -> None:
     own = scene_of(predictions.query_ids)[:, None]
     known = np.isin(own, scenes)
 
     def strange(part: slice | NDArray[np.intp]) -> Bools:
-        other = (scene_of(claim.ids[part]) != own[part]) & (claim.ids[part] != "")
+        other = (scene_of(ranked.ids[part]) != own[part]) & (ranked.ids[part] != "")
         found: Bools = other & known[part]
         return found
 
-    rows = _rows_where(claim, lambda part: np.any(strange(part), axis=1))
+    rows = _rows_where(ranked, lambda part: np.any(strange(part), axis=1))
     if rows.size:
-        tile, scene = str(claim.ids[rows[0]][strange(rows[:1])[0]][0]), own[rows[0], 0]
+        tile, scene = str(ranked.ids[rows[0]][strange(rows[:1])[0]][0]), own[rows[0], 0]
         raise PredictionError(
             f"tiles of another scene are ranked for {_rows(predictions, rows)}; the first is "
             f"{tile!r}",
@@ -241,19 +205,19 @@ def _check_scenes(
         )
 
 
-def _check_order(predictions: RetrievalPredictions, claim: RankedIds) -> None:
-    if claim.scores is None:
+def _check_order(predictions: RetrievalPredictions, ranked: RankedIds) -> None:
+    if ranked.scores is None:
         return
-    scores = claim.scores
+    scores = ranked.scores
 
     def turning(part: slice, *, rising: bool) -> Bools:
         before, after = scores[part, :-1], scores[part, 1:]
         steps = after > before if rising else after < before
-        found: Bools = (steps & (claim.ids[part, 1:] != "")).any(axis=1)
+        found: Bools = (steps & (ranked.ids[part, 1:] != "")).any(axis=1)
         return found
 
-    rises = _rows_where(claim, lambda part: turning(part, rising=True))
-    falls = _rows_where(claim, lambda part: turning(part, rising=False))
+    rises = _rows_where(ranked, lambda part: turning(part, rising=True))
+    falls = _rows_where(ranked, lambda part: turning(part, rising=False))
     if not (rises.size and falls.size):
         return
     raise PredictionError(
@@ -283,11 +247,11 @@ def _check_rankable(
         raise error.inside(predictions.path) from error
 
 
-def _check_descriptors(predictions: RetrievalPredictions, claim: Descriptors) -> None:
-    if claim.queries.shape[1] != claim.gallery.shape[1]:
+def _check_descriptors(predictions: RetrievalPredictions, described: Descriptors) -> None:
+    if described.queries.shape[1] != described.gallery.shape[1]:
         raise PredictionError(
-            f"query descriptors have {claim.queries.shape[1]} dimensions, gallery descriptors "
-            f"{claim.gallery.shape[1]}",
+            f"query descriptors have {described.queries.shape[1]} dimensions, gallery descriptors "
+            f"{described.gallery.shape[1]}",
             where=f"{predictions.path}, fields 'query_descriptors' and 'gallery_descriptors'",
             expected="the same number",
             fix="describe photos and tiles with the same model",
@@ -299,8 +263,8 @@ def _rows(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> str:
     return first_of(ids[rows], len(ids), noun="query")
 
 
-def _rows_where(claim: RankedIds, test: Callable[[slice], Bools]) -> NDArray[np.intp]:
+def _rows_where(ranked: RankedIds, test: Callable[[slice], Bools]) -> NDArray[np.intp]:
     """Find the rows for which a test holds; it sees a part of them at a time."""
-    step = max(1, _CELLS // max(1, claim.ids.shape[1]))
-    parts = [test(slice(start, start + step)) for start in range(0, len(claim.ids), step)]
+    step = max(1, _CELLS // max(1, ranked.ids.shape[1]))
+    parts = [test(slice(start, start + step)) for start in range(0, len(ranked.ids), step)]
     return np.flatnonzero(np.concatenate([np.zeros(0, np.bool_), *parts]))

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import cameras_of, poses_of
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import RasterInfo, world_to_pixel
@@ -48,7 +48,6 @@ class PreparedScene:
 
     Attributes
     ----------
-    truth : RetrievalTruth
     overlaps : Positives
         Of the truth's queries.
     in_map_frame : bool
@@ -137,17 +136,15 @@ def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
 
 
 def _in_pixels(
-    info: RasterInfo, lonlat: NDArray[np.float64], tiles: pd.DataFrame, dropped: pd.DataFrame
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Take ground points, and the extents of tiles kept and dropped, to pixels of the map."""
+    info: RasterInfo, lonlat: Floats, tiles: pd.DataFrame, dropped: pd.DataFrame
+) -> tuple[Floats, Floats, Floats]:
+    """Return ground points, and boxes of the tiles kept and dropped, in pixels of the map."""
     pixels = world_to_pixel(info.transform, from_lonlat(info.crs, lonlat))
     kept, empty = windows_of(tiles).astype(np.float64), windows_of(dropped).astype(np.float64)
     return np.round(pixels, _PIXEL_DECIMALS), kept, empty
 
 
-def _positives(
-    points: NDArray[np.float64], boxes: NDArray[np.float64], rules: GroundTruth
-) -> Positives:
+def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
     if rules.iou_above is not None:
         return positives_from_iou(points, boxes, rules.iou_above)
     found = positives_from_points(points, boxes)
@@ -163,10 +160,10 @@ def _footprint_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFram
 def reasons_of(
     footprints: Footprints,
     shared: Positives,
-    on_empty: NDArray[np.bool_],
+    on_empty: Bools,
     rules: GroundTruth,
 ) -> list[str]:
-    """Say of each of N photos why no tile answers it, if none does.
+    """Return for each of N photos why no tile answers it, if none does.
 
     Parameters
     ----------

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.descriptor_search import Candidates, nearest
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.similarity import Metric, Names, Queries
-from airzoo_bench.retrieval.ties import Bools, Ranking, break_ties, cut_at, without_constant
+from airzoo_bench.retrieval.ties import Ranking, break_ties, cut_at, without_constant
 
 __all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids"]
 
@@ -89,7 +90,7 @@ def rank_by_descriptors(
     positives: Positives,
     depth: int,
     memory_bytes: int = 1 << 30,
-    workers: int | None = None,
+    jobs: int | None = None,
     names: Names | None = None,
     tile_names: Names | None = None,
 ) -> Ranking:
@@ -97,7 +98,7 @@ def rank_by_descriptors(
 
     Similarities are summed in float64 in an order that depends on D alone, so that equal
     descriptors tie exactly and the result is the same bytes whatever `memory_bytes` and
-    `workers`. Most of them are never computed: a bound on the error of a float32 search (Higham
+    `jobs`. Most of them are never computed: a bound on the error of a float32 search (Higham
     and Mary 2019) excludes them.
 
     Parameters
@@ -114,8 +115,8 @@ def rank_by_descriptors(
     depth : int
         How many ranks the scores look at.
     memory_bytes : int
-        Bound of the working memory beside the arrays given and the result.
-    workers : int, optional
+        Bound of the working memory, besides the arrays given and the result.
+    jobs : int, optional
         Threads of the float64 evaluation; by default one a core. (Matrix products take the
         threads of NumPy's BLAS.)
     names, tile_names : sequence of Q, of G, optional
@@ -132,9 +133,9 @@ def rank_by_descriptors(
         Where descriptors are not floating point or of different lengths; not finite, of a norm
         beyond 1e18, or zero under cosine (named by row).
     ValueError
-        Where the arrays do not fit each other, or k, depth, the metric or `workers` is no such.
+        Where the arrays do not fit each other, or k, depth, the metric or `jobs` is no such.
     """
-    _check_request(queries, gallery, k, metric, positives, depth, workers)
+    _check_request(queries, gallery, k, metric, positives, depth, jobs)
     prepared = Queries.of(queries, metric, names)
     candidates = nearest(
         prepared,
@@ -142,7 +143,7 @@ def rank_by_descriptors(
         min(max(k, depth), max(len(gallery), 1)),
         positives,
         memory_bytes=memory_bytes,
-        workers=workers or os.cpu_count() or 1,
+        jobs=jobs or os.cpu_count() or 1,
         names=tile_names,
     )
     return _ordered(candidates, positives, len(gallery), k, depth)
@@ -167,7 +168,7 @@ def _ordered(found: Candidates, positives: Positives, n_tiles: int, k: int, dept
     return without_constant(Ranking(tiles, tie_dependent), found.flat, positives, n_tiles)
 
 
-def _steps_into_run(tied: Bools, n: int) -> NDArray[np.int64]:
+def _steps_into_run(tied: Bools, n: int) -> Ints:
     """How many elements of its run come before each of n; `tied` to the one before, from 1 on."""
     place = np.arange(n)
     opens = np.ones(n, bool)
@@ -182,12 +183,12 @@ def _check_request(
     metric: str,
     positives: Positives,
     depth: int,
-    workers: int | None,
+    jobs: int | None,
 ) -> None:
     if metric not in ("l2", "cosine", "inner_product"):
         raise ValueError(f"no such metric: {metric}")
-    if k < 1 or depth < 0 or (workers is not None and workers < 1):
-        raise ValueError(f"k {k}, depth {depth} and workers {workers} do not fit")
+    if k < 1 or depth < 0 or (jobs is not None and jobs < 1):
+        raise ValueError(f"k {k}, depth {depth} and jobs {jobs} do not fit")
     for which, array in (("query_descriptors", queries), ("gallery_descriptors", gallery)):
         if array.ndim != 2 or array.dtype.kind != "f" or array.dtype.itemsize > 8:
             raise PredictionError(
@@ -206,7 +207,7 @@ def _check_request(
         raise ValueError("the positives are of other queries or another gallery")
 
 
-def _check_tiles(tiles: NDArray[np.int64], names: Names | None) -> None:
+def _check_tiles(tiles: Ints, names: Names | None) -> None:
     resumed = ((tiles[:, 1:] >= 0) & (tiles[:, :-1] < 0)).any(axis=1) | (tiles < -1).any(axis=1)
     _refuse_rows(resumed, "rankings that go on after their end", "tiles, then -1", names)
     ascending = np.sort(tiles, axis=1)

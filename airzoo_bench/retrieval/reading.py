@@ -1,29 +1,21 @@
-"""From a file to the retrieval track's prediction type."""
+"""Reading prediction files of the retrieval track."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.arrays import (
-    Arrays,
-    check_fields,
-    check_length,
-    numbers,
-    open_arrays,
-    protocol_name,
-    texts,
-)
+from airzoo_bench.evaluation.prediction_files import Fields, read_fields
+from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, texts
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 
 __all__ = ["read_retrieval"]
 
-_COMMON = ("protocol", "query_ids")
-_RANKED = ("ranked_ids", "scores")
-_DESCRIPTORS = ("query_descriptors", "gallery_ids", "gallery_descriptors")
-_EXPECTED = "query_ids with ranked_ids, or with " + ", ".join(sorted(_DESCRIPTORS))
+_COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")  # of a table
+_EXPECTED = "query_ids with ranked_ids, or with gallery_descriptors, gallery_ids, query_descriptors"
 
 
 def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
@@ -34,34 +26,19 @@ def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
     path : Path
         ``.npz`` or ``.parquet``.
     limit_bytes : int
-        The most that the file's arrays may take in memory together.
+        The most memory that the file's arrays may take together.
 
     Raises
     ------
     PredictionError
         Another kind of file, a field is missing, or has a wrong type or shape.
     """
-    arrays = open_arrays(path, limit_bytes, (*_COMMON, *_RANKED))
-    described = "query_descriptors" in arrays.names()
-    if described and "ranked_ids" in arrays.names():
-        raise PredictionError(
-            "holds both ranked_ids and query_descriptors, and they could disagree",
-            where=path,
-            fix="keep one of the two",
-        )
-    needed = ("query_ids", *(_DESCRIPTORS if described else ("ranked_ids",)))
-    allowed = (*_COMMON, *(_DESCRIPTORS if described else _RANKED))
-    check_fields(arrays, needed, allowed, _EXPECTED)
-    query_ids = texts(arrays, "query_ids", 1)
-    read = _read_descriptors if described else _read_ranked
-    return RetrievalPredictions(
-        path, protocol_name(arrays), query_ids, read(arrays, len(query_ids))
-    )
+    return read_fields(open_arrays(path, limit_bytes, _COLUMNS), _FORMS, _EXPECTED)
 
 
-def _read_ranked(arrays: Arrays, rows: int) -> RankedIds:
+def _read_ranked(arrays: Arrays, query_ids: NDArray[np.str_]) -> RankedIds | Descriptors:
     ids = texts(arrays, "ranked_ids", 2)
-    check_length(arrays, "ranked_ids", ids, rows)
+    check_length(arrays, "ranked_ids", ids, len(query_ids))
     if "scores" not in arrays.names():
         return RankedIds(ids, None)
     scores = numbers(arrays, "scores", (None, None))
@@ -75,10 +52,21 @@ def _read_ranked(arrays: Arrays, rows: int) -> RankedIds:
     return RankedIds(ids, scores.astype(np.float64))
 
 
-def _read_descriptors(arrays: Arrays, rows: int) -> Descriptors:
+def _read_descriptors(arrays: Arrays, query_ids: NDArray[np.str_]) -> RankedIds | Descriptors:
     gallery_ids = texts(arrays, "gallery_ids", 1)
     queries = numbers(arrays, "query_descriptors", (None, None))
     gallery = numbers(arrays, "gallery_descriptors", (None, None), mapped=True)
-    check_length(arrays, "query_descriptors", queries, rows)
+    check_length(arrays, "query_descriptors", queries, len(query_ids))
     check_length(arrays, "gallery_descriptors", gallery, len(gallery_ids))
     return Descriptors(queries, gallery_ids, gallery)
+
+
+_FORMS = (
+    Fields("ranked_ids", ("ranked_ids",), ("scores",), _read_ranked),
+    Fields(
+        "query_descriptors",
+        ("query_descriptors", "gallery_ids", "gallery_descriptors"),
+        (),
+        _read_descriptors,
+    ),
+)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
@@ -62,13 +60,13 @@ def retrieval_scores(settings: RetrievalScores) -> list[Score]:
 
 
 def hit_columns(
-    hits: NDArray[np.bool_],
-    n_positives: NDArray[np.int64],
+    hits: Bools,
+    n_positives: Ints,
     *,
     recall_at: Sequence[int],
     ap_at: Mapping[int, Sequence[ApVariant]],
     ndcg_at: Sequence[int],
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Floats]:
     """Return the columns of the records that follow from which ranks are hits.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Scoring one scene of the retrieval track: truth and claim become records, a row a query."""
+"""Scoring one scene of the retrieval track: its rankings become records, a row a query."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
-from airzoo_bench.retrieval.hits import hit_matrix
 from airzoo_bench.retrieval.metrics import first_hit_rank
+from airzoo_bench.retrieval.pairs import hit_matrix
 from airzoo_bench.retrieval.scores import AP_VARIANTS, hit_columns
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
@@ -25,7 +26,7 @@ __all__ = ["score_scene"]
 def score_scene(
     truth: RetrievalTruth,
     ranking: Ranking,
-    answered: NDArray[np.bool_],
+    answered: Bools,
     settings: RetrievalScores,
 ) -> pd.DataFrame:
     """Score every query of a scene.
@@ -73,7 +74,7 @@ def score_scene(
 
 def _distance_scores(
     truth: RetrievalTruth, ranking: Ranking, settings: RetrievalScores
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Floats]:
     depth = max(1, *settings.sdm_at, *settings.pdm_at)
     tiles = ranking.tiles[:, :depth]
     distances = _distances(truth, tiles)
@@ -93,7 +94,7 @@ def _distance_scores(
     return scores
 
 
-def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32]) -> NDArray[np.float64]:
+def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32]) -> Floats:
     """Return metres from footprint centre to tile centre; infinite where either is missing."""
     boxes = truth.boxes
     centres = (boxes[:, :2] + boxes[:, 2:]) / 2

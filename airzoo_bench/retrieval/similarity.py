@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
 
 __all__ = [
@@ -31,8 +32,6 @@ __all__ = [
 ]
 
 Metric = Literal["l2", "cosine", "inner_product"]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Names = Sequence[object] | NDArray[Any]
 
 _UNIT = 2.0**-24  # roundoff of float32
@@ -49,7 +48,7 @@ _MAX_NORM = 1e18  # beyond, products overflow in float32
 def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
     """Similarity of pairs, (n, D) and (n, D), summed in an order that depends on D alone.
 
-    Equal descriptors therefore tie exactly, wherever and in whatever company they are evaluated.
+    Equal descriptors therefore tie exactly, whatever else is evaluated with them.
     """
     if metric == "l2":
         apart = queries - gallery
@@ -148,7 +147,7 @@ class Queries:
         return cls(rows, metric, single, np.ones(len(rows)))
 
     def similarities(
-        self, part: slice | NDArray[np.int64], gallery: NDArray[np.float32], norms: Floats
+        self, part: slice | Ints, gallery: NDArray[np.float32], norms: Floats
     ) -> NDArray[np.float32]:
         """Search values (rows of the gallery, queries of the part), in float32."""
         values: NDArray[np.float32] = gallery @ self.single[part].T
@@ -159,7 +158,7 @@ class Queries:
             values *= np.minimum(1 / norms, _MOST).astype(np.float32)[:, None]
         return values
 
-    def searched(self, query: NDArray[np.int64], exact: Floats) -> Floats:
+    def searched(self, query: Ints, exact: Floats) -> Floats:
         """Search value that corresponds to a similarity."""
         return exact + self.norms[query] ** 2 / 2 if self.metric == "l2" else exact
 
@@ -203,7 +202,7 @@ def usable(norms: Floats, metric: Metric) -> bool:
 
 def check_norms(
     norms: Floats,
-    finite: Callable[[Ints], NDArray[np.bool_]],
+    finite: Callable[[Ints], Bools],
     which: str,
     metric: Metric,
     names: Names | None = None,
@@ -254,13 +253,13 @@ def _refusal(
 def points_one_way(gallery: RowSource, metric: Metric, step: int) -> bool:
     """Whether all rows are the same, or under cosine multiples of one as far as they are stored.
 
-    Rounding in storage turns multiples a little, so that what is computed from them says nothing
-    but how they were rounded.
+    Rounding in storage turns multiples a little, so that any ranking of them is one of rounding
+    errors.
 
     Parameters
     ----------
     gallery : RowSource
-        None of them is said to be usable: where one is not, the answer is no.
+        Where a row is not usable, the answer is False.
     metric : Metric
     step : int
         Rows at a time.

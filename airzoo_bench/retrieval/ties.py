@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.pairs import Positives
 
-__all__ = ["Bools", "Ranking", "break_ties", "cut_at", "without_constant"]
-
-Bools = NDArray[np.bool_]
+__all__ = ["Ranking", "break_ties", "cut_at", "without_constant"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +32,7 @@ class Ranking:
 
 
 def break_ties(
-    tiles: NDArray[np.int64],
+    tiles: Ints,
     scores: NDArray[np.floating[Any]],
     positives: Positives,
     n_tiles: int,
@@ -67,7 +66,7 @@ def break_ties(
 def _fill_up(
     ranking: Ranking,
     row: int,
-    given: NDArray[np.int64],
+    given: Ints,
     start: int,
     positives: NDArray[np.int32],
     n_tiles: int,
@@ -85,7 +84,7 @@ def _fill_up(
     ranking.tie_dependent[row] |= mixed and start < depth
 
 
-def cut_at(tiles: NDArray[np.int64], k: int) -> NDArray[np.int32]:
+def cut_at(tiles: Ints, k: int) -> NDArray[np.int32]:
     """Cut ranked tiles to k, or fill them up with -1."""
     cut = np.full((len(tiles), k), -1, np.int32)
     cut[:, : tiles.shape[1]] = tiles[:, :k]

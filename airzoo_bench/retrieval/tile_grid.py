@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+
 __all__ = ["Ruler", "TileRun", "find_runs"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _MAX_RUNS = 16
 _MAX_CANDIDATES = 128  # a point; beyond this a search tree is faster
@@ -93,7 +93,7 @@ class TileRun:
     across, along : Ruler
         Over the columns, and over the rows.
     boxes : (n, 4) array or None
-        Extents of the tiles, for the exact test; None where the rulers are exact, as the boxes
+        Boxes of the tiles, for the exact test; None where the rulers are exact, as the boxes
         are the product of lon intervals and lat intervals.
     origin : (4,) array
         Centre and half size of the run in lon/lat, the unit of the rulers' fit.
@@ -206,21 +206,21 @@ def _tilted_run(grid: Floats, boxes: Floats, start: int, southwards: bool) -> Ti
     lower, upper = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
     half = np.maximum((upper - lower) / 2, np.finfo(np.float64).tiny)
     origin = np.concatenate([(lower + upper) / 2, half])
-    extent = np.array([(east - west).max(), (north - south).max()]) / half / 2
-    across, along = _fitted_rulers(grid, origin, extent)
+    half_size = np.array([(east - west).max(), (north - south).max()]) / half / 2
+    across, along = _fitted_rulers(grid, origin, half_size)
     return TileRun(start, grid.shape[1], across, along, boxes, origin, southwards)
 
 
-def _fitted_rulers(grid: Floats, origin: Floats, extent: Floats) -> tuple[Ruler, Ruler]:
+def _fitted_rulers(grid: Floats, origin: Floats, half_size: Floats) -> tuple[Ruler, Ruler]:
     """Fit quadratics that give a tile its column and its row, and bound them by every tile.
 
     Within a tile a value differs from that at its centre by at most the greatest gradient over
-    the run, which is [-1, 1]^2 in the unit of the fit, times the tile's half extent.
+    the run, which is [-1, 1]^2 in the unit of the fit, times half the size of the tile.
     """
     fit = _fit(grid, origin)
     slope_x = np.abs(fit[1]) + np.abs(fit[3]) + 2 * np.abs(fit[4])
     slope_y = np.abs(fit[2]) + np.abs(fit[3]) + 2 * np.abs(fit[5])
-    reach = slope_x * extent[0] + slope_y * extent[1] + _SLACK * (1 + np.abs(fit).sum(axis=0))
+    reach = slope_x * half_size[0] + slope_y * half_size[1] + _SLACK * (1 + np.abs(fit).sum(axis=0))
 
     def bounds(first: int) -> tuple[Floats, Floats, Floats, Floats]:
         x, y = _centres(grid[first : first + step], origin)
@@ -262,7 +262,7 @@ def _polynomial(c: Floats | None, x: Floats, y: Floats) -> Floats:
     return value
 
 
-def _inside(ruler: Ruler, values: Floats) -> list[tuple[Ints, NDArray[np.bool_]]]:
+def _inside(ruler: Ruler, values: Floats) -> list[tuple[Ints, Bools]]:
     """Give the columns that may hold each value, one a step, and whether they do."""
     first = ruler.first(values)
     columns = [first + step for step in range(ruler.width)]

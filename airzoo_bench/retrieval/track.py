@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.query_track import QueryTrack
-from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score
-from airzoo_bench.retrieval.baseline_run import VLAD
+from airzoo_bench.retrieval.baseline import VLAD
 from airzoo_bench.retrieval.chance import chance_level
-from airzoo_bench.retrieval.claims import RankedScene, rank_scene
 from airzoo_bench.retrieval.notes import retrieval_notes
 from airzoo_bench.retrieval.predictions import (
     RetrievalPredictions,
@@ -26,16 +25,18 @@ from airzoo_bench.retrieval.predictions import (
     validation_errors,
 )
 from airzoo_bench.retrieval.reading import read_retrieval
+from airzoo_bench.retrieval.scene_predictions import ScenePredictions, match_scene
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.template import descriptor_template, ranked_template
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["TRACK", "RetrievalTrack"]
+
+_DIMENSIONS = 8  # of random descriptors
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,9 @@ class _ScoredScene:
 
 
 class RetrievalTrack(
-    QueryTrack[RetrievalProtocol, RetrievalPredictions, RetrievalTruth, RankedScene, _ScoredScene]
+    QueryTrack[
+        RetrievalProtocol, RetrievalPredictions, RetrievalTruth, ScenePredictions, _ScoredScene
+    ]
 ):
     """Aerial image retrieval; see `Track`."""
 
@@ -78,56 +81,46 @@ class RetrievalTrack(
         """See `truth.read_truth`."""
         return read_truth(benchmark.scene_folder(scene), scene)
 
-    def claim(
+    def match_scene(
         self,
         predictions: RetrievalPredictions,
         truth: RetrievalTruth,
         rows: NDArray[np.intp],
         protocol: RetrievalProtocol,
         resources: Resources,
-    ) -> RankedScene:
-        """See `rank_scene`."""
-        memory, jobs = resources.memory_bytes, resources.jobs
-        return rank_scene(
-            predictions, truth, rows, protocol.scores, memory_bytes=memory, workers=jobs
-        )
+    ) -> ScenePredictions:
+        """See `match_scene`."""
+        return match_scene(predictions, truth, rows, protocol.scores, resources)
 
     def score(
         self,
-        claim: RankedScene,
+        predicted: ScenePredictions,
         truth: RetrievalTruth,
         protocol: RetrievalProtocol,
         resources: Resources,
     ) -> _ScoredScene:
         """See `score_scene`."""
-        records = score_scene(truth, claim.ranking, claim.answered, protocol.scores)
-        return _ScoredScene(records, claim.counts)
+        records = score_scene(truth, predicted.ranking, predicted.answered, protocol.scores)
+        return _ScoredScene(records, predicted.counts)
 
     def scores(self, protocol: RetrievalProtocol, scored: Sequence[_ScoredScene]) -> list[Score]:
         """See `retrieval_scores`."""
         return retrieval_scores(protocol.scores)
+
+    def kind(self, predictions: RetrievalPredictions, scored: Sequence[_ScoredScene]) -> str:
+        """See `Track.kind`."""
+        return predictions.content.kind
 
     def notes(
         self,
         predictions: RetrievalPredictions,
         protocol: RetrievalProtocol,
         truths: Sequence[RetrievalTruth],
-        claims: Sequence[RankedScene],
+        scene_predictions: Sequence[ScenePredictions],
         scored: Sequence[_ScoredScene],
     ) -> list[str]:
         """See `retrieval_notes`."""
-        return retrieval_notes(predictions, claims, protocol)
-
-    def check_notes(
-        self,
-        predictions: RetrievalPredictions,
-        protocol: RetrievalProtocol,
-        truths: Sequence[RetrievalTruth],
-        claims: Sequence[RankedScene],
-        resources: Resources,
-    ) -> list[str]:
-        """See `retrieval_notes`."""
-        return retrieval_notes(predictions, claims, protocol)
+        return retrieval_notes(predictions, scene_predictions, protocol)
 
     def references(
         self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
@@ -143,9 +136,17 @@ class RetrievalTrack(
         seed: int,
     ) -> dict[str, NDArray[Any]]:
         """Return random lists, or random descriptors."""
-        if kind == "descriptors":
-            return descriptor_template(truths, seed)
-        return ranked_template(truths, protocol.scores.ranks_kept, seed)
+        random = np.random.default_rng(seed)
+        queries = np.concatenate([truth.queries["id"].to_numpy(str) for truth in truths])
+        if kind == "ranked-ids":
+            return {"query_ids": queries, "ranked_ids": _random_lists(truths, protocol, random)}
+        gallery = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
+        return {
+            "query_ids": queries,
+            "query_descriptors": random.standard_normal((len(queries), _DIMENSIONS), np.float32),
+            "gallery_ids": gallery,
+            "gallery_descriptors": random.standard_normal((len(gallery), _DIMENSIONS), np.float32),
+        }
 
     def template_note(self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]) -> str:
         """Say what random tiles score."""
@@ -153,6 +154,20 @@ class RetrievalTrack(
         headline = [score for score in retrieval_scores(protocol.scores) if score.headline]
         listed = ", ".join(f"{score.title} {level[score.column]:.2%}" for score in headline)
         return f"random tiles score by chance: {listed}"
+
+
+def _random_lists(
+    truths: Sequence[RetrievalTruth], protocol: RetrievalProtocol, random: np.random.Generator
+) -> NDArray[np.str_]:
+    """Rank tiles at random for every query; lists of a small gallery end with empty ids."""
+    ranks = protocol.scores.ranks_kept
+    lists = []
+    for truth in truths:
+        tiles = truth.tiles["id"].to_numpy(str)
+        for _ in range(len(truth.queries)):
+            picked = random.permutation(tiles)[:ranks]
+            lists.append([*picked, *[""] * (ranks - len(picked))])
+    return np.array(lists, dtype=str)
 
 
 TRACK = RetrievalTrack()

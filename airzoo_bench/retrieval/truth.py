@@ -16,6 +16,7 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.retrieval.pairs import Positives
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ __all__ = [
     "ANCHOR_COLUMNS",
     "BOX_COLUMNS",
     "FOOTPRINT_COLUMNS",
+    "LONLAT_DECIMALS",
     "NO_GROUND_POINT",
     "NO_TILE",
     "RetrievalTruth",
@@ -33,6 +35,9 @@ __all__ = [
     "read_truth",
     "write_truth",
 ]
+
+LONLAT_DECIMALS = 9
+"""Degrees are kept to 0.1 mm, so that two builds of PROJ give the same truth."""
 
 BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
 ANCHOR_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
@@ -76,12 +81,12 @@ class RetrievalTruth:
     dropped_tiles: pd.DataFrame
 
     @property
-    def boxes(self) -> NDArray[np.float64]:
+    def boxes(self) -> Floats:
         """Tile boxes (G, 4): lon_min, lat_min, lon_max, lat_max in degrees."""
         return boxes_of(self.tiles)
 
     @property
-    def footprint_centres(self) -> NDArray[np.float64]:
+    def footprint_centres(self) -> Floats:
         """Footprint centres (Q, 2): lon, lat in degrees; NaN without a ground point."""
         return self.footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64)
 
@@ -110,13 +115,13 @@ class RetrievalTruth:
         return digest.hexdigest()
 
 
-def boxes_of(tiles: pd.DataFrame) -> NDArray[np.float64]:
+def boxes_of(tiles: pd.DataFrame) -> Floats:
     """Boxes (G, 4) of tiles: lon_min, lat_min, lon_max, lat_max in degrees."""
     return tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
 
 
 def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> None:
-    """Write a scene's truth below its folder, beside ``queries.csv``.
+    """Write a scene's truth below its folder, next to ``queries.csv``.
 
     Parameters
     ----------
@@ -191,7 +196,7 @@ def read_tiles(home: Path) -> pd.DataFrame:
     return tiles
 
 
-def _check_boxes(boxes: NDArray[np.float64], where: Path) -> None:
+def _check_boxes(boxes: Floats, where: Path) -> None:
     west, south, east, north = boxes.T
     good = (west <= east) & (south <= north) & (east - west < 180)  # also tells NaN
     good &= (south >= -90) & (north <= 90) & np.isfinite(boxes).all(axis=1)

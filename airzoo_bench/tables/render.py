@@ -12,7 +12,8 @@ from collections.abc import Callable
 from itertools import groupby
 
 from airzoo_bench.tables.blocks import by_count
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.model import (
     FLOOR,
     REPORTED,

@@ -177,7 +177,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     "gallery beside ranks": (changed(gallery_ids=["east/t"]), ["not read here: 'gallery_ids'"]),
     "both claims": (
         changed(query_descriptors=np.ones((10, 2))),
-        ["both ranked_ids and query_descriptors", "keep one"],
+        ["holds ranked_ids and query_descriptors", "keep one"],
     ),
     "ids are numbers": (
         changed(query_ids=np.arange(10)),
@@ -540,7 +540,7 @@ def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     assert "queries that the predictions lack, scored at their worst: 7 of 10 (first 3: " in message
     protocol = data / "made" / "protocols" / "made-retrieval.toml"
     assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
-    assert "predictions were not held against the benchmark" in capsys.readouterr().err
+    assert "predictions were not compared with the benchmark" in capsys.readouterr().err
 
 
 GOOD = "GOOD"  # stands for a good prediction file
@@ -587,7 +587,7 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     ),
     "template without ending": (
         ["template", "made-retrieval", "--out", "x"],
-        ["x: templates are written as .npz", "name it x.npz"],
+        ["x: predictions are written as .npz", "name it x.npz"],
     ),
     "template is a folder": (
         ["template", "made-retrieval", "--out", "folder.npz"],

@@ -427,7 +427,7 @@ def test_check_without_the_benchmark_reads_all(
     assert run_main("check", path, *arguments) == 1
     message = capsys.readouterr().err
     assert "city.laz: " in message
-    assert "predictions were not held against the benchmark" in message
+    assert "predictions were not compared with the benchmark" in message
 
 
 def notes_of(world: World, path: Path, tmp_path: Path, *options: object) -> str:

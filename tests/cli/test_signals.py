@@ -41,7 +41,7 @@ signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 from airzoo_bench.matching.pose import solve_poses
 from tests.matching.pose_support import SETTINGS, make_scene
 assert "pycolmap" not in sys.modules
-solve_poses([make_scene(0).problem], workers=2, **SETTINGS)
+solve_poses([make_scene(0).problem], jobs=2, **SETTINGS)
 signal.raise_signal(signal.SIGTERM)
 """
 

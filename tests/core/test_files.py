@@ -18,13 +18,12 @@ from airzoo_bench.core.files import (
     atomic_folder,
     atomic_write,
     canonical_json,
-    check_output_file,
-    check_output_folder,
     fingerprint,
     read_text,
     sha256_of,
     write_npz,
 )
+from airzoo_bench.core.output_places import check_output_file, check_output_folder
 from airzoo_bench.core.temporaries import clear_abandoned, temporary_file, temporary_folder
 from tests.support import files_below
 

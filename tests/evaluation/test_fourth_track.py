@@ -13,9 +13,11 @@ import pytest
 import tomli_w
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.generate import run_baseline
 from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.scores import Score
@@ -52,12 +54,14 @@ class HeightTrack(QueryTrack[Any, Any, Any, Any, Any]):
     def read_truth(self, benchmark: Benchmark, scene: str) -> Any:
         return read_truth(benchmark.scene_folder(scene), scene)
 
-    def claim(self, predictions: Any, truth: Any, rows: Any, protocol: Any, resources: Any) -> Any:
+    def match_scene(
+        self, predictions: Any, truth: Any, rows: Any, protocol: Any, resources: Any
+    ) -> Any:
         return np.where(rows >= 0, np.abs(predictions.metres[rows] - 100.0), np.inf)
 
-    def score(self, claim: Any, truth: Any, protocol: Any, resources: Any) -> Any:
-        rows = {"scene": truth.scene, "query": truth.queries["id"], "error_m": claim}
-        counts = {"queries": len(claim), "missing": int(np.isinf(claim).sum())}
+    def score(self, errors: Any, truth: Any, protocol: Any, resources: Any) -> Any:
+        rows = {"scene": truth.scene, "query": truth.queries["id"], "error_m": errors}
+        counts = {"queries": len(errors), "missing": int(np.isinf(errors).sum())}
         return Heights(Path(), None, None, None, records=pd.DataFrame(rows), counts=counts)
 
     def scores(self, protocol: Any, scored: Any) -> list[Score]:
@@ -115,3 +119,14 @@ def test_a_file_where_the_track_should_stand(
 ) -> None:
     assert run_main("eval", heights) == 2
     assert f"eval retrieval {heights}" in capsys.readouterr().err
+
+
+def test_it_has_no_template_and_no_baseline(
+    heights: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "example.npz"
+    assert run_main("template", "made-height", "--out", out) == 2
+    assert "the height track has no template" in capsys.readouterr().err
+    assert not out.exists()
+    with pytest.raises(UsageError, match="the height track has no baseline"):
+        run_baseline("height", "made-height", out, data=data)

@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.generate import write_template
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.run_files import save
-from airzoo_bench.evaluation.template import write_template
 from airzoo_bench.results.result import Result, read_result, write_result
 from tests.statistics.support import made_method, write_method
 from tests.support import (
@@ -107,18 +107,18 @@ def test_a_constant_scorer_scores_nothing(data: Path, tmp_path: Path, scenes: An
 N_TIED = 300
 
 
-def constant_claims(scene: MadeScene) -> dict[str, dict[str, Any]]:
+def constant_predictions(scene: MadeScene) -> dict[str, dict[str, Any]]:
     """Every way of saying the same of all tiles, with the tile that answers in the first place."""
     random = np.random.default_rng(0)
     n = len(scene.positives)
     lists = [[scene.tile(t) for t in [q, *range(q), *range(q + 1, N_TIED)]] for q in range(n)]
     ids = {"query_ids": scene.query_ids}
-    claims = {}
+    predictions = {}
     for listed in (5, 20, 100, 101, N_TIED):
         ranked = [row[:listed] for row in lists]
-        claims[f"ids {listed}"] = ids | {"ranked_ids": ranked, "scores": np.ones((n, listed))}
+        predictions[f"ids {listed}"] = ids | {"ranked_ids": ranked, "scores": np.ones((n, listed))}
     short = [[*row[:3], "", ""] for row in lists]
-    claims["ids 3"] = ids | {"ranked_ids": short, "scores": np.ones((n, 5))}
+    predictions["ids 3"] = ids | {"ranked_ids": short, "scores": np.ones((n, 5))}
     described = ids | {"gallery_ids": scene.tile_ids}
     for name, rows in {
         "equal": np.ones((N_TIED, 8)),
@@ -126,15 +126,15 @@ def constant_claims(scene: MadeScene) -> dict[str, dict[str, Any]]:
     }.items():
         for dtype in (np.float16, np.float32, np.float64):
             queries = random.standard_normal((n, 8)).astype(dtype)
-            claims[f"{name} {dtype.__name__}"] = described | {
+            predictions[f"{name} {dtype.__name__}"] = described | {
                 "query_descriptors": queries,
                 "gallery_descriptors": rows.astype(dtype),
             }
-    return claims
+    return predictions
 
 
-@pytest.mark.parametrize("claim", constant_claims(MadeScene("s", [[0]], N_TIED)))
-def test_constant_scorers_of_every_form_score_exactly_nothing(claim: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", constant_predictions(MadeScene("s", [[0]], N_TIED)))
+def test_constant_scorers_of_every_form_score_exactly_nothing(form: str, tmp_path: Path) -> None:
     scene = MadeScene("s", [[q, q + 5] for q in range(4)], N_TIED)
     chosen = made_protocol([scene])
     chosen = type(chosen).model_validate(
@@ -142,7 +142,9 @@ def test_constant_scorers_of_every_form_score_exactly_nothing(claim: str, tmp_pa
         | {"scores": chosen.scores.model_dump() | {"descriptor_metric": "cosine"}}
     )
     write_benchmark(tmp_path / "data" / "made", chosen, [scene])
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **constant_claims(scene)[claim])
+    path = write_predictions(
+        tmp_path / "p.npz", "made-retrieval", **constant_predictions(scene)[form]
+    )
     result = score(path, tmp_path / "data").result
     assert result.overall.pop("distance_m") == np.inf
     assert set(result.overall.values()) == {0.0}

@@ -104,7 +104,7 @@ def test_every_reader_of_heights_makes_metres(
         assert nearest_heights(lazy, 100)(xy[None])[0] == wanted
     found = survey_heights(path, 0.0, 1000.0)
     assert (found.low, found.high, found.valid_share) == (wanted, wanted, 1.0)
-    assert lift([[3.5, 2.5]], info, path, workers=1).points[0, 2] == wanted
+    assert lift([[3.5, 2.5]], info, path, jobs=1).points[0, 2] == wanted
 
 
 def test_scale_and_offset_are_in_the_unit_of_the_file(tmp_path: Path) -> None:

@@ -20,9 +20,9 @@ from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.sift import extract, mutual_nearest
-from airzoo_bench.matching import baseline
-from airzoo_bench.matching.baseline import SiftSettings, Task, match, match_photos, plan
-from airzoo_bench.matching.resampling import resample
+from airzoo_bench.matching import sift
+from airzoo_bench.matching.baseline import plan
+from airzoo_bench.matching.sift import SiftSettings, Task, match, match_photos, resample
 from tests.geometry.support import write_tif
 
 SETTINGS = SiftSettings(
@@ -223,7 +223,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
 def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
     corners = ((110.0, 60.0), (200.0, 150.0))
     for corner, (query_xy, map_xy) in zip(
-        corners, match_photos(made, SETTINGS, workers=1), strict=True
+        corners, match_photos(made, SETTINGS, jobs=1), strict=True
     ):
         off = query_xy - 3.1 * (map_xy - corner)
         assert len(off) > 100
@@ -234,8 +234,8 @@ def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
 
 
 def test_neither_workers_nor_order_matter(made: list[Task]) -> None:
-    alone = list(match_photos(made, SETTINGS, workers=1))
-    shared = list(match_photos(made[::-1], SETTINGS, workers=2))[::-1]
+    alone = list(match_photos(made, SETTINGS, jobs=1))
+    shared = list(match_photos(made[::-1], SETTINGS, jobs=2))[::-1]
     for one, other in zip(alone, shared, strict=True):
         assert np.array_equal(one[0], other[0])
         assert np.array_equal(one[1], other[1])
@@ -243,7 +243,7 @@ def test_neither_workers_nor_order_matter(made: list[Task]) -> None:
 
 def test_a_limit_of_size_keeps_the_two_scales_alike(made: list[Task]) -> None:
     small = replace(SETTINGS, max_side_px=160)
-    query_xy, map_xy = next(match_photos(made[:1], small, workers=1))
+    query_xy, map_xy = next(match_photos(made[:1], small, jobs=1))
     off = query_xy - 3.1 * (map_xy - (110.0, 60.0))
     assert len(off) > 20
     assert np.abs(np.median(off, axis=0)).max() < 0.5
@@ -272,9 +272,9 @@ def test_sizes_that_features_are_sought_at(
         shapes.append(image.shape[::-1])
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
 
-    monkeypatch.setattr(baseline, "extract", spy)
+    monkeypatch.setattr(sift, "extract", spy)
     task, chosen = replace(made[0], gsd_ratio=ratio), replace(SETTINGS, max_side_px=max_side)
-    list(match_photos([task], chosen, workers=1))
+    list(match_photos([task], chosen, jobs=1))
     assert shapes == [photo, crop]
 
 
@@ -284,21 +284,21 @@ def test_nearly_black_is_data(
     colours = np.zeros((3, 8, 9), np.uint8)
     colours[2, 3, 4] = 1  # a grey of 0.114
     dom = write_tif(tmp_path / "dark.tif", colours)
-    monkeypatch.setattr(baseline, "match", lambda _, __, crop, **___: (crop, crop[:1, :2]))
+    monkeypatch.setattr(sift, "match", lambda _, __, crop, **___: (crop, crop[:1, :2]))
     task = replace(made[0], dom=dom, window=(0, 0, 9, 8))
-    crop, _ = next(match_photos([task], SETTINGS, workers=1))
+    crop, _ = next(match_photos([task], SETTINGS, jobs=1))
     assert np.argwhere(crop).tolist() == [[3, 4]]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path, workers: int) -> None:
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path, jobs: int) -> None:
     other = replace(made[0], camera=camera(800, 650))
     with pytest.raises(BenchmarkError, match=r"803 x 651 px(.|\n)*800 x 650 px") as caught:
-        list(match_photos([made[1], other], SETTINGS, workers=workers))
+        list(match_photos([made[1], other], SETTINGS, jobs=jobs))
     assert caught.value.where == str(made[0].photo)
     missing = replace(made[0], photo=tmp_path / "c.jpg")
     with pytest.raises(BenchmarkError, match="not a readable photo"):
-        list(match_photos([missing], SETTINGS, workers=workers))
+        list(match_photos([missing], SETTINGS, jobs=jobs))
 
 
 @pytest.fixture
@@ -361,7 +361,7 @@ def test_the_real_scene_with_yaw_right_and_wrong(brighton: Path, name: str) -> N
     # The photo's right is 45 degrees from east, or (0026) the metadata have it the other way.
     assert task.turn_deg == pytest.approx(-133 if name == "DJI_0026.JPG" else 44, abs=2)
     other = replace(task, turn_deg=task.turn_deg + 180)
-    for query_xy, map_xy in match_photos([task, other], SETTINGS, workers=1):
+    for query_xy, map_xy in match_photos([task, other], SETTINGS, jobs=1):
         ground_xy = pixel_to_world(dom.transform, map_xy)
         points = np.column_stack((ground_xy, dsm.sample(ground_xy)))
         seen = project(one, world_to_camera(pose, points[None]))[0]

@@ -24,9 +24,7 @@ from airzoo_bench.matching import crops
 from airzoo_bench.matching.crops import (
     CropStatus,
     CropWindows,
-    crop_to_map,
     crop_windows,
-    map_to_crop,
 )
 from airzoo_bench.matching.settings import Crop
 from tests.geometry.support import looking_down, quick, seeds, write_tif
@@ -70,67 +68,37 @@ def camera(fx: float, fy: float, distortion: Any = None) -> Cameras:
 
 
 def box(windows: CropWindows) -> list[tuple[int, int, int, int]]:
-    return [windows.window(row) for row in range(len(windows))]
+    return [tuple(window) for window in windows.windows.tolist()]
+
+
+def cut(
+    field: HeightField, rule: Crop, at: Any = (X, Y, 100.0), tilt: float = 0.0, f: float = 600.0
+) -> CropWindows:
+    """The crop of one photo on a map of 1000 m by 2000 m; rays are along (+-3, +-2, -6) / 7."""
+    pose = Poses.from_centres(looking_down(tilt), [at])
+    return crop_windows(
+        camera(f, f), pose, map_of(500, 1000), field, crop=rule, plane_height_m=-20.0
+    )
 
 
 def test_nadir_by_hand() -> None:
     # 100 m up, 600 x 400 px at f = 1000: 60 m by 40 m about (X + 10, Y - 20).
-    pose = Poses.from_centres(looking_down(0), [(X + 10, Y - 20, 100.0)])
-    windows = crop_windows(
-        camera(1000, 1000),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(300.0),
-        plane_height_m=0.0,
-    )
+    at = (X + 10, Y - 20, 100.0)
     # West side at X - 20: 480 m = 240 px from the map's corner; north side at Y: 1000 m.
-    assert box(windows) == [(240, 500, 30, 20)]
-    grown = crop_windows(
-        camera(1000, 1000),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=grown_crop(300.0),
-        plane_height_m=0.0,
-    )
+    assert box(cut(level(), plain_crop(300.0), at, f=1000)) == [(240, 500, 30, 20)]
     # A tenth of 30 and 20 px on each side.
-    assert box(grown) == [(237, 498, 36, 24)]
+    assert box(cut(level(), grown_crop(300.0), at, f=1000)) == [(237, 498, 36, 24)]
     # A quarter of a metre to the east: outward to whole pixels.
-    moved = Poses.from_centres(looking_down(0), [(X + 10.25, Y - 20, 100.0)])
-    outward = crop_windows(
-        camera(1000, 1000),
-        moved,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(300.0),
-        plane_height_m=0.0,
-    )
-    assert box(outward) == [(240, 500, 31, 20)]
+    moved = (X + 10.25, Y - 20, 100.0)
+    assert box(cut(level(), plain_crop(300.0), moved, f=1000)) == [(240, 500, 31, 20)]
     # On ground 50 m high the footprint is half as large: it is the DSM that counts.
-    high = crop_windows(
-        camera(1000, 1000),
-        pose,
-        map_of(500, 600),
-        level(50.0),
-        crop=plain_crop(300.0),
-        plane_height_m=0.0,
-    )
-    assert box(high) == [(247, 505, 16, 10)]
+    assert box(cut(level(50.0), plain_crop(300.0), at, f=1000)) == [(247, 505, 16, 10)]
 
 
 def test_tilted_by_hand() -> None:
     # 45 degrees down to the north, corners at x/z = 1/2, y/z = 1/3; 100 m up. The far corners lie
     # 100 (1 + 1/3) / (1 - 1/3) = 200 m north, the near ones 50 m; the far side is 150 sqrt(2) m.
-    pose = Poses.from_centres(looking_down(45), [(X, Y, 100.0)])
-    windows = crop_windows(
-        camera(600, 600),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=grown_crop(500.0),
-        plane_height_m=0.0,
-    )
+    windows = cut(level(), grown_crop(500.0), tilt=45)
     half, grown = 75 * np.sqrt(2), 0.1 * 150 * np.sqrt(2)
     left, right = np.floor((500 - half - grown) / 2), np.ceil((500 + half + grown) / 2)
     top, bottom = (1000 - 200 - 15) / 2, (1000 - 50 + 15) / 2
@@ -141,28 +109,12 @@ def test_tilted_by_hand() -> None:
 def test_above_the_horizon_cut_at_the_range() -> None:
     # Level to the north: corners along (+-3, 6, +-2) / 7. The upper ones never come down: 700 m
     # out they are 300 m aside and 600 m north. The lower ones land after 350 m, half as far.
-    pose = Poses.from_centres(looking_down(90), [(X, Y, 100.0)])
-    windows = crop_windows(
-        camera(600, 600),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(700.0),
-        plane_height_m=0.0,
-    )
+    windows = cut(level(), plain_crop(700.0), tilt=90)
     assert box(windows) == [(100, 200, 300, 150)]
     up, hit = RayStatus.NOT_DOWNWARD, RayStatus.HIT
     assert windows.rays.tolist() == [[up, up, hit, hit]]
     # At 175 m all are cut: 75 m aside, 150 m north; a box without height still has a pixel.
-    short = crop_windows(
-        camera(600, 600),
-        pose,
-        map_of(500, 600),
-        level(),
-        crop=plain_crop(175.0),
-        plane_height_m=0.0,
-    )
-    assert box(short) == [(212, 425, 76, 1)]
+    assert box(cut(level(), plain_crop(175.0), tilt=90)) == [(212, 425, 76, 1)]
 
 
 def holed(heights: Any, step: float = 4.0) -> HeightField:
@@ -170,14 +122,6 @@ def holed(heights: Any, step: float = 4.0) -> HeightField:
     rows, columns = np.shape(heights)
     grid = Affine(step, 0, X - columns * step / 2, 0, -step, Y + rows * step / 2)
     return HeightField(np.array(heights, float), grid, "EPSG:32615")
-
-
-def cut(field: HeightField, rule: Crop, at: Any = (X, Y, 100.0), tilt: float = 0.0) -> CropWindows:
-    """The crop of one photo of rays along (+-3, +-2, -6) / 7 on a map of 1000 m by 2000 m."""
-    pose = Poses.from_centres(looking_down(tilt), [at])
-    return crop_windows(
-        camera(600, 600), pose, map_of(500, 1000), field, crop=rule, plane_height_m=-20.0
-    )
 
 
 def test_without_any_height_cut_at_the_range() -> None:
@@ -219,10 +163,10 @@ def test_an_oblique_ray_ends_on_the_lake_and_not_on_its_far_shore() -> None:
     heights[-1, -1] = -5000.0
     field = holed(heights)
     found = cut(field, plain_crop(3000.0), tilt=45.0)
-    assert found.window(0)[1] == 1000 / 2 - 200 / 2
+    assert found.windows[0][1] == 1000 / 2 - 200 / 2
     cutting = cut(field, plain_crop(3000.0, "cut"), tilt=45.0)
     assert cutting.rays[0, 0] == RayStatus.HIT
-    assert cutting.window(0)[1] < 10
+    assert cutting.windows[0][1] < 10
 
 
 @settings(quick, max_examples=20)
@@ -239,8 +183,8 @@ def test_holes_as_if_they_had_been_filled(seed: int) -> None:
     filled = np.pad(heights[tuple(nearest)], 60, mode="edge")
     at = (X + rng.uniform(-60, 60), Y + rng.uniform(-60, 60), 100.0)
     tilt = rng.uniform(0, 20)
-    found = cut(holed(heights), plain_crop(700.0), at, tilt).window(0)
-    whole = cut(holed(filled), plain_crop(700.0), at, tilt).window(0)
+    found = cut(holed(heights), plain_crop(700.0), at, tilt).windows[0]
+    whole = cut(holed(filled), plain_crop(700.0), at, tilt).windows[0]
     # Heights differ by 3 m at most, rays are 60 degrees off nadir at most: 5 m, in pixels of 2 m.
     np.testing.assert_allclose(found, whole, atol=6)
 
@@ -298,7 +242,7 @@ def test_map_in_degrees() -> None:
         [X - 50, X + 50, X + 50, X - 50], np.add(Y, [33.33333333] * 2 + [-33.33333333] * 2)
     )
     column, row = (np.array(lon) - west) / step, (north - np.array(lat)) / step
-    x, y, width, height = windows.window(0)
+    x, y, width, height = windows.windows[0]
     assert (x, y) == (np.floor(column.min()), np.floor(row.min()))
     assert (x + width, y + height) == (np.ceil(column.max()), np.ceil(row.max()))
 
@@ -340,8 +284,8 @@ def test_a_file_as_the_field_in_memory(tmp_path_factory: pytest.TempPathFactory,
             assert lazy.height_range == field.height_range
     assert box(windows) == box(expected)
     assert windows.rays.tobytes() == expected.rays.tobytes()
-    assert (windows.x + windows.width <= dom.width).all()
-    assert ((windows.width > 0) == (windows.status == CropStatus.CROPPED)).all()
+    assert (windows.windows[:, 0] + windows.windows[:, 2] <= dom.width).all()
+    assert ((windows.windows[:, 2] > 0) == (windows.status == CropStatus.CROPPED)).all()
 
 
 def test_dsm_in_degrees_is_refused(tmp_path: Path) -> None:
@@ -356,12 +300,6 @@ def test_dsm_in_degrees_is_refused(tmp_path: Path) -> None:
         crop_windows(
             camera(600, 600), pose, map_of(9, 9), path, crop=grown_crop(100.0), plane_height_m=0.0
         )
-
-
-def test_pixels_of_crop_and_map() -> None:
-    window = (40, 30, 10, 20)
-    assert crop_to_map([(0.0, 0.0), (0.5, 19.5)], window).tolist() == [[40, 30], [40.5, 49.5]]
-    assert map_to_crop(crop_to_map([2.25, 3.5], window), window).tolist() == [2.25, 3.5]
 
 
 def test_real_photos_find_their_place(brighton: Path) -> None:
@@ -382,7 +320,7 @@ def test_real_photos_find_their_place(brighton: Path) -> None:
         (poses.centres[:, :2] - pixel_to_world(dom.transform, (0.0, 0.0))).T,
     ).T
     on_map = ((below > 0) & (below < (dom.width, dom.height))).all(axis=1)
-    low = np.stack((windows.x, windows.y), axis=-1)
-    high = low + np.stack((windows.width, windows.height), axis=-1)
+    low = windows.windows[:, :2]
+    high = low + windows.windows[:, 2:]
     assert on_map.sum() >= 10
     assert ((below >= low) & (below <= high)).all(axis=1)[on_map].all()

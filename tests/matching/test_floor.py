@@ -8,11 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.matching.seeds import seed_spreads
 from tests.matching.test_track import evaluated, noisy
-from tests.matching.world import N_QUERIES, World, made_matching_protocol, make_world
+from tests.matching.world import (
+    N_QUERIES,
+    World,
+    changed_solver,
+    made_matching_protocol,
+    make_world,
+)
 from tests.support import run_main
 
 
@@ -54,10 +60,8 @@ def test_the_spread_over_seeds(
     found = {s.score.column: s for s in seed_spreads(run, 4, Resources(jobs=2))}
     alone = []
     for seed in range(4):
-        solver = world.protocol.solver.model_copy(update={"seed": seed})
-        claim = run.claims[0]
-        rules = world.protocol
-        scene = score_scene(world.truth, claim, rules.lift, solver, rules.scores)
+        protocol = changed_solver(world, seed=seed).protocol
+        scene = score_scene(world.truth, run.scene_predictions[0], protocol, Resources())
         alone.append(scene.records["error_m"].median())
     spread = found["error_m"]
     assert (spread.least, spread.most) == (min(alone), max(alone))

@@ -18,7 +18,7 @@ def test_through_a_real_photo_and_back(brighton: Path) -> None:
     dom, field = open_info(brighton / "dom_10cm.tif"), HeightField.read(brighton / "dsm_10cm.tif")
     scene = json.loads((brighton / "poses.json").read_text())
     xy = np.random.default_rng(0).uniform((0, 0), (dom.width, dom.height), (20_000, 2))
-    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", workers=2)
+    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", jobs=2)
     # 44 % of the surface model have a height.
     assert 0.4 < lifted.valid.mean() < 0.6
     assert lifted.points[lifted.valid, 2].min() > 150
@@ -47,7 +47,7 @@ def test_real_map_and_photo_show_the_same(brighton: Path) -> None:
     with Image.open(brighton / "images" / "DJI_0030.JPG") as photo:
         grey = np.asarray(photo.convert("L").resize((1000, 562)), np.float64)
     xy = np.random.default_rng(0).uniform((0, 0), (dom.width, dom.height), (20_000, 2))
-    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", workers=1)
+    lifted = lift(xy, dom, brighton / "dsm_10cm.tif", jobs=1)
     pixels = project(camera, world_to_camera(pose, lifted.points[None]))[0]
     seen = ((pixels >= 0) & (pixels < (1000, 562))).all(axis=-1)
     column, row = pixels[seen].astype(int).T

@@ -11,7 +11,8 @@ import pytest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import pose, solvers
-from airzoo_bench.matching.pose import PoseProblem, Status, solve_pose, solve_poses
+from airzoo_bench.matching.pose import PoseProblem, solve_pose, solve_poses
+from airzoo_bench.matching.solvers import Status
 from tests.geometry.support import LENSES
 from tests.matching.pose_support import PROJECTED, SETTINGS, errors, fingerprint, make_scene
 
@@ -118,7 +119,7 @@ def test_trials_count(settings):
 def test_least_trials_count(settings):
     def answers(least):
         noisy = [make_scene(seed, noise_px=2.5, count=100).problem for seed in range(6)]
-        found = solve_poses(noisy, workers=1, **settings | {"min_trials": least})
+        found = solve_poses(noisy, jobs=1, **settings | {"min_trials": least})
         return [estimate.inliers.sum() for estimate in found]
 
     assert answers(3000) != answers(1)
@@ -138,12 +139,12 @@ def test_same_bits_for_any_workers_and_order(problems, settings, monkeypatch):
     monkeypatch.setattr(pose, "_WINDOW", 2)  # so that it is full
     alone = [fingerprint(solve_pose(*problem, **settings)) for problem in problems]
     assert len(set(alone)) == len(problems)
-    for workers in (1, 2, 5):
-        together = solve_poses(problems, workers=workers, **settings)
+    for jobs in (1, 2, 5):
+        together = solve_poses(problems, jobs=jobs, **settings)
         assert [fingerprint(estimate) for estimate in together] == alone
-    backwards = solve_poses(problems[::-1], workers=2, **settings)
+    backwards = solve_poses(problems[::-1], jobs=2, **settings)
     assert [fingerprint(estimate) for estimate in backwards[::-1]] == alone
-    assert {fingerprint(e) for e in solve_poses(problems[3:4], workers=2, **settings)} == {alone[3]}
+    assert {fingerprint(e) for e in solve_poses(problems[3:4], jobs=2, **settings)} == {alone[3]}
 
 
 def test_global_random_numbers_have_no_part(problems, settings):
@@ -167,22 +168,22 @@ def test_progress_sees_every_problem(problems):
             seen.append((label, total))
             yield item
 
-    for workers in (1, 2):
+    for jobs in (1, 2):
         seen.clear()
-        solve_poses(problems, workers=workers, progress=progress, **SETTINGS)
+        solve_poses(problems, jobs=jobs, progress=progress, **SETTINGS)
         assert seen == [("poses", len(problems))] * len(problems)
 
 
 def test_no_problems():
-    assert solve_poses([], workers=2, **SETTINGS) == []
+    assert solve_poses([], jobs=2, **SETTINGS) == []
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_fault_of_one_problem_ends_all(problems, workers):
+@pytest.mark.parametrize("jobs", [1, 3])
+def test_fault_of_one_problem_ends_all(problems, jobs):
     camera, xy, points = problems[0]
     bad = [*problems[:2], PoseProblem(camera, xy, points * np.nan), *problems[2:]]
     with pytest.raises(ValueError, match="NaN"):
-        solve_poses(bad, workers=workers, **SETTINGS)
+        solve_poses(bad, jobs=jobs, **SETTINGS)
 
 
 # --- failures are results -----------------------------------------------------------------------
@@ -319,8 +320,8 @@ def test_settings_must_be_possible(bad):
 
 
 def test_workers_must_be_possible():
-    with pytest.raises(ValueError, match="workers is 0"):
-        solve_poses([], workers=0, **SETTINGS)
+    with pytest.raises(ValueError, match="jobs is 0"):
+        solve_poses([], jobs=0, **SETTINGS)
 
 
 def test_poselib_that_is_not_there(monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 
 from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.matching.pose_list import read_pose_list
-from airzoo_bench.matching.predictions import PoseClaim
+from airzoo_bench.matching.predictions import GivenPoses
 from tests.support import run_main
 
 # A quarter turn about x: y becomes z. With t = (1, 2, 3) the centre is -R^T t = (-1, -3, 2).
@@ -26,13 +26,13 @@ def written(folder: Path, text: str) -> Path:
 def test_lines_become_poses(tmp_path: Path) -> None:
     text = f"# name q t\n\n  # more\nhills/a.jpg {TURN}\nhills/b.PNG 1 0 0 0 4 5 6\n"
     read = read_pose_list(written(tmp_path, text), LIMIT)
-    assert isinstance(read.claim, PoseClaim)
-    assert (read.protocol, read.kind) == (None, "poses")
+    assert isinstance(read.content, GivenPoses)
+    assert (read.protocol, read.content.kind) == (None, "poses")
     assert read.query_ids.tolist() == ["hills/a", "hills/b"]
-    assert read.claim.found.all()
-    np.testing.assert_allclose(read.claim.poses.centres, [[-1, -3, 2], [-4, -5, -6]], atol=1e-12)
+    assert read.content.found.all()
+    np.testing.assert_allclose(read.content.poses.centres, [[-1, -3, 2], [-4, -5, -6]], atol=1e-12)
     np.testing.assert_allclose(
-        read.claim.poses.rotation[0], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12
+        read.content.poses.rotation[0], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12
     )
 
 
@@ -54,9 +54,11 @@ def test_only_the_ending_of_a_photo_is_taken_off(tmp_path: Path, name: str, expe
 
 @pytest.mark.parametrize("failure", ["1 0 0 0 0 0 0", "nan " * 7])
 def test_failures_are_no_poses(tmp_path: Path, failure: str) -> None:
-    claim = read_pose_list(written(tmp_path, f"hills/a {failure}\nhills/b {TURN}\n"), LIMIT).claim
-    assert isinstance(claim, PoseClaim)
-    assert claim.found.tolist() == [False, True]
+    content = read_pose_list(
+        written(tmp_path, f"hills/a {failure}\nhills/b {TURN}\n"), LIMIT
+    ).content
+    assert isinstance(content, GivenPoses)
+    assert content.found.tolist() == [False, True]
 
 
 BAD = {

@@ -11,7 +11,7 @@ import pytest
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import was_rounded_to
-from airzoo_bench.matching.predictions import Correspondences, PoseClaim, validation_errors
+from airzoo_bench.matching.predictions import Correspondences, GivenPoses, validation_errors
 from airzoo_bench.matching.reading import read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import without
@@ -44,49 +44,50 @@ def written(path: Path, fields: dict[str, Any]) -> Path:
 def test_matches_are_read_as_they_are(tmp_path: Path) -> None:
     size = np.array([[64, 48], [32, 24]])
     read = read_matching(written(tmp_path / "m.npz", MATCHES | {"image_size": size}), LIMIT)
-    claim = read.claim
-    assert isinstance(claim, Correspondences)
-    assert (read.kind, read.protocol, read.query_ids.tolist()) == (
+    content = read.content
+    assert isinstance(content, Correspondences)
+    assert (read.content.kind, read.protocol, read.query_ids.tolist()) == (
         "matches",
         "photos-matching",
         IDS,
     )
-    assert claim.map_frame is None
-    assert claim.points3d is None
-    np.testing.assert_array_equal(claim.query_xy[claim.of(1)], MATCHES["query_xy"][2:])
-    np.testing.assert_array_equal(claim.map_xy, MATCHES["map_xy"])
-    np.testing.assert_array_equal(claim.image_size, size)
+    assert content.map_frame is None
+    assert content.points3d is None
+    np.testing.assert_array_equal(content.offsets, MATCHES["offsets"])
+    np.testing.assert_array_equal(content.query_xy, MATCHES["query_xy"])
+    np.testing.assert_array_equal(content.map_xy, MATCHES["map_xy"])
+    np.testing.assert_array_equal(content.image_size, size)
     assert list(validation_errors(read)) == []
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
 def test_pixels_of_any_precision_become_float64(tmp_path: Path, kind: Any) -> None:
     fields = MATCHES | {"query_xy": MATCHES["query_xy"].astype(kind), "map_frame": "crop"}
-    claim = read_matching(written(tmp_path / "m.npz", fields), LIMIT).claim
-    assert isinstance(claim, Correspondences)
-    assert claim.query_xy.dtype == np.float64
-    assert claim.map_frame == "crop"
+    content = read_matching(written(tmp_path / "m.npz", fields), LIMIT).content
+    assert isinstance(content, Correspondences)
+    assert content.query_xy.dtype == np.float64
+    assert content.map_frame == "crop"
 
 
 def test_pairs_are_read_to_the_last_bit(tmp_path: Path) -> None:
     read = read_matching(written(tmp_path / "p.npz", PAIRS), LIMIT)
-    assert isinstance(read.claim, Correspondences)
-    assert read.kind == "pairs"
-    assert read.claim.map_xy is None
-    np.testing.assert_array_equal(read.claim.points3d, POINTS)
+    assert isinstance(read.content, Correspondences)
+    assert read.content.kind == "pairs"
+    assert read.content.map_xy is None
+    np.testing.assert_array_equal(read.content.points3d, POINTS)
 
 
 def test_poses_are_world_to_camera_and_nan_is_none(tmp_path: Path) -> None:
     values = RT.copy()
     values[1] = np.nan
     read = read_matching(written(tmp_path / "o.npz", POSES | {"poses": values}), LIMIT)
-    assert isinstance(read.claim, PoseClaim)
-    assert read.kind == "poses"
-    assert read.claim.found.tolist() == [True, False]
-    np.testing.assert_allclose(read.claim.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
+    assert isinstance(read.content, GivenPoses)
+    assert read.content.kind == "poses"
+    assert read.content.found.tolist() == [True, False]
+    np.testing.assert_allclose(read.content.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
 
 
-def test_queries_without_any_match_are_a_claim_too(tmp_path: Path) -> None:
+def test_queries_without_any_match_are_predictions_too(tmp_path: Path) -> None:
     fields = MATCHES | {
         "offsets": np.zeros(3, np.int64),
         "query_xy": np.zeros((0, 2)),
@@ -192,9 +193,9 @@ def test_unreadable(tmp_path: Path, case: str) -> None:
 
 
 def test_a_pose_all_infinite_is_none(tmp_path: Path) -> None:
-    claim = read_matching(written(tmp_path / "o.npz", UNREADABLE["infinite"][0]), LIMIT).claim
-    assert isinstance(claim, PoseClaim)
-    assert not claim.found.any()
+    content = read_matching(written(tmp_path / "o.npz", UNREADABLE["infinite"][0]), LIMIT).content
+    assert isinstance(content, GivenPoses)
+    assert not content.found.any()
 
 
 # What `check` lists and `eval` stops at.

@@ -14,8 +14,9 @@ from rasterio import Affine
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.matching.claims import claim_of_scene
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scene_predictions import match_scene
 from airzoo_bench.matching.scoring import ScoredScene, score_scene
 from airzoo_bench.tables.layouts import scenes_table
 from tests.matching.world import (
@@ -141,10 +142,8 @@ def on_surface(
     dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
     truth = replace(world.truth, dsm=dsm)
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
-    claim = claim_of_scene(read, truth, np.arange(N_QUERIES))
-    return score_scene(
-        truth, claim, world.protocol.lift, world.protocol.solver, world.protocol.scores
-    )
+    predicted = match_scene(read, truth, np.arange(N_QUERIES))
+    return score_scene(truth, predicted, world.protocol, Resources())
 
 
 def test_matches_off_the_surface_model(world: World, tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def lifted(ground: RasterInfo) -> Lifted:
     assert RULES.lift.map_pixel_centres == "integer"
     limit = RULES.lift.heights_above_m
     assert limit != "any"
-    return lift(MATCHES[:, 2:] + 0.5, ground, ground, heights_above_m=limit, workers=1)
+    return lift(MATCHES[:, 2:] + 0.5, ground, ground, heights_above_m=limit, jobs=1)
 
 
 def test_the_same_matches_are_lifted_to_the_same_points(ground: RasterInfo) -> None:
@@ -61,7 +61,7 @@ def test_the_same_matches_are_lifted_to_the_same_points(ground: RasterInfo) -> N
 
 
 def test_without_the_variant_more_is_lifted_and_half_a_pixel_off(ground: RasterInfo) -> None:
-    usual = lift(MATCHES[:, 2:], ground, ground, workers=1)
+    usual = lift(MATCHES[:, 2:], ground, ground, jobs=1)
     kept = THEIRS["kept"]
     assert usual.valid.sum() > len(kept)
     off = usual.points[kept] - THEIRS["points"]

@@ -26,7 +26,8 @@ from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.annotations import add_gains, cite, highlight, parse_baselines
 from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.blocks import by_count
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
 from airzoo_bench.tables.method_table import MethodTable
 from airzoo_bench.tables.model import Cell, Table

@@ -23,7 +23,8 @@ import pytest
 
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
-from airzoo_bench.matching.pose import PoseProblem, Status, solve_pose
+from airzoo_bench.matching.pose import PoseProblem, solve_pose
+from airzoo_bench.matching.solvers import Status
 from tests.geometry.support import LENSES
 from tests.matching.pose_support import PROJECTED, SETTINGS, errors, make_scene
 

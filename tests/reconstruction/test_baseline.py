@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings

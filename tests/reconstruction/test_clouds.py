@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scenes
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras

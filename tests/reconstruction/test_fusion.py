@@ -228,7 +228,8 @@ def test_tsdf_needs_pinholes() -> None:
 _HASH = """
 import hashlib
 import numpy as np
-from tests.reconstruction.test_fusion import STILL, TSDF, fuse, replace, slope_maps
+from tests.reconstruction.test_fusion import STILL, TSDF, replace, slope_maps
+from airzoo_bench.reconstruction.tsdf import fuse
 maps = slope_maps()
 noise = np.random.default_rng(3).normal(0, 0.2, maps.depth.shape)
 maps = replace(maps, depth=maps.depth + noise)

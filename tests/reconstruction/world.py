@@ -16,7 +16,7 @@ from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.benchmark.scene_inputs import photo_table
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.cameras import Cameras

@@ -30,7 +30,7 @@ def test_an_image_is_nearest_to_its_own_tile() -> None:
 def test_the_number_of_workers_and_the_images_before_do_not_matter() -> None:
     tiles = [partial(textured, seed, 64 + 32 * (seed % 3)) for seed in range(9)]
     alone, _ = describe(tiles, [tiles[4]], SETTINGS)
-    shared, query = describe(tiles, [tiles[4]], SETTINGS, workers=2)
+    shared, query = describe(tiles, [tiles[4]], SETTINGS, jobs=2)
     assert np.array_equal(alone, shared)
     assert np.array_equal(query[0], shared[4])
 

@@ -17,10 +17,9 @@ from rasterio.transform import Affine
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.frames import unwrapped
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
+from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts, valid_shares
 from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
-from airzoo_bench.retrieval.valid_shares import valid_shares
 
 
 def gallery(sizes: tuple[int, ...] = (64, 32), gsd_m: float | str = "any") -> Gallery:
@@ -204,7 +203,7 @@ def masked_map(path: Path, valid: np.ndarray, how: str) -> Path:
 def test_shares_of_valid_pixels_are_counted_exactly(
     tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("airzoo_bench.retrieval.valid_shares._SIDE_PX", 37)
+    monkeypatch.setattr("airzoo_bench.retrieval.gallery._SIDE_PX", 37)
     valid = np.random.default_rng(0).random((100, 150)) < 0.3
     valid[:40, :70] = False
     path = masked_map(tmp_path / "m.tif", valid, how)
@@ -233,6 +232,6 @@ def test_unwrapped_longitudes_are_the_same_places_near_by(
     assert math.isclose((moved - lon) % 360 % 360, 0, abs_tol=1e-9) or math.isclose(
         (moved - lon) % 360, 360, abs_tol=1e-9
     )
-    np.testing.assert_equal(same, lat)
+    np.testing.assert_array_equal(same, lat)
     if abs(lon - about) < 180:
         assert moved == lon  # to the last bit

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airzoo_bench.retrieval import distance_metrics, hits, metrics
+from airzoo_bench.retrieval import distance_metrics, metrics, pairs
 
 LOG3, LOG5 = math.log2(3), math.log2(5)
 
@@ -47,17 +47,17 @@ def test_hit_matrix_by_hand():
     ranked = np.array([[3, 0, 2], [0, 3, -1], [-1, -1, -1], [1, 2, 0]], dtype=np.int32)
     offsets, tiles = offsets_of([[0, 3], [1, 2], [0, 1, 2, 3], []])
     expected = [[1, 1, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
-    assert hits.hit_matrix(ranked, offsets, tiles, 4).tolist() == np.array(expected, bool).tolist()
+    assert pairs.hit_matrix(ranked, offsets, tiles, 4).tolist() == np.array(expected, bool).tolist()
 
 
 def test_no_tile_is_no_hit_even_beside_the_last_tile_of_another_query():
     # -1 lies one cell before tile 0, which is where the last tile of the query before would be.
     ranked = np.full((3, 2), -1, dtype=np.int32)
     offsets, tiles = offsets_of([[0, 1], [0, 1], [0, 1]])
-    assert not hits.hit_matrix(ranked, offsets, tiles, 2).any()
+    assert not pairs.hit_matrix(ranked, offsets, tiles, 2).any()
 
 
-@given(st.data(), st.sampled_from([1, 7, 40, hits._CELLS]))
+@given(st.data(), st.sampled_from([1, 7, 40, pairs._CELLS]))
 def test_hit_matrix_is_membership_for_any_block(data, cells):
     n_tiles = data.draw(st.integers(1, 9))
     lists = data.draw(
@@ -66,8 +66,8 @@ def test_hit_matrix_is_membership_for_any_block(data, cells):
     shape = (len(lists), data.draw(st.integers(0, 6)))
     ranked = data.draw(hnp.arrays(np.int32, shape, elements=st.integers(-1, n_tiles - 1)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hits, "_CELLS", cells)
-        found = hits.hit_matrix(ranked, *offsets_of(lists), n_tiles)
+        patch.setattr(pairs, "_CELLS", cells)
+        found = pairs.hit_matrix(ranked, *offsets_of(lists), n_tiles)
     assert found.dtype == bool
     assert found.shape == shape
     assert found.tolist() == [
@@ -93,7 +93,7 @@ def test_hit_matrix_is_membership_for_any_block(data, cells):
 def test_hit_matrix_refuses(ranked, offsets, tiles, message):
     arrays = np.array(ranked, np.int32), np.array(offsets), np.array(tiles, np.int32)
     with pytest.raises(ValueError, match=message):
-        hits.hit_matrix(*arrays, 3)
+        pairs.hit_matrix(*arrays, 3)
 
 
 # --- scores by hand ---------------------------------------------------------------------------

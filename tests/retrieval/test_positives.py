@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.positives import (
-    Positives,
     overlap_of,
     overlaps,
     positives_from_iou,
@@ -320,7 +320,7 @@ def test_boxes_that_are_none_are_refused_by_row(box):
         lambda: overlaps(corners, boxes),
         lambda: positives_from_iou(corners, boxes, 0.1),
     ):
-        with pytest.raises(BenchmarkError, match=r"without a valid extent: 1 of 3 \(1\)"):
+        with pytest.raises(BenchmarkError, match=r"without a valid box: 1 of 3 \(1\)"):
             call()
     flat = np.array([[0.0, 0, 0, 1], [0, 0, 1, 0]])  # without area, but boxes
     assert positives_from_points(corners, flat).tiles.tolist() == [0, 1]

@@ -27,11 +27,11 @@ def test_ranked_ids(tmp_path: Path) -> None:
     scores = np.array([[2, 1], [3, np.nan]], np.float16)
     path = saved(tmp_path, protocol="p", query_ids=IDS, ranked_ids=RANKED, scores=scores)
     read = read_retrieval(path, LIMIT)
-    assert (read.protocol, read.kind, read.path) == ("p", "ranked_ids", path)
-    assert isinstance(read.claim, RankedIds)
-    assert read.claim.ids.tolist() == RANKED.tolist()
-    assert read.claim.scores is not None
-    assert read.claim.scores.dtype == np.float64
+    assert (read.protocol, read.content.kind, read.path) == ("p", "ranked_ids", path)
+    assert isinstance(read.content, RankedIds)
+    assert read.content.ids.tolist() == RANKED.tolist()
+    assert read.content.scores is not None
+    assert read.content.scores.dtype == np.float64
     # NaN beside an empty id is nobody's score.
     assert list(validation_errors(read, 2)) == []
 
@@ -46,10 +46,10 @@ def test_descriptors(tmp_path: Path) -> None:
         gallery_descriptors=gallery,
     )
     read = read_retrieval(path, LIMIT)
-    assert (read.protocol, read.kind) == (None, "descriptors")
-    assert isinstance(read.claim, Descriptors)
+    assert (read.protocol, read.content.kind) == (None, "descriptors")
+    assert isinstance(read.content, Descriptors)
     assert read.query_ids.tolist() == IDS.tolist()
-    np.testing.assert_array_equal(read.claim.gallery, gallery)
+    np.testing.assert_array_equal(read.content.gallery, gallery)
 
 
 def test_npz_and_parquet_say_the_same(tmp_path: Path) -> None:
@@ -67,11 +67,11 @@ def test_npz_and_parquet_say_the_same(tmp_path: Path) -> None:
     )
     assert one.protocol == other.protocol == "p"
     assert one.query_ids.tolist() == other.query_ids.tolist()
-    assert isinstance(one.claim, RankedIds)
-    assert isinstance(other.claim, RankedIds)
-    assert one.claim.ids.tolist() == other.claim.ids.tolist()
-    assert one.claim.scores is not None
-    assert one.claim.scores.tolist() == scores.tolist()
+    assert isinstance(one.content, RankedIds)
+    assert isinstance(other.content, RankedIds)
+    assert one.content.ids.tolist() == other.content.ids.tolist()
+    assert one.content.scores is not None
+    assert one.content.scores.tolist() == scores.tolist()
 
 
 @pytest.mark.parametrize(
@@ -91,8 +91,8 @@ def test_printable_ids_are_taken(name: str, tmp_path: Path) -> None:
     path = saved(tmp_path, query_ids=[name, "e/b"], ranked_ids=[[name], ["e/t"]])
     read = read_retrieval(path, LIMIT)
     assert read.query_ids[0] == name
-    assert isinstance(read.claim, RankedIds)
-    assert read.claim.ids[0, 0] == name
+    assert isinstance(read.content, RankedIds)
+    assert read.content.ids[0, 0] == name
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.tables.annotations import sort_rows
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from tests.support import run_main
 from tests.tables.test_command import Show, files, show

@@ -11,7 +11,8 @@ import pytest
 
 from airzoo_bench.results.result import Reference, Result, write_result
 from airzoo_bench.tables.best_marks import mark_best
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.layouts import benchmarks_layout, scenes_layout, scenes_table
 from airzoo_bench.tables.method_table import method_table
 from airzoo_bench.tables.render import FORMATS, render

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.tables.annotations import add_gains, highlight
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 from tests.tables.typeset import MINUS, typeset, words
 

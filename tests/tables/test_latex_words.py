@@ -9,7 +9,8 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.tables.annotations import cite
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from tests.tables.typeset import typeset
 

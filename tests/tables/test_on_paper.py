@@ -12,7 +12,8 @@ import pytest
 
 from airzoo_bench.tables.annotations import add_gains
 from airzoo_bench.tables.blocks import by_count
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.latex_text import latex_width
 from airzoo_bench.tables.layouts import benchmarks_layout
 from airzoo_bench.tables.method_table import method_table

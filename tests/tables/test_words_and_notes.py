@@ -18,7 +18,8 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.annotations import add_gains
 from airzoo_bench.tables.interval_layout import with_intervals
-from airzoo_bench.tables.latex import LatexStyle, latex
+from airzoo_bench.tables.latex import latex
+from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.method_table import OVERALL, method_table
 from airzoo_bench.tables.model import Cell, Column, Row, Table, show_number
 from airzoo_bench.tables.render import FORMATS, render

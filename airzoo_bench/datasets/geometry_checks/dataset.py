@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.folder import Benchmark, data_root
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
+from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.folder_facts import check_scene_entry

@@ -188,7 +188,7 @@ def _polygons(lonlat: Floats, rows: Ints) -> tuple[Any, Ints]:
     """Return shapes of the footprints that there are, and their rows."""
     import shapely
 
-    from airzoo_bench.retrieval.overlap import untangled
+    from airzoo_bench.retrieval.footprints import untangled
 
     there = np.isfinite(lonlat).all(axis=(1, 2))
     return shapely.polygons(untangled(lonlat[there])), rows[there]

@@ -16,10 +16,10 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
-from airzoo_bench.evaluation.baseline import Baseline, run_baseline
 from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.generate import run_baseline
 from airzoo_bench.evaluation.given import AnyTrack
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Baseline, Resources
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.results.result import Result
 

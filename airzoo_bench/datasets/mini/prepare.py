@@ -25,14 +25,9 @@ from airzoo_bench.datasets.folder import (
 )
 from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX
 from airzoo_bench.datasets.mini.export.frames import render_frames
-from airzoo_bench.datasets.mini.export.photos import (
-    SURVEY,
-    Photos,
-    mini_photos,
-    noisy_priors,
-    seen_surface,
-)
+from airzoo_bench.datasets.mini.export.photos import Photos, mini_photos, noisy_priors, seen_surface
 from airzoo_bench.datasets.mini.world.build import build_world
+from airzoo_bench.datasets.mini.world.canvas import SURVEY
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
 from airzoo_bench.datasets.tiles import write_parts

@@ -27,7 +27,7 @@ from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
 from airzoo_bench.datasets.mini.export.photos import depth_to_points
 from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.resources import Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField

@@ -28,7 +28,7 @@ from pydantic import ValidationError
 from rasterio import Affine
 from rasterio.io import MemoryFile
 
-from airzoo_bench.benchmark.folder import DATA_VARIABLE
+from airzoo_bench.core.data_root import DATA_VARIABLE
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
 from airzoo_bench.core.files import atomic_folder, canonical_json, sha256_of
 from airzoo_bench.core.settings import Strict

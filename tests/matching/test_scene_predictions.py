@@ -1,7 +1,8 @@
-"""Claims held against the truth: rows find their queries, and what cannot be meant is refused."""
+"""Predictions matched to a scene: rows find their queries, and what cannot be meant is refused."""
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from dataclasses import replace
@@ -15,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
-from airzoo_bench.matching.claims import SceneClaim, claim_of_scene
+from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
 from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
-from airzoo_bench.matching.notes import claim_notes
+from airzoo_bench.matching.notes import plausibility_warnings
 from airzoo_bench.matching.reading import read_matching
+from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
 from tests.geometry.support import looking_down
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World, make_world
 from tests.support import run_main
@@ -32,17 +33,17 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
     return make_world(tmp_path_factory.mktemp("world"))
 
 
-def claimed(
+def matched(
     world: World, path: Path, fields: dict[str, Any], rows: np.ndarray[Any, Any] = EVERY
-) -> SceneClaim:
-    predictions = read_matching(world.write(path / "claim.npz", fields), 1 << 30)
-    return claim_of_scene(predictions, world.truth, rows)
+) -> ScenePredictions:
+    predictions = read_matching(world.write(path / "preds.npz", fields), 1 << 30)
+    return match_scene(predictions, world.truth, rows)
 
 
 def refused(world: World, path: Path, fields: dict[str, Any]) -> str:
     with pytest.raises(PredictionError) as caught:
-        claimed(world, path, fields)
-    assert "claim.npz, " in str(caught.value)
+        matched(world, path, fields)
+    assert "preds.npz, " in str(caught.value)
     return str(caught.value)
 
 
@@ -53,26 +54,32 @@ def test_rows_find_their_queries(world: World, tmp_path: Path) -> None:
     kept = [world.query_xy[q][: 10 + q] for q in there]
     fields = world.correspondences(kept, map_xy=[world.map_xy[q][: 10 + q] for q in there])
     fields["query_ids"] = np.array([world.ids[q] for q in there])
-    claim = claimed(world, tmp_path, fields, rows)
-    assert claim.answered.tolist() == [True, False, True, True, True]
-    assert np.diff(claim.offsets).tolist() == [10, 0, 12, 13, 14]
-    for query, part in enumerate(claim.parts()):
+    predicted = matched(world, tmp_path, fields, rows)
+    assert predicted.answered.tolist() == [True, False, True, True, True]
+    assert np.diff(predicted.offsets).tolist() == [10, 0, 12, 13, 14]
+    for query, part in enumerate(predicted.parts()):
         count = part.stop - part.start
-        np.testing.assert_array_equal(claim.query_xy[part], world.query_xy[query][:count])
-        assert claim.map_xy is not None
-        np.testing.assert_array_equal(claim.map_xy[part], world.map_xy[query][:count])
+        np.testing.assert_array_equal(predicted.query_xy[part], world.query_xy[query][:count])
+        assert predicted.map_xy is not None
+        np.testing.assert_array_equal(predicted.map_xy[part], world.map_xy[query][:count])
 
 
 def test_pixels_of_crops_become_those_of_the_map(world: World, tmp_path: Path) -> None:
-    claim = claimed(world, tmp_path, world.in_crops())
-    np.testing.assert_allclose(claim.map_xy, np.concatenate(world.map_xy), rtol=0, atol=1e-10)
+    predicted = matched(world, tmp_path, world.in_crops())
+    np.testing.assert_allclose(predicted.map_xy, np.concatenate(world.map_xy), rtol=0, atol=1e-10)
 
 
 def test_poses_of_missing_queries_are_nan(world: World, tmp_path: Path) -> None:
-    claim = claimed(world, tmp_path, world.poses(), np.array([4, -1, 2, 3, 0]))
-    assert claim.poses is not None
-    assert np.isnan(claim.poses.centres).all(axis=1).tolist() == [False, True, False, False, False]
-    np.testing.assert_allclose(claim.poses.centres[0], world.truth.poses.centres[4], atol=1e-7)
+    predicted = matched(world, tmp_path, world.poses(), np.array([4, -1, 2, 3, 0]))
+    assert predicted.poses is not None
+    assert np.isnan(predicted.poses.centres).all(axis=1).tolist() == [
+        False,
+        True,
+        False,
+        False,
+        False,
+    ]
+    np.testing.assert_allclose(predicted.poses.centres[0], world.truth.poses.centres[4], atol=1e-7)
 
 
 @pytest.mark.parametrize("slack", [0.0, 1.0])
@@ -82,12 +89,12 @@ def test_borders_belong_to_the_picture(world: World, tmp_path: Path, slack: floa
     fields = world.correspondences(
         [corner] * N_QUERIES, map_xy=[np.stack([corner[0], side + slack]) for side in sides]
     )
-    claimed(world, tmp_path, fields | {"map_frame": np.array("crop")})
+    matched(world, tmp_path, fields | {"map_frame": np.array("crop")})
 
 
 def test_another_image_size(world: World, tmp_path: Path) -> None:
     size = np.tile(SIZE, (N_QUERIES, 1))
-    claimed(world, tmp_path, world.matches(image_size=size))
+    matched(world, tmp_path, world.matches(image_size=size))
     size[3] = (320, 240)
     message = refused(world, tmp_path, world.matches(image_size=size))
     for part in ("hills/q3", "640x480", "320x240", "1 of 5", "'image_size'", "multiply x and y"):
@@ -152,12 +159,12 @@ def test_quaternions_x_y_z_w(world: World, tmp_path: Path) -> None:
         path.write_text("\n".join(lines))
         predictions = read_matching(path, 1 << 30)
         if ok:
-            claim = claim_of_scene(predictions, world.truth, EVERY)
-            assert claim.poses is not None
-            np.testing.assert_allclose(claim.poses.centres, true.centres, rtol=0, atol=1e-6)
+            predicted = match_scene(predictions, world.truth, EVERY)
+            assert predicted.poses is not None
+            np.testing.assert_allclose(predicted.poses.centres, true.centres, rtol=0, atol=1e-6)
             continue
         with pytest.raises(PredictionError, match="quaternions in the order x y z w") as caught:
-            claim_of_scene(predictions, world.truth, EVERY)
+            match_scene(predictions, world.truth, EVERY)
         assert "w x y z" in str(caught.value)
 
 
@@ -165,9 +172,9 @@ def test_poor_poses_are_scored_not_refused(world: World, tmp_path: Path) -> None
     true = world.truth.poses
     away = Poses(rotation=true.rotation[::-1], centres=true.centres + 4000.0)
     fields = world.named(poses=np.concatenate([away.rotation, away.translation[..., None]], 2))
-    assert claimed(world, tmp_path, fields).poses is not None
+    assert matched(world, tmp_path, fields).poses is not None
     nothing = world.named(poses=np.full((N_QUERIES, 3, 4), np.nan))
-    assert claimed(world, tmp_path, nothing).answered.all()
+    assert matched(world, tmp_path, nothing).answered.all()
 
 
 def test_the_world_has_matches(world: World) -> None:
@@ -195,8 +202,8 @@ def test_inverted_rotations_beside_right_centres(world: World, tmp_path: Path) -
     # Rough rotations that no other reading brings nearer are a method's own.
     for turn in (5.0, 25.0, 90.0, 180.0):
         rough = true.rotation @ Rotation.from_euler("z", turn, degrees=True).as_matrix()
-        claim = claimed(world, tmp_path, world.named(rotations=rough, centres=true.centres))
-        assert claim.poses is not None
+        predicted = matched(world, tmp_path, world.named(rotations=rough, centres=true.centres))
+        assert predicted.poses is not None
 
 
 @pytest.mark.parametrize("tilt", [0.0, 2.0, 5.0, 9.0])
@@ -221,8 +228,8 @@ def test_many_pixels_of_a_little_smaller_image_are_suspected(world: World, tmp_p
     for factor, repeats, asked in ((1.0, 10, False), (0.8, 10, True), (0.8, 1, False)):
         query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
         map_xy = [np.tile(xy, (repeats, 1)) for xy in world.map_xy]
-        claim = claimed(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
-        said = " | ".join(claim_notes([world.truth], [claim]))
+        predicted = matched(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
+        said = " | ".join(plausibility_warnings([world.truth], [predicted]))
         assert ("scene hills: no match lies beyond" in said) == asked, factor
 
 
@@ -268,10 +275,10 @@ def test_opengl_axes(
 def test_centres_lose_nothing(world: World, tmp_path: Path) -> None:
     true = world.truth.poses
     fields = world.named(rotations=true.rotation.astype(np.float32), centres=true.centres)
-    claim = claimed(world, tmp_path, fields)
-    assert claim.poses is not None
-    np.testing.assert_array_equal(claim.poses.centres, true.centres)
-    np.testing.assert_allclose(claim.poses.rotation, true.rotation, rtol=0, atol=1e-6)
+    predicted = matched(world, tmp_path, fields)
+    assert predicted.poses is not None
+    np.testing.assert_array_equal(predicted.poses.centres, true.centres)
+    np.testing.assert_allclose(predicted.poses.rotation, true.rotation, rtol=0, atol=1e-6)
 
 
 def test_poses_of_too_few_digits(
@@ -308,7 +315,7 @@ def test_pose_lists_of_too_few_digits(world: World, tmp_path: Path, digits: int)
     moved = Poses.from_quaternions(quaternions, exact.translation).centres - centres
     error = np.sqrt((moved**2).sum(axis=1).mean())
     with pytest.raises(PredictionError, match="too few digits") as caught:
-        claim_of_scene(read_matching(path, 1 << 30), world.truth, EVERY)
+        match_scene(read_matching(path, 1 << 30), world.truth, EVERY)
     said = float(str(caught.value).split("moves a camera by ")[1].split(" m")[0])
     assert said == pytest.approx(error, rel=0.6)
     assert error > (100 if digits == 4 else 1)
@@ -327,7 +334,7 @@ def test_pixels_that_went_through_float16(
         assert part in message
     # Whole pixels fit float16 too, and have lost nothing.
     fields[field] = np.round(np.concatenate(getattr(world, field))).astype(kind)
-    claimed(world, tmp_path, fields)
+    matched(world, tmp_path, fields)
 
 
 def test_the_fix_for_of_swapped_sides(world: World, tmp_path: Path) -> None:
@@ -337,3 +344,46 @@ def test_the_fix_for_of_swapped_sides(world: World, tmp_path: Path) -> None:
     assert "scale" not in message
     turned = world.matches(image_size=np.tile((480, 640), (N_QUERIES, 1)))
     assert "width before height" in refused(world, tmp_path, turned)
+
+
+def read_differently(rotation: np.ndarray[Any, Any], *, quaternions: bool = False) -> str:
+    """Return what is said of rotations beside IMUs that are one to three degrees off."""
+    true = Poses(rotation=rotation, centres=np.zeros((len(rotation), 3)))
+    rng = np.random.default_rng(0)
+    off = Rotation.from_rotvec(rng.normal(0, 0.02, (len(rotation), 3))).as_matrix()
+    opengl = np.diag((1.0, -1.0, -1.0)) @ rotation
+    refuse_other_conventions(true, replace(true, rotation=off @ rotation))
+    with pytest.raises(PredictionError) as caught:
+        refuse_other_conventions(
+            replace(true, rotation=opengl),
+            replace(true, rotation=off @ rotation),
+            quaternions=quaternions,
+        )
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 5.0, 90.0])
+@pytest.mark.parametrize("quaternions", [False, True])
+def test_opengl_axes_of_photos_that_look_down(yaw_deg: float, *, quaternions: bool) -> None:
+    rng = np.random.default_rng(1)
+    pairs = zip(rng.normal(0, 1, 20), rng.normal(0, yaw_deg, 20), strict=True)
+    message = read_differently(
+        np.concatenate([looking_down(*pair) for pair in pairs]), quaternions=quaternions
+    )
+    if yaw_deg >= 5 or not quaternions:
+        assert "OpenGL's camera axes" in message
+        assert "quaternions in the order" not in message
+
+
+def test_opengl_axes_of_real_photos(brighton: Path) -> None:
+    images = json.loads((brighton / "poses.json").read_text())["images"].values()
+    message = read_differently(np.array([image["R_w2c"] for image in images]))
+    assert "those of OpenGL's camera axes" in message
+
+
+def test_matrices_of_quaternions_in_another_order() -> None:
+    true = np.concatenate([looking_down(55, 63 * q) for q in range(N_QUERIES)])
+    priors = Poses(rotation=true, centres=np.zeros((N_QUERIES, 3)))
+    mistaken = quaternion_to_matrix(np.roll(matrix_to_quaternion(true), -1, axis=1))
+    with pytest.raises(PredictionError, match="matrices made of quaternions in the order x y z w"):
+        refuse_other_conventions(replace(priors, rotation=mistaken), priors)

@@ -1,4 +1,4 @@
-"""Holding a claim against the truth: which row answers which query, which id is which tile."""
+"""The predictions of one scene: the gallery ranked for each of its queries."""
 
 from __future__ import annotations
 
@@ -12,47 +12,41 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.retrieval.hits import hit_matrix
-from airzoo_bench.retrieval.pairs import Positives
-from airzoo_bench.retrieval.predictions import (
-    Descriptors,
-    RankedIds,
-    RetrievalPredictions,
-)
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.retrieval.pairs import Positives, hit_matrix
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
 from airzoo_bench.retrieval.settings import RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["RankedScene", "rank_scene", "strange_tiles"]
+__all__ = ["ScenePredictions", "match_scene", "strange_tiles"]
 
 _CELLS = 1 << 20  # ranks at a time
 
 
 @dataclass(frozen=True)
-class RankedScene:
-    """What predictions claim of a scene with Q queries.
+class ScenePredictions:
+    """The gallery of a scene, ranked for each of its Q queries.
 
     Attributes
     ----------
-    truth : RetrievalTruth
     ranking : Ranking
         Q rows; those of missing queries hold no tile.
-    answered : (Q,) bool
-        Which queries have a list that is not empty.
-    given : (Q,) bool
-        Which queries have a list.
+    answered, given : (Q,) bool
+        Which queries have a list that is not empty, and which have a list.
     """
 
     truth: RetrievalTruth
     ranking: Ranking
-    answered: NDArray[np.bool_]
-    given: NDArray[np.bool_]
+    answered: Bools
+    given: Bools
 
     @property
-    def lengths(self) -> NDArray[np.int64]:
+    def lengths(self) -> Ints:
         """How many ranks each query has a tile at."""
-        lengths: NDArray[np.int64] = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
+        lengths: Ints = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
         return lengths
 
     def shorter(self, depth: int) -> int:
@@ -80,16 +74,14 @@ class RankedScene:
         }
 
 
-def rank_scene(
+def match_scene(
     predictions: RetrievalPredictions,
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
     settings: RetrievalScores,
-    *,
-    memory_bytes: int,
-    workers: int,
-) -> RankedScene:
-    """Rank the gallery of one scene for each of its queries, as the claim has it.
+    resources: Resources,
+) -> ScenePredictions:
+    """Rank the gallery of one scene for each of its queries, as predicted.
 
     Parameters
     ----------
@@ -97,11 +89,9 @@ def rank_scene(
     truth : RetrievalTruth
         With Q queries.
     rows : (Q,) int
-        From `ids.assign_queries`.
+        The row of the predictions for each query, -1 where there is none.
     settings : RetrievalScores
-        The protocol's.
-    memory_bytes, workers : int
-        For ranking descriptors.
+    resources : Resources
 
     Raises
     ------
@@ -109,48 +99,43 @@ def rank_scene(
         A tile is not in the scene's gallery, the gallery is not complete, scores are not in
         order, or descriptors are not finite.
     """
-    answered = np.flatnonzero(rows >= 0)
-    names = predictions.query_ids[rows[answered]]
-    asked = _Asked(rows[answered], names, truth.positives.take(answered))
+    content, there = predictions.content, np.flatnonzero(rows >= 0)
+    names = predictions.query_ids[rows[there]]
+    asked = _Asked(rows[there], names, truth.positives.take(there))
     try:
-        match predictions.claim:
-            case RankedIds() as claim:
-                ranking = _rank_ids(claim, truth, asked, settings)
-            case Descriptors() as claim:
-                gallery = _scene_gallery(claim, truth, memory_bytes)
+        match content:
+            case RankedIds() as ranked:
+                ranking = _rank_ids(ranked, truth, asked, settings)
+            case Descriptors() as described:
+                gallery = _scene_gallery(described, truth, resources.memory_bytes)
                 ranking = rank_by_descriptors(
-                    claim.queries[asked.rows],
+                    described.queries[asked.rows],
                     gallery,
                     k=min(settings.ranks_kept, len(truth.tiles)),
                     metric=settings.descriptor_metric,
                     positives=asked.positives,
                     depth=settings.depth,
-                    memory_bytes=memory_bytes,
-                    workers=workers,
+                    memory_bytes=resources.memory_bytes,
+                    jobs=resources.jobs,
                     names=names,
                     tile_names=truth.tiles["id"].to_numpy(),
                 )
     except PredictionError as error:
         raise error.inside(predictions.path) from error
-    every = _spread(ranking, answered, len(rows))
-    return RankedScene(truth, every, _is_answered(predictions, rows), rows >= 0)
-
-
-def _is_answered(predictions: RetrievalPredictions, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Tell which queries have a row in the file, whose list is not empty."""
-    claim, answered = predictions.claim, rows >= 0
-    if isinstance(claim, RankedIds):
-        answered = answered & (claim.ids[rows] != "").any(axis=1)
-    return answered
+    given = rows >= 0
+    answered = given
+    if isinstance(content, RankedIds):
+        answered = given & (content.ids[rows] != "").any(axis=1)
+    return ScenePredictions(truth, _with_all_queries(ranking, given), answered, given)
 
 
 def strange_tiles(
     predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
 ) -> NDArray[np.str_]:
-    """Return the described tiles that are in no gallery."""
-    if isinstance(predictions.claim, RankedIds):
+    """Return the ids of described tiles that are in no gallery."""
+    if isinstance(predictions.content, RankedIds):
         return np.zeros(0, "<U1")
-    given = predictions.claim.gallery_ids
+    given = predictions.content.gallery_ids
     known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
     return given[~np.isin(given, known)]
 
@@ -170,11 +155,11 @@ class _Asked:
 
 
 def _rank_ids(
-    claim: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
+    ranked: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
 ) -> Ranking:
-    step = max(1, _CELLS // max(1, claim.ids.shape[1]))
+    step = max(1, _CELLS // max(1, ranked.ids.shape[1]))
     parts = [
-        _rank_some(claim, truth, asked.part(slice(start, start + step)), settings)
+        _rank_some(ranked, truth, asked.part(slice(start, start + step)), settings)
         for start in range(0, max(1, len(asked.rows)), step)
     ]
     return Ranking(
@@ -184,12 +169,12 @@ def _rank_ids(
 
 
 def _rank_some(
-    claim: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
+    ranked: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
 ) -> Ranking:
     n_tiles = len(truth.tiles)
     kept = min(settings.ranks_kept, n_tiles)
-    ids = claim.ids[asked.rows]
-    scores = None if claim.scores is None else claim.scores[asked.rows]
+    ids = ranked.ids[asked.rows]
+    scores = None if ranked.scores is None else ranked.scores[asked.rows]
     width = _ranks_that_matter(ids, scores, kept)
     return rank_by_ids(
         _tile_indices(truth, ids[:, :width], asked.names),
@@ -202,10 +187,10 @@ def _rank_some(
     )
 
 
-def _ranks_that_matter(ids: NDArray[np.str_], scores: NDArray[np.float64] | None, kept: int) -> int:
-    """Find how much of the lists decides their first ranks: ties that go on beyond them, too.
+def _ranks_that_matter(ids: NDArray[np.str_], scores: Floats | None, kept: int) -> int:
+    """Return how many ranks decide the first `kept`: as many, and the ties that go on beyond.
 
-    And one rank more, which tells a tie that ends there from one that the list ends with.
+    One rank more tells a tie that ends there from one that ends with the list.
     """
     if scores is None:
         return kept
@@ -214,17 +199,16 @@ def _ranks_that_matter(ids: NDArray[np.str_], scores: NDArray[np.float64] | None
     return kept + int(tied.max(initial=0)) + 1
 
 
-def _spread(ranking: Ranking, answered: NDArray[np.intp], n_queries: int) -> Ranking:
-    tiles = np.full((n_queries, ranking.tiles.shape[1]), -1, np.int32)
-    tied = np.zeros(n_queries, np.bool_)
-    tiles[answered], tied[answered] = ranking.tiles, ranking.tie_dependent
+def _with_all_queries(ranking: Ranking, given: Bools) -> Ranking:
+    """Add the rows of queries that the predictions lack."""
+    tiles = np.full((len(given), ranking.tiles.shape[1]), -1, np.int32)
+    tied = np.zeros(len(given), np.bool_)
+    tiles[given], tied[given] = ranking.tiles, ranking.tie_dependent
     return Ranking(tiles, tied)
 
 
 def _tile_indices(
-    truth: RetrievalTruth,
-    ids: NDArray[np.str_],
-    names: NDArray[np.str_],
+    truth: RetrievalTruth, ids: NDArray[np.str_], names: NDArray[np.str_]
 ) -> NDArray[np.int32]:
     import pandas as pd
 
@@ -259,33 +243,36 @@ def _fix_for_strange_tile(tile: str, truth: RetrievalTruth) -> str:
 
 
 def _scene_gallery(
-    claim: Descriptors, truth: RetrievalTruth, memory_bytes: int
+    described: Descriptors, truth: RetrievalTruth, memory_bytes: int
 ) -> NDArray[np.floating[Any]]:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
-    rows = _gallery_rows(claim, truth)
+    rows = _gallery_rows(described, truth)
     if (np.diff(rows) == 1).all():
-        return _slice(claim.gallery, int(rows[0]), len(rows))
-    needed = len(rows) * claim.gallery.shape[1] * claim.gallery.itemsize
-    if isinstance(claim.gallery, np.memmap) and needed > memory_bytes:
+        return _slice(described.gallery, int(rows[0]), len(rows))
+    needed = len(rows) * described.gallery.shape[1] * described.gallery.itemsize
+    if isinstance(described.gallery, np.memmap) and needed > memory_bytes:
         raise PredictionError(
             f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
             f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
             where="field 'gallery_descriptors'",
             fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
-    return claim.gallery[rows]
+    return described.gallery[rows]
 
 
-def _gallery_rows(claim: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]:
-    """Return the row of the claim that describes each tile of the scene."""
+def _gallery_rows(described: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]:
+    """Return the row of the descriptors for each tile of the scene."""
     import pandas as pd
 
-    rows: NDArray[np.intp] = pd.Index(claim.gallery_ids).get_indexer(pd.Index(truth.tiles["id"]))
+    rows: NDArray[np.intp] = pd.Index(described.gallery_ids).get_indexer(
+        pd.Index(truth.tiles["id"])
+    )
     lacking = truth.tiles["id"].to_numpy()[rows < 0]
     if lacking.size:
         raise PredictionError(
             f"lacks descriptors of tiles of scene {truth.scene}: "
-            f"{first_of(lacking, len(truth.tiles))}{_meant(str(lacking[0]), claim, truth)}",
+            f"{first_of(lacking, len(truth.tiles))}"
+            + _meant(str(lacking[0]), described.gallery_ids, truth),
             where="field 'gallery_ids'",
             expected="every tile of the gallery: leaving some out would make the task easier",
             fix="describe all tiles of tiles.parquet",
@@ -293,9 +280,9 @@ def _gallery_rows(claim: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]
     return rows
 
 
-def _meant(lacking: str, claim: Descriptors, truth: RetrievalTruth) -> str:
-    """Show the id that could be a tile's that is lacking, written in another way."""
-    strange = claim.gallery_ids[~np.isin(claim.gallery_ids, truth.tiles["id"].to_numpy(str))]
+def _meant(lacking: str, given: NDArray[np.str_], truth: RetrievalTruth) -> str:
+    """Show the given id that may be another spelling of a tile that is lacking."""
+    strange = given[~np.isin(given, truth.tiles["id"].to_numpy(str))]
     near = nearest(lacking, strange.tolist(), 1)
     return near.replace("did you mean", "it has") if near else ""
 
@@ -304,7 +291,6 @@ def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:
     if not isinstance(gallery, np.memmap):
         return gallery[start : start + count]
     # A slice of a map keeps its parent's offset; a new map says truly where its bytes begin.
-    skipped = start * gallery.shape[1] * gallery.itemsize
-    shape = (count, gallery.shape[1])
-    offset = gallery.offset + skipped
-    return np.memmap(str(gallery.filename), gallery.dtype, "r", offset, shape)
+    width = gallery.shape[1]
+    offset = gallery.offset + start * width * gallery.itemsize
+    return np.memmap(str(gallery.filename), gallery.dtype, "r", offset, (count, width))

@@ -1,4 +1,4 @@
-"""Holding a claim against the truth: which rows answer which query, and can they be meant."""
+"""The predictions of one scene, by query, and the refusal of what they cannot mean."""
 
 from __future__ import annotations
 
@@ -9,32 +9,34 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
 from airzoo_bench.matching.conventions import refuse_other_conventions
 from airzoo_bench.matching.predictions import (
     Correspondences,
+    GivenPoses,
     MatchingPredictions,
-    PoseClaim,
     check_digits,
 )
 from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = ["SceneClaim", "claim_of_scene"]
+__all__ = ["ScenePredictions", "match_scene"]
 
-Floats = NDArray[np.float64]
 
 # Coordinates may lie this far outside a picture: sub-pixel refinement oversteps its border.
 _SLACK_PX = 1.0
-# Pixels are taken for those of crops, or for rows before columns, where at least so many fit that
-# and at most so many fit what they should be.
+# Pixels count as those of crops, or as rows before columns, where at least the first share fits
+# that reading, and at most the second share fits what they should be.
 _NEARLY_ALL, _SOME = 0.98, 0.8
+# A prior that was copied went through a file at most.
+_SAME_M, _SAME_DEG = 1e-3, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class SceneClaim:
-    """The claim about the Q queries of one scene.
+class ScenePredictions:
+    """The predictions for the Q queries of one scene.
 
     Attributes
     ----------
@@ -46,17 +48,26 @@ class SceneClaim:
     map_xy : (M, 2) float64 or None
         Pixels of the whole map.
     points : (M, 3) float64
-        Of the scene; they count where `map_xy` is None.
+        In the scene's CRS, instead of `map_xy`.
     poses : Poses or None
-        Instead of all of these, NaN where there is none.
+        Instead of matches and pairs; NaN where there is none.
     """
 
-    answered: NDArray[np.bool_]
-    offsets: NDArray[np.int64]
+    answered: Bools
+    offsets: Ints
     query_xy: Floats
     map_xy: Floats | None
     points: Floats
     poses: Poses | None
+
+    def equal_to_prior(self, truth: MatchingTruth) -> int:
+        """Count the poses that are the photo's own GPS position and gimbal angles."""
+        if self.poses is None:
+            return 0
+        with np.errstate(over="ignore"):
+            apart = np.linalg.norm(self.poses.centres - truth.priors.centres, axis=1)
+        turned = rotation_angle_deg(self.poses.rotation, truth.priors.rotation)
+        return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
 
     def parts(self) -> list[slice]:
         """Return the rows of each query."""
@@ -66,10 +77,10 @@ class SceneClaim:
         ]
 
 
-def claim_of_scene(
+def match_scene(
     predictions: MatchingPredictions, truth: MatchingTruth, rows: NDArray[np.intp]
-) -> SceneClaim:
-    """Pick the claim about one scene, and refuse what cannot be meant as it stands.
+) -> ScenePredictions:
+    """Return the predictions for the queries of a scene; refuse what cannot be meant as written.
 
     Parameters
     ----------
@@ -85,51 +96,55 @@ def claim_of_scene(
         Pixels outside the picture or the crop, another image size, poses that look
         camera-to-world.
     """
-    claim = predictions.claim
+    content = predictions.content
     try:
-        if isinstance(claim, PoseClaim):
-            taken = _pose_claim(claim, truth, rows)
-            # After its convention: of poses that are something else, other digits count.
-            check_digits(claim, predictions.query_ids)
-            return taken
-        return _correspondence_claim(claim, truth, rows)
+        if isinstance(content, GivenPoses):
+            matched = _match_poses(content, truth, rows)
+            # After the convention: it decides which digits count.
+            check_digits(content, predictions.query_ids)
+            return matched
+        return _match_correspondences(content, truth, rows)
     except PredictionError as error:
         raise error.inside(predictions.path) from error
 
 
-def _pose_claim(claim: PoseClaim, truth: MatchingTruth, rows: NDArray[np.intp]) -> SceneClaim:
+def _match_poses(
+    given: GivenPoses, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> ScenePredictions:
     answered = rows >= 0
-    there = answered & claim.found[rows]
-    rotation = np.where(there[:, None, None], claim.poses.rotation[rows], np.nan)
-    centres = np.where(there[:, None], claim.poses.centres[rows], np.nan)
+    there = answered & given.found[rows]
+    rotation = np.where(there[:, None, None], given.poses.rotation[rows], np.nan)
+    centres = np.where(there[:, None], given.poses.centres[rows], np.nan)
     poses = Poses(rotation=rotation, centres=centres)
-    refuse_other_conventions(poses.take(there), truth.priors.take(there))
+    refuse_other_conventions(
+        poses.take(there), truth.priors.take(there), quaternions=given.quaternions
+    )
     nothing = np.zeros((0, 2))
-    return SceneClaim(
+    return ScenePredictions(
         answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses
     )
 
 
-def _correspondence_claim(
-    claim: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]
-) -> SceneClaim:
+def _match_correspondences(
+    matches: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> ScenePredictions:
     answered = rows >= 0
-    counts = np.where(answered, np.diff(claim.offsets)[rows], 0)
+    counts = np.where(answered, np.diff(matches.offsets)[rows], 0)
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     query = np.repeat(np.arange(len(rows)), counts)
-    taken = np.repeat(claim.offsets[rows], counts) + np.arange(offsets[-1]) - offsets[query]
-    query_xy = claim.query_xy[taken]
-    _check_image_size(claim, truth, rows)
+    taken = np.repeat(matches.offsets[rows], counts) + np.arange(offsets[-1]) - offsets[query]
+    query_xy = matches.query_xy[taken]
+    _check_image_size(matches, truth, rows)
     _check_query_pixels(query_xy, truth, query)
-    map_xy = None if claim.map_xy is None else claim.map_xy[taken]
+    map_xy = None if matches.map_xy is None else matches.map_xy[taken]
     _refuse_coarse_pixels(query_xy, map_xy, truth)
-    if map_xy is not None and claim.map_frame == "crop":
+    if map_xy is not None and matches.map_frame == "crop":
         _check_crop_pixels(map_xy, truth, query)
         map_xy = map_xy + truth.crops[query, :2]
     elif map_xy is not None:
-        _refuse_other_frame(map_xy, truth, query, stated=claim.map_frame is not None)
-    points = np.zeros((0, 3)) if claim.points3d is None else claim.points3d[taken]
-    return SceneClaim(answered, offsets, query_xy, map_xy, points, None)
+        _refuse_other_frame(map_xy, truth, query, stated=matches.map_frame is not None)
+    points = np.zeros((0, 3)) if matches.points3d is None else matches.points3d[taken]
+    return ScenePredictions(answered, offsets, query_xy, map_xy, points, None)
 
 
 def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: MatchingTruth) -> None:
@@ -152,15 +167,13 @@ def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: Matchi
 
 
 def _zoom(truth: MatchingTruth) -> float:
-    """Say how many map pixels a pixel of a photo sees, about: by the diagonals of the crops."""
+    """Return how many map pixels wide a pixel of a photo is, by the diagonals of the crops."""
     cameras = truth.cameras
     photo = np.hypot(cameras.width, cameras.height)
     return float(np.median(np.hypot(*truth.crops[:, 2:].T) / photo))
 
 
-def _refuse_other_frame(
-    map_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64], *, stated: bool
-) -> None:
+def _refuse_other_frame(map_xy: Floats, truth: MatchingTruth, query: Ints, *, stated: bool) -> None:
     """Refuse pixels that fit the crops, or rows and columns exchanged, and not the map."""
     if not len(map_xy):
         return
@@ -168,14 +181,14 @@ def _refuse_other_frame(
     as_map = _share_inside(map_xy - crop[:, :2], crop)
     if as_map > _SOME:
         return
-    suspicions = {
+    readings = {
         "rows before columns": (map_xy[:, ::-1] - crop[:, :2], "write x, the column, before y"),
         "pixels of the crop": (
             map_xy,
             "say map_frame='crop', or map_frame='map' if they are pixels of the map all the same",
         ),
     }
-    for what, (local, fix) in list(suspicions.items())[: 1 if stated else 2]:
+    for what, (local, fix) in list(readings.items())[: 1 if stated else 2]:
         inside = _share_inside(local, crop)
         if inside >= _NEARLY_ALL:
             raise PredictionError(
@@ -187,65 +200,76 @@ def _refuse_other_frame(
             )
 
 
-def _share_inside(local: Floats, crop: NDArray[np.int64]) -> float:
+def _share_inside(local: Floats, crop: Ints) -> float:
     inside = (local >= -_SLACK_PX) & (local <= crop[:, 2:] + _SLACK_PX)
     return float(inside.all(axis=1).mean())
 
 
-def _check_image_size(claim: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]) -> None:
-    if claim.image_size is None:
+def _check_image_size(
+    matches: Correspondences, truth: MatchingTruth, rows: NDArray[np.intp]
+) -> None:
+    if matches.image_size is None:
         return
     cameras = truth.cameras
     true = np.stack([cameras.width, cameras.height], axis=1)
-    said = claim.image_size[rows]
-    bad = np.flatnonzero((rows >= 0) & (said != true).any(axis=1))
+    stated = matches.image_size[rows]
+    bad = np.flatnonzero((rows >= 0) & (stated != true).any(axis=1))
     if bad.size:
         first = bad[0]
         raise PredictionError(
             f"matches in another image size than the query's: {_named(truth, bad)}; the "
             f"first is {true[first, 0]}x{true[first, 1]} px, its matches are for "
-            f"{said[first, 0]}x{said[first, 1]}",
+            f"{stated[first, 0]}x{stated[first, 1]}",
             where="field 'image_size'",
             fix="write x, the column, before y, and width before height"
-            if (said[bad] == true[bad, ::-1]).all()
+            if (stated[bad] == true[bad, ::-1]).all()
             else "multiply x and y by the ratio of the widths and of the heights",
         )
 
 
-def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64]) -> None:
+def _check_query_pixels(query_xy: Floats, truth: MatchingTruth, query: Ints) -> None:
     cameras = truth.cameras
     size = np.stack([cameras.width, cameras.height], axis=1)[query]
-    outside = ((query_xy < -_SLACK_PX) | (query_xy > size + _SLACK_PX)).any(axis=1)
-    if outside.any():
-        first = query_xy[outside][0]
-        swapped = (query_xy[:, ::-1] <= size + _SLACK_PX).all()
-        rows = np.unique(query[outside])
-        width, height = size[outside][0]
-        raise PredictionError(
-            f"{counted(int(outside.sum()), 'pixel', 'pixels')} outside the photo, in "
-            f"{_named(truth, rows)}; the first is ({first[0]:.1f}, {first[1]:.1f}) in a photo of "
-            f"{width}x{height} px",
-            where="field 'query_xy'",
-            expected="pixels of the photo at its full size, the corner being (0, 0)",
-            fix="write x, the column, before y: the other way round all lie inside"
-            if swapped
-            else "scale them from the size that the method worked in",
-        )
+    _refuse_outside(
+        query_xy,
+        size,
+        truth,
+        query,
+        ("pixel", "photo"),
+        where="field 'query_xy'",
+        expected="pixels of the photo at its full size, the corner being (0, 0)",
+        fix="write x, the column, before y: the other way round all lie inside"
+        if (query_xy[:, ::-1] <= size + _SLACK_PX).all()
+        else "scale them from the size that the method worked in",
+    )
 
 
-def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: NDArray[np.int64]) -> None:
-    size = truth.crops[query, 2:]
-    outside = ((map_xy < -_SLACK_PX) | (map_xy > size + _SLACK_PX)).any(axis=1)
+def _check_crop_pixels(map_xy: Floats, truth: MatchingTruth, query: Ints) -> None:
+    _refuse_outside(
+        map_xy,
+        truth.crops[query, 2:],
+        truth,
+        query,
+        ("map pixel", "crop"),
+        where="field 'map_xy'",
+        expected="pixels of the query's crop, the corner being (0, 0)",
+        fix="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
+    )
+
+
+def _refuse_outside(
+    xy: Floats, size: Ints, truth: MatchingTruth, query: Ints, nouns: tuple[str, str], **error: str
+) -> None:
+    """Refuse pixels (M, 2) outside the picture of their query, of these sizes (M, 2)."""
+    outside = ((xy < -_SLACK_PX) | (xy > size + _SLACK_PX)).any(axis=1)
     if outside.any():
-        first, rows = map_xy[outside][0], np.unique(query[outside])
-        width, height = size[outside][0]
+        pixel, picture = nouns
+        first, (width, height) = xy[outside][0], size[outside][0]
         raise PredictionError(
-            f"{counted(int(outside.sum()), 'map pixel', 'map pixels')} outside the crop, in "
-            f"{_named(truth, rows)}; the first is ({first[0]:.1f}, {first[1]:.1f}) in a crop of "
-            f"{width}x{height} px",
-            where="field 'map_xy'",
-            expected="pixels of the query's crop, the corner being (0, 0)",
-            fix="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
+            f"{counted(int(outside.sum()), pixel)} outside the {picture}, in "
+            f"{_named(truth, np.unique(query[outside]))}; the first is ({first[0]:.1f}, "
+            f"{first[1]:.1f}) in a {picture} of {width}x{height} px",
+            **error,
         )
 
 

@@ -1,0 +1,114 @@
+"""Making predictions for any track: by its baseline, or at random as an example of the format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench.benchmark.folder import find_benchmark
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.evaluation.given import AnyTrack, read_truths
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.protocol.lookup import find_protocol, protocol_of_track
+
+__all__ = ["Template", "run_baseline", "write_template"]
+
+
+def run_baseline(
+    track: str,
+    protocol: str,
+    out: Path,
+    *,
+    data: Path,
+    settings: Any = None,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+    note: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Run a track's baseline on a benchmark and write predictions.
+
+    Parameters
+    ----------
+    track : str
+    protocol : str
+        Name or path.
+    out : Path
+        The file or folder to write.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    settings : optional
+        Instead of the baseline's own, and of their class.
+    resources : Resources
+        The predictions do not depend on them.
+    note : callable
+        Called with notes on each scene.
+
+    Raises
+    ------
+    UserError
+        The protocol, the benchmark folder or an image cannot be used.
+    """
+    of: AnyTrack = TRACKS.get(track)
+    if of.baseline is None:
+        raise UsageError(f"the {track} track has no baseline")
+    chosen = protocol_of_track(protocol, data, of.protocol)
+    benchmark = find_benchmark(chosen.benchmark, data)
+    benchmark.check_fits(chosen)
+    of.baseline.predict(chosen, benchmark, settings or of.baseline.settings, out, resources, note)
+
+
+@dataclass(frozen=True)
+class Template:
+    """An example that was written: its track, its path, and what it will score if known."""
+
+    track: str
+    out: Path
+    note: str | None
+
+
+def write_template(
+    protocol: str,
+    *,
+    data: Path,
+    out: Path | None = None,
+    kind: str | None = None,
+    seed: int = 0,
+    force: bool = False,
+) -> Template:
+    """Write an example prediction for a protocol, at random.
+
+    Parameters
+    ----------
+    protocol : str
+        Name or path.
+    data : Path
+        The benchmark folder, or the folder that holds it.
+    out : Path, optional
+        The file or folder to write; by default the track's `template_out`.
+    kind : str, optional
+        One of the track's `template_kinds`.
+    seed : int
+    force : bool
+        Overwrite an existing file.
+
+    Raises
+    ------
+    UserError
+        The protocol or the benchmark folder is missing, the track has no template or not of this
+        kind, or `out` cannot be written or could be a prediction.
+    """
+    chosen = find_protocol(protocol, data)
+    track: AnyTrack = TRACKS.get(chosen.track)
+    kinds = track.template_kinds
+    if kind is not None and kind not in kinds:
+        raise UsageError(
+            f"templates of {track.name} have no kind {kind!r}",
+            expected=" or ".join(kinds) if kinds else "no --kind",
+        )
+    target = out or Path(track.template_out)
+    track.check_template_path(target, force=force)
+    _, truths = read_truths(track, chosen, data)
+    track.write_template(target, chosen, truths, kind or (kinds or ("",))[0], seed)
+    return Template(track.name, target, track.template_note(chosen, truths))

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.retrieval.ranking import rank_by_ids
+from tests.retrieval.ranking_support import (
+    assert_is,
+    naive,
+    positives_of,
+    random_positives,
+)
+
+
+def test_order_stands_without_scores():
+    ranked = np.array([[3, 1, -1], [0, 2, 1]])
+    ranking = rank_by_ids(ranked, None, positives_of([3], []), n_tiles=4, k=3, depth=5)
+    assert_is(ranking, (ranked, np.array([False, False])))
+
+
+def test_ties_go_against_the_submitter():
+    ranked = np.array([[3, 1, 2, 0]])
+    scores = np.array([[1.0, 1, 1, 0.5]])
+    ranking = rank_by_ids(ranked, scores, positives_of([1, 3]), n_tiles=4, k=4, depth=1)
+    assert_is(ranking, (np.array([[2, 1, 3, 0]]), np.array([True])))
+    # The same scores as distances.
+    again = rank_by_ids(ranked, -scores, positives_of([1, 3]), n_tiles=4, k=4, depth=1)
+    assert again.tiles.tolist() == ranking.tiles.tolist()
+
+
+@pytest.mark.parametrize(("depth", "tied"), [(1, False), (2, True), (3, True)])
+def test_tie_counts_when_it_begins_before_the_depth(depth, tied):
+    ranked, scores = np.array([[5, 4, 3, 2, 1, 0]]), np.array([[9.0, 8, 8, 8, 7, 6]])
+    ranking = rank_by_ids(ranked, scores, positives_of([2]), n_tiles=6, k=6, depth=depth)
+    assert ranking.tiles.tolist() == [[5, 3, 4, 2, 1, 0]]
+    assert ranking.tie_dependent.tolist() == [tied]
+
+
+def test_tie_of_one_kind_is_none():
+    ranked, scores = np.array([[1, 0, 2], [1, 0, 2]]), np.array([[1, 1, 0.0]] * 2)
+    ranking = rank_by_ids(ranked, scores, positives_of([], [0, 1]), n_tiles=3, k=3, depth=2)
+    assert ranking.tiles.tolist() == [[0, 1, 2], [0, 1, 2]]
+    assert not ranking.tie_dependent.any()
+
+
+def test_missing_tiles_take_no_part():
+    ranked = np.array([[0, 5, 4, 1, -1, -1]])
+    scores = np.array([[2, 1.0, 1, 0.5, 0.5, np.nan]])
+    ranking = rank_by_ids(ranked, scores, positives_of([5]), n_tiles=6, k=6, depth=4)
+    assert ranking.tiles.tolist() == [[0, 4, 5, 1, -1, -1]]
+
+
+def test_infinite_scores_tie():
+    ranking = rank_by_ids(
+        np.array([[5, 4, 1]]),
+        np.array([[np.inf, np.inf, -np.inf]]),
+        positives_of([5]),
+        n_tiles=6,
+        k=3,
+        depth=3,
+    )
+    assert ranking.tiles.tolist() == [[4, 5, 1]]
+
+
+def completed(ranked, scores, positives, n_tiles):
+    """What the rule says of lists that end in a tie: the scores of all tiles, those left out too.
+
+    Positives that were left out are as good as not there: worse than everything.
+    """
+    whole = np.full((len(ranked), n_tiles), -np.inf)
+    for query, (tiles, row) in enumerate(zip(ranked, scores, strict=True)):
+        if len(tiles) > 1 and row[-1] == row[-2]:
+            whole[query] = row[-1]
+            whole[query, positives.of(query)] = -np.inf
+        whole[query, tiles] = row
+    return whole
+
+
+# Of three tiles that all answer two are listed, as equals: the third is not given.
+@example(seed=1, n_tiles=3, listed=2, k=2, falling=False)
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n_tiles=st.integers(2, 14),
+    listed=st.integers(1, 14),
+    k=st.integers(1, 14),
+    falling=st.booleans(),
+)
+def test_a_tie_at_the_end_of_a_list_takes_in_what_was_left_out(seed, n_tiles, listed, k, falling):
+    rng = np.random.default_rng(seed)
+    listed = min(listed, n_tiles)
+    positives = random_positives(rng, 4, n_tiles)
+    ranked = np.stack([rng.permutation(n_tiles)[:listed] for _ in range(4)])
+    scores = -np.sort(rng.integers(0, 3, ranked.shape), axis=1).astype(float)
+    given_scores = scores if falling else -scores
+    found = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=k, depth=1)
+    for query, row in enumerate(completed(ranked, scores, positives, n_tiles)):
+        positive = np.isin(np.arange(n_tiles), positives.of(query))
+        order = np.lexsort((np.arange(n_tiles), positive, -row))
+        order = order[row[order] > -np.inf]
+        expected = [*order[:k], *[-1] * k][:k]
+        tied_throughout = (scores[query] == scores[query, 0]).all() and listed > 1
+        if tied_throughout and not positive.all():
+            expected = [-1] * k
+        assert found.tiles[query].tolist() == expected
+
+
+def test_a_constant_list_is_no_ranking_however_long_it_is():
+    # Tile 0 answers, and stands first; every list says the same of all that it names.
+    for listed in (2, 5, 100, 299, 300):
+        ranked, scores = np.arange(listed)[None], np.full((1, listed), 0.7)
+        found = rank_by_ids(ranked, scores, positives_of([0]), n_tiles=300, k=100, depth=5)
+        assert (found.tiles == -1).all()
+        assert found.tie_dependent.tolist() == [True]
+
+
+def test_a_tie_with_a_positive_that_was_left_out_counts_as_one():
+    ranked, scores = np.array([[4, 1, 2]]), np.array([[2.0, 1, 1]])
+    for positives, tied in (([0], True), ([1], True), ([4], False), ([0, 1, 2, 3, 5], False)):
+        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, depth=5)
+        assert found.tie_dependent.tolist() == [tied]
+        # It begins at the second rank, which a depth of one does not look at.
+        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, depth=1)
+        assert found.tie_dependent.tolist() == [False]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 12), st.booleans())
+def test_ranked_ids_agree_with_a_plain_sort(seed, n_tiles, depth, distances):
+    rng = np.random.default_rng(seed)
+    scores = rng.integers(0, 4, (3, n_tiles)).astype(float)
+    positives = random_positives(rng, 3, n_tiles)
+    ranked = np.argsort(-scores + rng.random(scores.shape) / 2, axis=1)
+    given_scores = np.take_along_axis(scores, ranked, axis=1) * (-1 if distances else 1)
+    ranking = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=n_tiles, depth=depth)
+    assert_is(ranking, naive(scores, positives, n_tiles, depth))
+
+
+@pytest.mark.parametrize(
+    ("ranked", "scores", "fault"),
+    [
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, 1, 2]], "out of order: 1 of 2 .b"),
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [1, 2, 3]], "out of order: 1 of 2"),
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, np.nan, 2]], "NaN scores: 1 of 2 .b"),
+        ([[0, 1, 2], [0, -1, 2]], None, "after their end: 1 of 2 .b"),
+        ([[0, 1, 2], [0, 1, -2]], None, "after their end: 1 of 2 .b"),
+        ([[0, 1, 2], [2, 1, 2]], None, "twice: 1 of 2 .b"),
+    ],
+)
+def test_bad_rankings_are_refused_by_name(ranked, scores, fault):
+    scores = None if scores is None else np.array(scores, float)
+    with pytest.raises(PredictionError, match=fault):
+        rank_by_ids(
+            np.array(ranked),
+            scores,
+            positives_of([], []),
+            n_tiles=3,
+            k=3,
+            depth=5,
+            names=["a", "b"],
+        )
+
+
+def test_rankings_that_do_not_fit_are_bugs():
+    with pytest.raises(ValueError, match="2 queries"):
+        rank_by_ids(np.zeros((1, 3), int), None, positives_of([], []), n_tiles=3, k=3, depth=5)
+    with pytest.raises(ValueError, match="scores"):
+        rank_by_ids(
+            np.zeros((1, 1), int), np.zeros((1, 2)), positives_of([]), n_tiles=3, k=3, depth=5
+        )
+
+
+# Descriptors
