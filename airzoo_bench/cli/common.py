@@ -7,13 +7,14 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 import typer
+from typer.core import TyperCommand
 
 from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import UsageError
@@ -32,6 +33,7 @@ __all__ = [
     "ProtocolOption",
     "check_output",
     "examples",
+    "in_panels",
     "memory_bytes",
     "printable",
     "progress",
@@ -86,6 +88,22 @@ JobsOption = Annotated[
 def examples(*calls: str) -> str:
     """Return what stands at the end of a command's help, where who has read it looks."""
     return "\n\n".join(f"Example: airzoo-bench {call}" for call in calls)
+
+
+def in_panels(panels: Mapping[str, Sequence[str]]) -> type[TyperCommand]:
+    """Return the class of a command whose help groups its options, named by parameter, by panel."""
+    panel_of = {name: panel for panel, names in panels.items() for name in names}
+
+    class Grouped(TyperCommand):
+        def __init__(self, *args: Any, **settings: Any) -> None:
+            super().__init__(*args, **settings)
+            for parameter in self.params:
+                if parameter.name in panel_of:
+                    parameter.rich_help_panel = panel_of[parameter.name]  # type: ignore[attr-defined]
+            order = list(panel_of)
+            self.params.sort(key=lambda one: order.index(one.name) if one.name in order else -1)
+
+    return Grouped
 
 
 def resolve_data(data: Path | None) -> Path:

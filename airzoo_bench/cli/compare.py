@@ -16,13 +16,20 @@ if TYPE_CHECKING:
     from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.model import Table
 
-__all__ = ["EXAMPLES", "compare"]
+__all__ = ["EXAMPLES", "PANELS", "compare"]
 
 EXAMPLES = examples(
     "compare results/mine/result.json results/theirs/result.json",
     "compare results/*/result.json --method Mine",
     "compare --printed 96.21 94.32 --queries 264",
 )
+
+PANELS = {
+    "What is compared": ("score", "every", "reference", "method", "scene", "most_different"),
+    "Statistics": ("interval", "resamples", "seed"),
+    "Printed hit rates": ("printed", "queries"),
+    "Output": ("form",),
+}
 
 
 class IntervalMethod(StrEnum):

@@ -29,7 +29,7 @@ from airzoo_bench.cli import (
     table,
     template,
 )
-from airzoo_bench.cli.common import say
+from airzoo_bench.cli.common import in_panels, say
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.version import __version__
 
@@ -55,17 +55,24 @@ app.add_typer(evaluate.app, name="eval", rich_help_panel=SCORE)
 app.command("check", epilog=check.EXAMPLES, rich_help_panel=SCORE)(check.check)
 app.command("template", epilog=template.EXAMPLES, rich_help_panel=SCORE)(template.template)
 app.add_typer(baseline.app, name="baseline", rich_help_panel=SCORE)
-app.command("table", epilog=table.EXAMPLES, rich_help_panel=RESULTS)(table.table)
-app.command("compare", epilog=compare.EXAMPLES, rich_help_panel=RESULTS)(compare.compare)
+app.command("table", cls=in_panels(table.PANELS), epilog=table.EXAMPLES, rich_help_panel=RESULTS)(
+    table.table
+)
+app.command(
+    "compare", cls=in_panels(compare.PANELS), epilog=compare.EXAMPLES, rich_help_panel=RESULTS
+)(compare.compare)
 app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(breakdown.breakdown)
 app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
-app.command("check-geometry", epilog=check_geometry.GEOMETRY_EXAMPLES, rich_help_panel=CHECKS)(
-    check_geometry.check_geometry
-)
+app.command(
+    "check-geometry",
+    cls=in_panels(check_geometry.GEOMETRY_PANELS),
+    epilog=check_geometry.GEOMETRY_EXAMPLES,
+    rich_help_panel=CHECKS,
+)(check_geometry.check_geometry)
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )

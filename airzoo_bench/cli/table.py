@@ -12,7 +12,7 @@ from airzoo_bench.cli.table_request import Layout, TableRequest, layout_named
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.plurals import agreeing
 
-__all__ = ["EXAMPLES", "table"]
+__all__ = ["EXAMPLES", "PANELS", "table"]
 
 EXAMPLES = examples(
     "table results/*/result.json --format latex",
@@ -20,6 +20,17 @@ EXAMPLES = examples(
     'table */result.json -f latex --fit --caption "Results." --label tab:all',
     "table --published --protocol uav-visloc-retrieval --layout scenes",
 )
+
+PANELS = {
+    "Rows and columns": (
+        *("layout", "scene", "every_score", "scores", "sort", "highlight", "floors", "rename"),
+        *("queries", "average", "per_block"),
+    ),
+    "Statistics": ("intervals", "second", "baseline"),
+    "Published numbers": ("published", "protocol", "mark_published"),
+    "Output": ("form", "decimals"),
+    "LaTeX": ("cite", "siunitx", "standalone", "caption", "label", "fit"),
+}
 
 
 def table(

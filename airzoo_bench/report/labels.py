@@ -11,9 +11,19 @@ from airzoo_bench.report.figures import name_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 
-__all__ = ["axis_label", "error_label", "over_scenes", "shown_value", "small_print", "who"]
+__all__ = [
+    "UNITS",
+    "arrow",
+    "axis_label",
+    "error_label",
+    "over_scenes",
+    "shown_value",
+    "small_print",
+    "spans_decades",
+    "who",
+]
 
-_UNITS = {"share": "%", "m": "m", "deg": "°"}
+UNITS = {"share": "%", "m": "m", "deg": "°"}
 # Tables have room for a word; a picture found alone must say what was measured.
 _ERRORS = {
     "error_m": "translation error",
@@ -26,11 +36,12 @@ _ERRORS = {
     "completeness_m": "completeness",
 }
 _NAMED = 6
+_DECADES = 100.0
 
 
 def error_label(score: ScoreColumn) -> str:
     """Name what one query or scene has, with its unit: ``translation error [m]``."""
-    return f"{_ERRORS.get(score.key, score.title)} [{_UNITS[score.unit]}]"
+    return f"{_ERRORS.get(score.key, score.title)} [{UNITS[score.unit]}]"
 
 
 def axis_label(score: ScoreColumn) -> str:
@@ -39,10 +50,22 @@ def axis_label(score: ScoreColumn) -> str:
     return f"median {error_label(score)}" if is_median else error_label(score)
 
 
+def arrow(score: ScoreColumn) -> str:
+    """Point to where a score is better."""
+    return "↑" if score.higher_is_better else "↓"
+
+
 def shown_value(score: ScoreColumn, values: Floats) -> Floats:
     """Turn shares into percent; other values stay."""
     scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
     return scaled
+
+
+def spans_decades(score: ScoreColumn, finite: Floats) -> bool:
+    """Whether an axis of these errors goes by powers of ten; shares never do."""
+    if score.unit == "share" or not len(finite):
+        return False
+    return bool(0 < finite.min() < finite.max() / _DECADES)
 
 
 def over_scenes(methods: Sequence[Scored]) -> str:

@@ -4,27 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.report.chart import tints, vertical_axis
 from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
-from airzoo_bench.report.standings import marks_of
+from airzoo_bench.report.standings import marks_of, score_texts
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.comparison import make_sample
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.significance import is_hit
 from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
+from airzoo_bench.tables.model import Cell
 from airzoo_bench.tables.wording import intervals_made, resampled
 
 __all__ = ["Intervals", "breakdowns", "intervals", "queries"]
 
 Limits = list[list[float] | None]
 
+_DECIMALS = ((1000.0, 0), (100.0, 1), (1.0, 2), (0.0, 4))  # for values from each size up
 _MOST_RESAMPLES = 10_000
 _FEWEST_RESAMPLES = 1_000
 _WORK = 2.5e9  # resampled values: about five seconds
@@ -47,6 +52,22 @@ class Intervals:
     overall: dict[str, Limits]
     scenes: dict[str, dict[str, Limits]]
     note: str
+
+    def texts(self, scores: Sequence[ScoreColumn]) -> dict[str, Any]:
+        """Return the same with limits as texts, which is what the page shows."""
+
+        def written(found: dict[str, Limits]) -> dict[str, list[str | None]]:
+            return {
+                score.key: [
+                    " to ".join(score_texts(score, limits)) if limits else None
+                    for limits in found[score.key]
+                ]
+                for score in scores
+                if score.key in found
+            }
+
+        scenes = {scene: written(found) for scene, found in self.scenes.items()}
+        return {"overall": written(self.overall), "scenes": scenes, "note": self.note}
 
 
 def intervals(section: Section) -> Intervals:
@@ -136,23 +157,32 @@ def _breakdown(
     ]
     counts = [np.bincount(grouping.codes[part], minlength=groups).tolist() for part in parts]
     shape = (len(section.query_scores), len(section.methods), groups)
-    shaped = [part.reshape(shape) for part in found]
     return {
         "by": by,
         "title": condition_title(by),
         "labels": list(grouping.labels),
         "counts": counts,
-        "values": blobs.json(shaped),
-        "marks": blobs.json([_group_marks(section, part) for part in shaped]),
+        "views": blobs.json(
+            [
+                [
+                    _group_view(score, values)
+                    for score, values in zip(section.query_scores, part.reshape(shape), strict=True)
+                ]
+                for part in found
+            ]
+        ),
     }
 
 
-def _group_marks(section: Section, values: Floats) -> list[list[list[str]]]:
-    """Mark the best method of each group: by score, then group, then method."""
-    return [
-        [marks_of(score, group.tolist()) for group in by_method.T]
-        for score, by_method in zip(section.query_scores, values, strict=True)
-    ]
+def _group_view(score: ScoreColumn, values: Floats) -> dict[str, Any]:
+    """Return what table and chart show of a score, everything by method, then by group."""
+    return {
+        "values": values,
+        "texts": [score_texts(score, of_method) for of_method in values],
+        "marks": np.transpose([marks_of(score, group.tolist()) for group in values.T]),
+        "tints": tints(score, values),
+        **vertical_axis(score, values),
+    }
 
 
 def _values(section: Section, scores: Sequence[ScoreColumn]) -> Floats:
@@ -173,19 +203,40 @@ def queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
         "scene": blobs.array(scenes),
         "conditions": [_condition(section, name, blobs) for name in section.conditions],
         "scores": {
-            score.key: blobs.numbers(_values(section, [score])) for score in section.query_scores
+            score.key: blobs.numbers(
+                _values(section, [score]), partial(_texts_of_one, section.track, score)
+            )
+            for score in section.query_scores
         },
     }
+
+
+def _texts_of_one(track: str, score: ScoreColumn, values: Floats) -> list[str]:
+    """Write values of single queries."""
+    if is_hit(track, score):
+        return ["✓ hit" if value == 1 else "✗ miss" for value in values]
+    return score_texts(score, values)
+
+
+def _texts_of_condition(values: Floats) -> list[str]:
+    """Write numbers with as many decimals as the size of the largest one asks for."""
+    finite = values[np.isfinite(values)]
+    most = np.abs(finite).max(initial=0.0)
+    decimals = next(digits for least, digits in _DECIMALS if most >= least)
+    if (finite == np.round(finite)).all():
+        decimals = 0
+    return [Cell(value).text(decimals) for value in values.tolist()]
 
 
 def _condition(section: Section, name: str, blobs: Blobs) -> dict[str, Any]:
     column = section.methods[0].records[name]
     numeric = column.dtype.kind in "iuf"
     packed = (
-        blobs.numbers(column.to_numpy(np.float64))
+        blobs.numbers(column.to_numpy(np.float64), _texts_of_condition)
         if numeric
         else blobs.texts_of(
-            "" if missing else str(v) for v, missing in zip(column, column.isna(), strict=True)
+            "unknown" if missing else str(v)
+            for v, missing in zip(column, column.isna(), strict=True)
         )
     )
     return {"name": name, "title": condition_title(name), "numeric": numeric, **packed}

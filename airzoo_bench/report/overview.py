@@ -12,7 +12,7 @@ import numpy as np
 from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import COLOURS, NO_ROOM, any_letters, label_text, name_text
-from airzoo_bench.report.labels import axis_label, shown_value
+from airzoo_bench.report.labels import arrow, axis_label, shown_value, spans_decades
 from airzoo_bench.report.marks import add_band
 from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, new_canvas, slant, wrapped
 from airzoo_bench.results.result import ScoreColumn
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-__all__ = ["draw_heat_map", "draw_intervals"]
+__all__ = ["colour_scale", "draw_heat_map", "draw_intervals"]
 
 _COLOURS = "viridis"  # even steps of lightness, for print and colour-blind readers
 _POINTS = 72.0
@@ -34,7 +34,6 @@ _MOST_FONT = 8.0
 _DARK = 0.18  # black and white have the same contrast on it (WCAG 2.2, relative luminance)
 _LEAST_SPAN = 10.0
 _LEAST_RATIO = 0.25
-_DECADES = 100.0
 
 
 @default_style()
@@ -94,7 +93,7 @@ def _make_room(axes: Axes, shown: Floats, score: ScoreColumn) -> None:
         return
     low, high = float(finite.min()), float(finite.max())
     right = 0.12 if np.isposinf(shown).any() else 0.05
-    if score.unit != "share" and low > 0 and high > _DECADES * low:
+    if spans_decades(score, finite):
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
         axes.set_xlim(low / (high / low) ** 0.05, high * (high / low) ** right)
@@ -193,7 +192,7 @@ def _draw_cells(axes: Axes, shown: Floats, score: ScoreColumn) -> AxesImage:
     return axes.imshow(
         np.ma.masked_array(shown, ~finite),
         cmap=_COLOURS if score.higher_is_better else f"{_COLOURS}_r",
-        norm=_norm(score, shown[finite]),
+        norm=colour_scale(score, shown[finite]),
         aspect="auto",
         interpolation="nearest",
     )
@@ -202,9 +201,10 @@ def _draw_cells(axes: Axes, shown: Floats, score: ScoreColumn) -> AxesImage:
 def _add_bar(axes: Axes, image: AxesImage, score: ScoreColumn, size: float) -> None:
     """Add the bar that tells which colour is which value."""
     figure: Any = axes.get_figure(root=True)
-    arrow = "↑" if score.higher_is_better else "↓"
     bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=max(8, 3 * len(axes.get_yticks())))
-    bar.set_label(wrapped(f"{axis_label(score)} {arrow}", figure.get_figheight() - 0.7, size))
+    bar.set_label(
+        wrapped(f"{axis_label(score)} {arrow(score)}", figure.get_figheight() - 0.7, size)
+    )
     bar.ax.yaxis.set_major_formatter("{x:g}")
 
 
@@ -217,14 +217,14 @@ def _cell_width(axes: Axes, columns: int) -> float:
     return float(axes.get_window_extent().width / figure.dpi * _POINTS / columns)
 
 
-def _norm(score: ScoreColumn, finite: Floats) -> Normalize:
+def colour_scale(score: ScoreColumn, finite: Floats) -> Normalize:
     """Return the scale of colours: of sensible span, logarithmic where errors span decades."""
     from matplotlib.colors import LogNorm, Normalize
 
     if not len(finite):
         return Normalize(0.0, 1.0)
     low, high = float(finite.min()), float(finite.max())
-    if score.unit != "share" and low > 0 and high > _DECADES * low:
+    if spans_decades(score, finite):
         return LogNorm(low, high)
     least = _LEAST_SPAN if score.unit == "share" else _LEAST_RATIO * high or 1.0
     lack = max(0.0, least - (high - low)) / 2

@@ -10,7 +10,7 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -51,17 +51,19 @@ class Blobs:
         text = json.dumps(json_value(value), ensure_ascii=False, separators=(",", ":"))
         return {"blob": self.add(text.encode()), "type": "json"}
 
-    def numbers(self, values: Floats) -> dict[str, Any]:
+    def numbers(self, values: Floats, texts: Callable[[Floats], list[str]]) -> dict[str, Any]:
         """Pack numbers as codes of their different values, NaN for none.
 
         Parameters
         ----------
         values : (...) array
+        texts : callable
+            Says how different values are written.
 
         Returns
         -------
         dict
-            The different values, ascending, and the blob of the codes in C order.
+            The different values, ascending, a blob of their texts, and one of the codes in C order.
         """
         different, codes = np.unique(values, return_inverse=True)
         if len(different) > _FEW:
@@ -69,7 +71,11 @@ class Blobs:
                 different, codes = np.unique(rounded(values, digits), return_inverse=True)
                 if len(different) <= _MANY:
                     break
-        return {"values": different.tolist(), "codes": self.array(codes.ravel())}
+        return {
+            "values": different.tolist(),
+            "texts": self.json(texts(different)),
+            "codes": self.array(codes.ravel()),
+        }
 
     def texts_of(self, values: Iterable[str]) -> dict[str, Any]:
         """Pack texts as codes of their different values."""

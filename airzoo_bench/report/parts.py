@@ -6,10 +6,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from airzoo_bench.core.files import canonical_json
+from airzoo_bench.report.chart import marker
 from airzoo_bench.report.figures import figure_bytes
 from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest, order_said
-from airzoo_bench.report.labels import error_label
+from airzoo_bench.report.labels import UNITS, arrow, error_label
 from airzoo_bench.report.maps import maps
 from airzoo_bench.report.numbers import breakdowns, intervals, queries
 from airzoo_bench.report.packing import Blobs, data_uri
@@ -55,13 +56,16 @@ def make_part(
         "byQuery": section.by_query,
         **_names(section),
         "scores": _scores(section),
-        "methods": [_method(method.name, method.result) for method in section.methods],
+        "methods": [
+            _method(method.name, method.result) | {"marker": marker(number)}
+            for number, method in enumerate(section.methods)
+        ],
         "notes": _notes(section),
         "settings": list(_flat(section.first.protocol.settings)),
         "standings": standings(section),
         "references": references(section),
         "pairs": compared_pairs(section, blobs),
-        "intervals": {"overall": found.overall, "scenes": found.scenes, "note": found.note},
+        "intervals": found.texts(section.headline),
         "breakdowns": breakdowns(section, blobs),
         "queries": queries(section, blobs),
         "figures": [
@@ -99,11 +103,11 @@ def _scores(section: Section) -> list[dict[str, Any]]:
         {
             "key": score.key,
             "title": score.title,
-            "unit": score.unit,
+            "heading": f"{score.title} [{UNITS[score.unit]}] {arrow(score)}",
+            "headingOfOne": f"{error_label(score)} {arrow(score)}",
             "higher": score.higher_is_better,
             "headline": score.headline,
             "meaning": meaning(section.track, score),
-            "ofOne": error_label(score),
             "ofQueries": score.key in shown,
             "isHit": is_hit(section.track, score),
         }

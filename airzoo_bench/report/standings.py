@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from airzoo_bench.report.chart import tints
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.best import AgainstBest, against_best
@@ -15,7 +18,7 @@ from airzoo_bench.tables.floors import shared_references
 from airzoo_bench.tables.method_table import as_shown, score_column
 from airzoo_bench.tables.model import Cell, best_texts, share_to_percent
 
-__all__ = ["BEST", "TIED", "marks_of", "references", "standings", "test_plan"]
+__all__ = ["BEST", "TIED", "marks_of", "references", "score_texts", "standings", "test_plan"]
 
 BEST, TIED = "best", "tied"
 
@@ -40,8 +43,11 @@ def standings(section: Section) -> dict[str, Any]:
 
     Each scope is a mapping of ``values``, ``texts`` as tables show them, ``marks``: `BEST`, `TIED`
     where a paired test does not tell a method from the best, or nothing; and whether it was tested.
+    ``tints`` are of the values by scene, method and score; see `airzoo_bench.report.chart.tints`.
     """
     found, tests = _averages(section), _tests(section)
+    by_scene = np.array(found["perScene"], np.float64)
+    by_score = [tints(score, by_scene[..., n]) for n, score in enumerate(section.scores)]
     return {
         "overall": _scope(section, found["overall"], tests.overall),
         "pooled": _scope(section, found["pooled"], {}),
@@ -49,6 +55,7 @@ def standings(section: Section) -> dict[str, Any]:
             _scope(section, values, tests.scenes.get(scene, {}))
             for scene, values in zip(section.first.scenes, found["perScene"], strict=True)
         ],
+        "tints": np.stack(by_score, axis=-1),
         "note": tests.note,
     }
 
@@ -105,14 +112,23 @@ def _scope(
     ]
     return {
         "values": values,
-        "texts": [_texts(section, row) for row in values],
+        "texts": _texts(section, values),
         "marks": [list(row) for row in zip(*columns, strict=True)],
         "tested": bool(tests),
     }
 
 
-def _texts(section: Section, row: _Row) -> list[str]:
-    return [_cell(score, value).text(2) for score, value in zip(section.scores, row, strict=True)]
+def _texts(section: Section, rows: Sequence[_Row]) -> list[list[str]]:
+    columns = [
+        score_texts(score, [row[place] for row in rows])
+        for place, score in enumerate(section.scores)
+    ]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def score_texts(score: ScoreColumn, values: Iterable[float | None]) -> list[str]:
+    """Write values of a score as tables do."""
+    return [_cell(score, value).text(2) for value in values]
 
 
 def _cell(score: ScoreColumn, value: float | None) -> Cell:
@@ -143,7 +159,7 @@ def references(section: Section) -> list[dict[str, Any]]:
 
     def scope(part: Mapping[str, float]) -> dict[str, Any]:
         values = [part.get(score.key) for score in section.scores]
-        return {"values": values, "texts": _texts(section, values)}
+        return {"values": values, "texts": _texts(section, [values])[0]}
 
     return [
         {
