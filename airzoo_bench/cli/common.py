@@ -40,6 +40,7 @@ __all__ = [
     "put",
     "resolve_data",
     "say",
+    "say_replaced",
     "show",
     "with_data",
     "working",
@@ -148,6 +149,12 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
             expected=" or ".join(known),
             fix=f"name it {out.stem}{known[0]}",
         )
+
+
+def say_replaced(out: Path) -> None:
+    """Say that a file is there, unless it is empty."""
+    if out.exists() and out.stat().st_size:
+        say(f"{out} is there already and will be replaced")
 
 
 def memory_bytes(text: str) -> int:

@@ -148,7 +148,9 @@ def _named_after(out: Path | None, method: str | None) -> str | None:
     replaced = earlier_run(out)
     if replaced is not None:
         say(replaced)
-    return method or out.resolve().name or None
+    if method is None and (method := out.resolve().name or None):
+        say(f"the method is called {method}, after --out; --method gives it another name")
+    return method
 
 
 def _print_result(result: Result, form: Format, *, every_score: bool) -> None:

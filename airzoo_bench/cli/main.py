@@ -37,7 +37,6 @@ __all__ = ["app", "main"]
 
 _INPUT_IS_WRONG = 2
 _BUG = 70
-_STOPPED = 130
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
@@ -100,10 +99,6 @@ def main() -> None:
     _allow_every_letter()
     try:
         app(standalone_mode=True)
-    except SystemExit as done:
-        if done.code == _STOPPED:
-            say("airzoo-bench: stopped; nothing was left half-written")
-        raise
     except UserError as error:
         say(f"airzoo-bench: {error}")
         sys.exit(_INPUT_IS_WRONG)

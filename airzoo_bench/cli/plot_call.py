@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import check_output, say, working
+from airzoo_bench.cli.common import check_output, say, say_replaced, working
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -92,6 +92,7 @@ class Call:
         given, file = self._checked()
         aside: list[str] = []
         sheet = self._sheet(aside)
+        say_replaced(file)
         methods = read_scored(given)
         check_comparable(methods)
         if self.scene is not None:

@@ -77,8 +77,14 @@ class _TableMaker:
         # The table has the result's own notes, and whose they are goes without saying.
         without = self._without_interval(made)
         notes, about = (*board.notes, *without), (*board.about_intervals, *without)
-        made = replace(made, notes=(*notes, *made.notes), legend=(*about, *made.legend))
+        made = replace(
+            made, notes=(*notes, *made.notes, *self._floors_hint()), legend=(*about, *made.legend)
+        )
         return rename(self._in_digits(made), self.request.renamed)
+
+    def _floors_hint(self) -> list[str]:
+        names = ", ".join(self.results[0].references)
+        return [f"--floors adds: {names}"] if names and not self.request.floors else []
 
     def _without_interval(self, made: Table) -> list[str]:
         """Say why rows that are no scene and no method have no interval."""

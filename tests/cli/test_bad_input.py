@@ -474,6 +474,7 @@ def test_check_tells_what_is_wrong_from_what_is_no_prediction(
         ({"protocol": "unknown"}, [], 2),
         ({"protocol": None}, [], 2),
         ({}, ["--protocol", "unknown"], 2),
+        ({}, ["--protocol", "airzoo-mini-matching"], 1),
         ({}, ["--data", "nowhere"], 2),
         ({}, ["--max-memory", "much"], 2),
     ],
@@ -580,6 +581,13 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "unknown protocol": (
         ["eval", "retrieval", GOOD, "--protocol", "uav-visloc"],
         ["unknown protocol 'uav-visloc' (did you mean 'uav-visloc-retrieval'", "one of: "],
+    ),
+    "a protocol of another track": (
+        ["eval", "matching", GOOD, "--protocol", "airzoo-mini-matching"],
+        [
+            "p.npz: is for made-retrieval, of the retrieval track; --protocol airzoo-mini-matching",
+            "leave out --protocol: airzoo-bench eval retrieval p.npz",
+        ],
     ),
     "no such protocol file": (
         ["protocols", "none.toml"],
