@@ -13,10 +13,9 @@ from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.report.labels import error_label
-from airzoo_bench.report.maps import jpeg
+from airzoo_bench.report.maps import jpeg, retrieved
 from airzoo_bench.report.packing import data_uri
 from airzoo_bench.report.places import Place
-from airzoo_bench.report.retrieved import retrieved
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.result import ScoreColumn
 

@@ -23,8 +23,8 @@ from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest_rows, order_said
+from airzoo_bench.report.labels import meaning
 from airzoo_bench.report.packing import Blobs, json_value, page_json, rounded
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.records import Scored, read_scored
