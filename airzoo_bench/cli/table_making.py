@@ -11,7 +11,7 @@ from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.files import result_paths
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import Result, ScoreColumn, read_result, score_columns
 from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.floors import with_floors
 from airzoo_bench.tables.layouts import AVERAGE
@@ -42,17 +42,7 @@ def make_table(request: TableRequest) -> Table:
 
 @dataclass(frozen=True)
 class _TableMaker:
-    """A request, and what was read for it.
-
-    Attributes
-    ----------
-    request : TableRequest
-    layout : Layout
-        The one that was asked for, or the usual one.
-    paths : tuple of Path
-        Of the files.
-    results : tuple of Result
-    """
+    """A request, the layout that it means, and the files and results that were read for it."""
 
     request: TableRequest
     layout: Layout
@@ -169,20 +159,33 @@ class _TableMaker:
         scene = self.request.scene
         return [OVERALL if scene is None else find_scene(board.scenes, scene)]
 
-    def _published_alone(self, protocol: str) -> MethodTable:
-        from airzoo_bench.cli.published_table import empty_board, published_benchmarks
+    def _published_alone(self, name: str) -> MethodTable:
+        """Return a board with the scores and scenes of a protocol, and what is published on it."""
         from airzoo_bench.core.data_root import data_root
+        from airzoo_bench.core.registry import TRACKS
+        from airzoo_bench.protocol.lookup import find_protocol
+        from airzoo_bench.tables.published import published_benchmarks
 
-        wanted = self.request.scores
+        wanted, protocol = self.request.scores, find_protocol(name, data_root())
+        columns = score_columns(TRACKS.get(protocol.track).scores(protocol, ()))
         every_score = self.request.every_score or bool(wanted)
-        board = empty_board(protocol, data_root(), every_score=every_score)
-        for name in wanted:
-            check_score(name, board.scores, "--score")
-        board = self._beside_published(replace(board, scores=_chosen(board.scores, wanted)))
+        scores = [column for column in columns if every_score or column.headline]
+        for score in wanted:
+            check_score(score, scores, "--score")
+        board = MethodTable(
+            f"{protocol.name} v{protocol.version}",
+            protocol.benchmark,
+            protocol.track,
+            _chosen(scores, wanted),
+            {scene.id: scene.title for scene in protocol.scenes},
+            {},
+            (),
+        )
+        board = self._beside_published(board)
         if not board.entries:
             raise UsageError(
                 f"nothing is published on {board.benchmark} ({board.track})",
-                where=f"--protocol {protocol}",
+                where=f"--protocol {name}",
                 expected="a protocol of a benchmark of a paper's tables: "
                 + ", ".join(published_benchmarks(board.track)),
                 fix="see `airzoo-bench protocols`",
@@ -206,8 +209,7 @@ class _TableMaker:
         return self._beside_published(board)
 
     def _beside_published(self, board: MethodTable) -> MethodTable:
-        from airzoo_bench.cli.published_table import published_benchmarks
-        from airzoo_bench.tables.published import published_tables
+        from airzoo_bench.tables.published import published_benchmarks, published_tables
 
         asked = self.request
         by_scene = self.layout is Layout.SCENES or asked.scene is not None
