@@ -1,4 +1,4 @@
-"""Entry point: exit codes and the tree of commands.
+"""Entry point: exit codes and all commands.
 
 0 done; 1 a check found something wrong; 2 the input is wrong; 70 a bug of the suite; 130 stopped.
 """
@@ -95,7 +95,7 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line and turn what goes wrong into a message and an exit code."""
+    """Run the command line; errors become a message and an exit code."""
     _allow_every_letter()
     try:
         app(standalone_mode=True)

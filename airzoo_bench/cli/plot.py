@@ -147,7 +147,7 @@ _KINDS = (
 
 
 class _Group(TyperGroup):
-    """The commands, by the names of kinds; another name gets a message of ours."""
+    """Commands by kind of picture, with an own message for an unknown one."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         from airzoo_bench.core.validation import nearest
@@ -229,7 +229,7 @@ for _kind in _KINDS:
 def _checked(
     kind: _Kind, results: list[Path] | None, out: Path | None, dpi: int | None
 ) -> tuple[list[Path], Path]:
-    """Return what must be given, or say what is missing and how it looks."""
+    """Return results and output file, or raise an error that says what is missing."""
     from airzoo_bench.report.figures import check_ending
 
     if not results or out is None:
@@ -245,7 +245,7 @@ def _checked(
 
 
 def parse_length(text: str | None, option: str = "--width") -> float | None:
-    """Turn ``8.4cm`` or ``3.3in`` into inches; nothing stays nothing.
+    """Convert ``8.4cm`` or ``3.3in`` to inches; None stays None.
 
     Raises
     ------
@@ -280,7 +280,7 @@ def _say_lacking_letters(figure: Figure, file: Path) -> None:
 
 
 def _lacking(kind: str, *parts: str) -> UsageError:
-    """Make the fault of a call that lacks parts, with how a whole one looks."""
+    """Return the error for a call without its required parts, with a complete example."""
     by = " --by weather" if kind == "condition" else ""
     return UsageError(
         "plot needs " + "; and ".join(parts),

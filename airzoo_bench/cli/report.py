@@ -37,7 +37,7 @@ def report(
     data: DataOption = None,
     title: Annotated[str, typer.Option(help="What the page is called.")] = "Results",
     pictures: Annotated[
-        int, typer.Option(min=0, max=100, help="So many of the hardest queries are shown.")
+        int, typer.Option(min=0, max=100, help="How many of the hardest queries to show.")
     ] = 12,
     jobs: JobsOption = 2,
 ) -> None:
@@ -69,7 +69,7 @@ def report(
 
 
 def _check_replaced(out: Path) -> None:
-    """Refuse to replace a page that is no report."""
+    """Refuse to replace a page that is not a report."""
     if not out.is_file():
         return
     with out.open("rb") as stream:

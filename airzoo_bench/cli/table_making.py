@@ -1,4 +1,4 @@
-"""The table that answers a request: boards of results, laid out and marked."""
+"""Builds the table that a request asks for."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def make_table(request: TableRequest) -> Table:
 
 @dataclass(frozen=True)
 class _TableMaker:
-    """A request, the layout that it means, and the files and results that were read for it."""
+    """A request, its layout, and the files and results that were read for it."""
 
     request: TableRequest
     layout: Layout
@@ -77,7 +77,7 @@ class _TableMaker:
         return [f"--floors adds: {names}"] if names and not self.request.floors else []
 
     def _without_interval(self, made: Table) -> list[str]:
-        """Say why rows that are no scene and no method have no interval."""
+        """Say why pooled values and floors have no interval."""
         from airzoo_bench.tables.build import POOLED
 
         if not self.request.intervals:
@@ -102,7 +102,7 @@ class _TableMaker:
         )
 
     def _boards(self) -> list[MethodTable]:
-        """Return a board a protocol, with the scores to show, which one of several may lack."""
+        """Return a table of methods for each protocol, with the scores to show, if it has any."""
         wanted = self.request.scores
         if self.request.protocol is not None:
             return [self._published_alone(self.request.protocol)]
@@ -153,14 +153,14 @@ class _TableMaker:
         return replace(made, about_intervals=made.notes[len(board.notes) :])
 
     def _shown(self, board: MethodTable) -> list[str]:
-        """Return the scenes whose numbers stand in the table, and what stands for the average."""
+        """Return the scenes that the table shows, with the key of the average."""
         if self.layout in (Layout.RESULT, Layout.SCENES):
             return [*board.scenes, *[OVERALL] * self.request.average]
         scene = self.request.scene
         return [OVERALL if scene is None else find_scene(board.scenes, scene)]
 
     def _published_alone(self, name: str) -> MethodTable:
-        """Return a board with the scores and scenes of a protocol, and what is published on it."""
+        """Return a table of methods with what is published on a protocol."""
         from airzoo_bench.core.data_root import data_root
         from airzoo_bench.core.registry import TRACKS
         from airzoo_bench.protocol.lookup import find_protocol
@@ -274,7 +274,7 @@ def _of_floors(names: str) -> list[str]:
 
 
 def _by_protocol(results: Sequence[Result]) -> list[list[int]]:
-    """Return the places of results, those of protocols of one name together."""
+    """Group the indices of results by the name of their protocol."""
     found: dict[str, list[int]] = {}
     for place, result in enumerate(results):
         found.setdefault(result.protocol.name, []).append(place)
@@ -282,7 +282,7 @@ def _by_protocol(results: Sequence[Result]) -> list[list[int]]:
 
 
 def _chosen(scores: Sequence[ScoreColumn], wanted: Sequence[str]) -> tuple[ScoreColumn, ...]:
-    """Return the scores that are named by key or title, in that order; all where none is."""
+    """Return the scores named by key or title, in that order; all if none is named."""
     if not wanted:
         return tuple(scores)
     by_name = named_scores(scores)

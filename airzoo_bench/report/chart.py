@@ -1,4 +1,4 @@
-"""What the page's script shows of a score in cells and charts: it places what is decided here."""
+"""Markers, axes and cell colours of the report's page: computed here, only placed by its script."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _COMMANDS = {1: "M", 2: "L", 3: "Q", 4: "C", 79: "Z"}  # of SVG, by the codes of
 
 @cache
 def marker(number: int) -> dict[str, str]:
-    """Return colour and outline (a path of SVG around 0, 0) of a method, as pictures have them."""
+    """Return a method's colour and marker (an SVG path around 0, 0), the same as in pictures."""
     from matplotlib.markers import MarkerStyle
 
     style = series_style(number)
@@ -45,7 +45,7 @@ def marker(number: int) -> dict[str, str]:
 
 
 def vertical_axis(score: ScoreColumn, values: Floats) -> dict[str, Any]:
-    """Return an axis from zero up, or by powers of ten where errors span decades.
+    """Return a vertical axis: from zero up, or logarithmic where errors span decades.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _linear_ticks(finite: Floats) -> Floats:
 
 
 def tints(score: ScoreColumn, values: Floats) -> Floats:
-    """Return how strong the ground of each cell is, 0 to 0.42: stronger where it is better.
+    """Return the opacity of each cell's background, 0 to 0.42: higher for better values.
 
     By the scale of colours of `overview.draw_heat_map`; 0 where a value is not finite.
     """
@@ -103,4 +103,5 @@ def tints(score: ScoreColumn, values: Floats) -> Floats:
     levels = np.zeros(shown.shape)
     levels[finite] = colour_scale(score, shown[finite])(shown[finite])
     better = levels if score.higher_is_better else 1 - levels
-    return np.round(np.where(finite, _DARKEST * better, 0.0), _DIGITS)
+    found: Floats = np.round(np.where(finite, _DARKEST * better, 0.0), _DIGITS)
+    return found

@@ -41,7 +41,7 @@ def hardest_rows(section: Section, count: int) -> NDArray[np.intp]:
 
 
 def order_said(section: Section) -> str:
-    """Say in words how `hardest_rows` ranks."""
+    """Describe the ranking of `hardest_rows`."""
     mean = "the mean over methods of " if len(section.methods) > 1 else ""
     said = []
     for score in _ordering(section):
@@ -136,7 +136,7 @@ def _tiles(section: Section, place: Place, row: int) -> Iterator[dict[str, Any]]
 
 
 def _picture(read: Callable[[], Pixels], **said: object) -> Iterator[dict[str, Any]]:
-    """Yield a picture, or nothing where it cannot be read: a report is made without it."""
+    """Yield a picture, or nothing if it cannot be read: the report does without it."""
     try:
         content = jpeg(read(), _QUALITY)
     except UserError:

@@ -1,14 +1,16 @@
-"""What pictures call scores and results: titles with units, and the small print."""
+"""Names of scores with units, what they mean, and the small print of pictures."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import name_text
+from airzoo_bench.report.sheet import Sheet
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 
@@ -18,9 +20,9 @@ __all__ = [
     "axis_label",
     "error_label",
     "meaning",
+    "noted",
     "over_scenes",
     "shown_value",
-    "small_print",
     "spans_decades",
     "who",
 ]
@@ -53,30 +55,36 @@ def axis_label(score: ScoreColumn) -> str:
 
 
 def arrow(score: ScoreColumn) -> str:
-    """Point to where a score is better."""
+    """Return the arrow that says which direction is better."""
     return "↑" if score.higher_is_better else "↓"
 
 
 def shown_value(score: ScoreColumn, values: Floats) -> Floats:
-    """Turn shares into percent; other values stay."""
+    """Return shares as percent; other values unchanged."""
     scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
     return scaled
 
 
 def spans_decades(score: ScoreColumn, finite: Floats) -> bool:
-    """Whether an axis of these errors goes by powers of ten; shares never do."""
+    """Return whether the values are errors that span decades, and need a logarithmic axis."""
     if score.unit == "share" or not len(finite):
         return False
     return bool(0 < finite.min() < finite.max() / _DECADES)
 
 
 def over_scenes(methods: Sequence[Scored]) -> str:
-    """Say that values are means over scenes, where there are several."""
+    """Return what labels add if values are means over several scenes."""
     return ", mean over scenes" if len(methods[0].result.scenes) > 1 else ""
 
 
-def small_print(methods: Sequence[Scored]) -> str:
-    """Say what a picture is of, wherever it is found: benchmark, protocol, queries, scenes."""
+def noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
+    """Return the sheet, or a new one; its small print begins with where the numbers come from."""
+    given = sheet or Sheet()
+    return replace(given, notes=(_small_print(methods), *given.notes))
+
+
+def _small_print(methods: Sequence[Scored]) -> str:
+    """Say where a picture's numbers come from: benchmark, protocol, queries, scenes."""
     result = methods[0].result
     truth, protocol = result.truth, result.protocol
     titles = list(truth.scene_titles.values())
@@ -89,7 +97,7 @@ def small_print(methods: Sequence[Scored]) -> str:
 
 
 def who(names: Sequence[str]) -> str:
-    """List names, of many the first few."""
+    """List names; only the first few of many."""
     names = [name_text(name) for name in names]
     return ", ".join(names) if len(names) <= _NAMED else first_of(names)
 
@@ -143,7 +151,7 @@ _MEANINGS: dict[str, tuple[tuple[str, str], ...]] = {
 
 
 def meaning(track: str, score: ScoreColumn) -> str:
-    """Say what a score is, for who does not know its title; empty where that is not known here."""
+    """Explain a score in a few words; empty for a score that is not known here."""
     for pattern, words in _MEANINGS.get(track, ()):
         if found := re.fullmatch(pattern, score.key):
             return words.format(*found.groups())

@@ -1,4 +1,4 @@
-"""Maps of a report: the picture of a map, and what is drawn over it."""
+"""Maps of a report: the map's picture, and the outlines and tiles drawn over it."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _map(section: Section, place: Place, most_bytes: int, blobs: Blobs) -> dict[
 
 
 def _picture(place: Place, most_bytes: int) -> tuple[bytes, int, int]:
-    """Return the map as JPEG of at most so many bytes, its width and height."""
+    """Return the map as JPEG of at most `most_bytes`, with its width and height."""
     side = min(_LONG_SIDE_PX, max(place.dom.width, place.dom.height))
     pixels = read_rgb(place.dom.path, long_side_px=side)
     content = jpeg(pixels)

@@ -1,4 +1,4 @@
-"""Marks of many methods in one picture: by turns where they meet, and what is infinite."""
+"""Markers of many methods in one picture: alternating where they overlap; infinite values."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BREAK: Any = {
 
 
 def take_turns(values: Floats, near: float) -> NDArray[np.bool_]:
-    """Choose which marks are drawn where marks would cover each other.
+    """Choose which markers are drawn where several would overlap.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def take_turns(values: Floats, near: float) -> NDArray[np.bool_]:
 def draw_lines(
     axes: Axes, xs: Sequence[Floats], ys: Sequence[Floats], *, steps: bool = False
 ) -> None:
-    """Draw a line a method; one that others follow exactly is wider, so that it shows beneath."""
+    """Draw one line per method, wider where later ones cover it, so that it stays visible."""
     drawn: Any = {"drawstyle": "steps-mid" if steps else "default", "zorder": 2}
     for number, (x, y) in enumerate(zip(xs, ys, strict=True)):
         style = series_style(number) | {"marker": "none"}
@@ -69,7 +69,7 @@ def _follows(one: Floats, other: Floats) -> bool:
 
 
 def draw_markers(axes: Axes, x: Floats, values: Floats, *, near: float, size: float = 4.5) -> None:
-    """Draw markers of methods at places of the x-axis, each exactly at its place.
+    """Draw the markers of methods at given positions of the x-axis.
 
     Where markers would cover each other, methods take turns; a method that has no turn at all is a
     ring around another's marker.
@@ -104,7 +104,7 @@ def _draw_marks(
 
 
 def add_band(figure: Figure, side: Literal["top", "right"] | None) -> tuple[Axes, Axes | None]:
-    """Add axes, and beyond a break of them a band for what is infinite.
+    """Add axes and, beyond a break, a band for infinite values.
 
     Parameters
     ----------

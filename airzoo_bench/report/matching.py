@@ -181,7 +181,7 @@ _LONG_SIDE_PX = 1200
 def draw_figures(
     evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
 ) -> Iterator[str]:
-    """Draw error curves of all scenes, and of each a map and every query's matches.
+    """Draw error curves of all scenes; for each scene a map, and the matches of every query.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def draw_figures(
 
 
 def _draw_map(truth: MatchingTruth, scored: ScoredScene, title: str, path: Path) -> None:
-    """Draw in metres along the map's sides: its CRS need not be the scene's, nor north be up."""
+    """Draw in metres along the map's sides: its CRS may differ from the scene's, and be rotated."""
     dom, scene_crs = truth.dom, open_info(truth.dsm).crs
     corners = pixel_to_world(dom.transform, [(0, 0), (dom.width, 0), (0, dom.height)])
     origin, right, down = change_of_plane(dom.crs, scene_crs)(corners)

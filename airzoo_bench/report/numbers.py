@@ -54,7 +54,7 @@ class Intervals:
     note: str
 
     def texts(self, scores: Sequence[ScoreColumn]) -> dict[str, Any]:
-        """Return the same with limits as texts, which is what the page shows."""
+        """Return the intervals as texts, as the page shows them."""
 
         def written(found: dict[str, Limits]) -> dict[str, list[str | None]]:
             return {
@@ -71,7 +71,7 @@ class Intervals:
 
 
 def intervals(section: Section) -> Intervals:
-    """Take 95 % intervals as `compare` does, of as many scores and resamples as seconds allow.
+    """Compute 95 % intervals as `compare` does, for the scores and resamples that take seconds.
 
     With very many values there are fewer resamples, and then intervals of the first score only.
     """
@@ -96,7 +96,7 @@ def _note(
     every: Sequence[Interval],
     plan: ResamplingConfig,
 ) -> str:
-    """Say how the intervals were made that there are, and why others are not."""
+    """Say how the intervals were made, and why some are missing."""
     why = " / ".join(sorted({interval.reason for interval in every if interval.reason}))
     names = ", ".join(score.title for score in scores)
     made = intervals_made(every, plan, resampled(section.first.unit), f"intervals of {names}")
@@ -121,7 +121,7 @@ def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:
 def _by_score(
     section: Section, scores: Sequence[ScoreColumn], found: Sequence[Interval]
 ) -> dict[str, Limits]:
-    """Split what stands score by score, and in each method by method."""
+    """Split intervals, ordered by score and then by method, into those of each score."""
     limits = [None if i.low is None or i.high is None else [i.low, i.high] for i in found]
     count = len(section.methods)
     return {
@@ -131,7 +131,7 @@ def _by_score(
 
 
 def breakdowns(section: Section, blobs: Blobs) -> list[dict[str, Any]]:
-    """Return every score of queries by every condition, in all scenes and in each."""
+    """Return every per-query score by every condition, over all scenes and in each one."""
     if not section.by_query:
         return []
     scores = section.query_scores
@@ -175,7 +175,7 @@ def _breakdown(
 
 
 def _group_view(score: ScoreColumn, values: Floats) -> dict[str, Any]:
-    """Return what table and chart show of a score, everything by method, then by group."""
+    """Return what table and chart show of a score; every entry by method, then by group."""
     return {
         "values": values,
         "texts": [score_texts(score, of_method) for of_method in values],
@@ -191,7 +191,7 @@ def _values(section: Section, scores: Sequence[ScoreColumn]) -> Floats:
 
 
 def queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
-    """Pack what the table of queries shows; None where records are of scenes."""
+    """Pack the table of queries; None if records are of scenes."""
     if not section.by_query:
         return None
     records = section.methods[0].records
@@ -219,7 +219,7 @@ def _texts_of_one(track: str, score: ScoreColumn, values: Floats) -> list[str]:
 
 
 def _texts_of_condition(values: Floats) -> list[str]:
-    """Write numbers with as many decimals as the size of the largest one asks for."""
+    """Write numbers with decimals that suit the largest one."""
     finite = values[np.isfinite(values)]
     most = np.abs(finite).max(initial=0.0)
     decimals = next(digits for least, digits in _DECIMALS if most >= least)

@@ -11,10 +11,17 @@ import numpy as np
 
 from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import COLOURS, NO_ROOM, any_letters, label_text, name_text
+from airzoo_bench.report.figures import (
+    COLOURS,
+    NO_ROOM,
+    any_letters,
+    label_text,
+    name_text,
+    new_canvas,
+)
 from airzoo_bench.report.labels import arrow, axis_label, shown_value, spans_decades
 from airzoo_bench.report.marks import add_band
-from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, new_canvas, slant, wrapped
+from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, slant, wrapped
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import Column, show_number
 
@@ -87,7 +94,7 @@ def _short(name: str, most: int) -> str:
 
 
 def _make_room(axes: Axes, shown: Floats, score: ScoreColumn) -> None:
-    """Let the axis reach over all that is finite; by powers of ten where errors span decades."""
+    """Let the axis cover all finite values; logarithmic if errors span decades."""
     finite = shown[np.isfinite(shown)]
     if not len(finite):
         return
@@ -134,7 +141,7 @@ def draw_heat_map(
     score: ScoreColumn,
     sheet: Sheet | None = None,
 ) -> Figure:
-    """Draw a score of each method in each scene: bright is better.
+    """Draw a score by method and scene as coloured cells: brighter is better.
 
     Parameters
     ----------
@@ -176,7 +183,7 @@ def draw_heat_map(
 
 
 def _name_some(axes: Axes, scenes: Sequence[str], cell_pt: float) -> str:
-    """Name as many scenes as there is room for legible names; say so where that is not all."""
+    """Hide scene names that have no room; return a note if any are hidden."""
     step = max(1, math.ceil(LEAST_PT / cell_pt))
     for number, text in enumerate(axes.get_xticklabels()):
         text.set_visible(number % step == 0)
@@ -199,7 +206,7 @@ def _draw_cells(axes: Axes, shown: Floats, score: ScoreColumn) -> AxesImage:
 
 
 def _add_bar(axes: Axes, image: AxesImage, score: ScoreColumn, size: float) -> None:
-    """Add the bar that tells which colour is which value."""
+    """Add the colour bar."""
     figure: Any = axes.get_figure(root=True)
     bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=max(8, 3 * len(axes.get_yticks())))
     bar.set_label(
@@ -209,7 +216,7 @@ def _add_bar(axes: Axes, image: AxesImage, score: ScoreColumn, size: float) -> N
 
 
 def _cell_width(axes: Axes, columns: int) -> float:
-    """Return how many points wide a cell is, once all that stands around it has its room."""
+    """Return the width of a cell in points, after the layout of everything around it."""
     figure: Any = axes.get_figure(root=True)
     with any_letters():
         warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
@@ -218,7 +225,7 @@ def _cell_width(axes: Axes, columns: int) -> float:
 
 
 def colour_scale(score: ScoreColumn, finite: Floats) -> Normalize:
-    """Return the scale of colours: of sensible span, logarithmic where errors span decades."""
+    """Return the colour scale: of a least span, logarithmic if errors span decades."""
     from matplotlib.colors import LogNorm, Normalize
 
     if not len(finite):
@@ -246,7 +253,7 @@ def _hatch(axes: Axes, row: int, column: int) -> None:
 
 
 def _write_numbers(axes: Axes, shown: Floats, rgba: Floats, cell_pt: float) -> str:
-    """Write values as tables do; say so where cells are too small for them."""
+    """Write the values into the cells, as in tables; return a note if cells are too small."""
     decimals = Column("").decimals
     texts = np.vectorize(lambda value: show_number(value, decimals), otypes=[object])(shown)
     size = min(_MOST_FONT, cell_pt / (_LETTER * (max(map(len, texts.ravel())) + 1)))

@@ -1,4 +1,4 @@
-"""Numbers and texts packed small enough to stand in a page, for its script to unpack.
+"""Numbers and texts, packed for the page's script to unpack.
 
 A blob is deflated and written in base64. Values of queries are codes into a list of the
 different values, which are rounded to four digits where there are many.
@@ -93,7 +93,7 @@ def _smallest_type(values: NDArray[Any]) -> str:
 
 
 def rounded(values: Floats, digits: int) -> Floats:
-    """Round to so many significant digits; 0, NaN, infinite and extreme values stay."""
+    """Round to significant digits; 0, NaN, infinite and extreme values stay."""
     values = np.asarray(values, np.float64)
     size = np.abs(values)
     counted = (size > _LEAST) & (size < 1 / _LEAST)
@@ -127,5 +127,5 @@ def page_json(value: Any) -> str:
 
 
 def data_uri(content: bytes, kind: str) -> str:
-    """Return content as an address that needs no network."""
+    """Return content as a ``data:`` address."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -12,7 +12,7 @@ from airzoo_bench.core.files import canonical_json
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report import draw
 from airzoo_bench.report.chart import marker
-from airzoo_bench.report.curves import threshold_scores
+from airzoo_bench.report.curves import kept_ranks
 from airzoo_bench.report.figures import figure_bytes
 from airzoo_bench.report.hardest import hardest, order_said
 from airzoo_bench.report.labels import UNITS, arrow, axis_label, error_label, meaning
@@ -123,7 +123,7 @@ def _scores(section: Section) -> list[dict[str, Any]]:
 
 
 def _notes(section: Section) -> list[dict[str, Any]]:
-    """Return what results note, once where several say the same, and which methods do."""
+    """Return the notes of all results, each once, with the methods that have it."""
     said: dict[str, list[str]] = {}
     for method in section.methods:
         for note in method.result.notes:
@@ -158,7 +158,7 @@ _MOST_ERRORS = 2
 def part_figures(
     section: Section, found: Intervals, notes: list[str]
 ) -> Iterator[tuple[str, Figure]]:
-    """Yield titles and pictures, those that the section's track has.
+    """Yield titles and pictures, as the section's track has them.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def part_figures(
     for score in _errors(section):
         title = f"Share of queries below a value of {error_label(score)}"
         yield title, draw.errors(methods, score)
-    if threshold_scores(section.first.columns)["f1"]:
+    if draw.threshold_scores(section.first.columns)["f1"]:
         yield "Precision, recall and F1 over the distance d", draw.thresholds(methods)
 
 
@@ -200,7 +200,7 @@ def _limits(section: Section, found: Intervals, score: ScoreColumn) -> Floats:
 
 def _recall(section: Section, notes: list[str]) -> Iterator[tuple[str, Figure]]:
     try:
-        draw.kept_ranks(section.methods[0])
+        kept_ranks(section.methods[0])
     except UsageError as error:
         notes.append(f"no picture of recall over K for {section.first.protocol.name}: {error}")
         return
