@@ -74,7 +74,9 @@ class _TableMaker:
 
     def _floors_hint(self) -> list[str]:
         names = ", ".join(self.results[0].references)
-        return [f"--floors adds: {names}"] if names and not self.request.floors else []
+        return (
+            [f"not shown: {names}; --floors adds it"] if names and not self.request.floors else []
+        )
 
     def _without_interval(self, made: Table) -> list[str]:
         """Say why pooled values and floors have no interval."""

@@ -11,7 +11,7 @@ from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import label_text, new_canvas, series_style
 from airzoo_bench.report.labels import axis_label, shown_value
-from airzoo_bench.report.marks import add_band
+from airzoo_bench.report.markers import add_band
 from airzoo_bench.report.sheet import Sheet, finish, slant, wrapped
 from airzoo_bench.results.result import ScoreColumn
 

@@ -102,6 +102,5 @@ def tints(score: ScoreColumn, values: Floats) -> Floats:
     finite = np.isfinite(shown)
     levels = np.zeros(shown.shape)
     levels[finite] = colour_scale(score, shown[finite])(shown[finite])
-    better = levels if score.higher_is_better else 1 - levels
-    found: Floats = np.round(np.where(finite, _DARKEST * better, 0.0), _DIGITS)
-    return found
+    better: Floats = np.where(score.higher_is_better, levels, 1 - levels) * finite
+    return np.round(_DARKEST * better, _DIGITS)

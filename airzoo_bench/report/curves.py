@@ -12,7 +12,7 @@ from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import name_text, new_canvas, series_style
 from airzoo_bench.report.labels import error_label, noted, over_scenes, who
-from airzoo_bench.report.marks import draw_lines, draw_markers
+from airzoo_bench.report.markers import draw_lines, draw_markers
 from airzoo_bench.report.sheet import Sheet, finish, wrapped
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn

@@ -16,7 +16,7 @@ from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.curves import NEAR, PERCENT, errors, recall
 from airzoo_bench.report.figures import new_canvas
 from airzoo_bench.report.labels import noted, over_scenes, who
-from airzoo_bench.report.marks import draw_lines, draw_markers
+from airzoo_bench.report.markers import draw_lines, draw_markers
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, finish
 from airzoo_bench.results.comparable import find_scene

@@ -20,7 +20,7 @@ from airzoo_bench.report.figures import (
     new_canvas,
 )
 from airzoo_bench.report.labels import arrow, axis_label, shown_value, spans_decades
-from airzoo_bench.report.marks import add_band
+from airzoo_bench.report.markers import add_band
 from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, slant, wrapped
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import Column, show_number

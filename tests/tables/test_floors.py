@@ -52,7 +52,7 @@ def test_one_result_says_how_to_get_them(
     files: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_main("table", files[0]) == 0
-    assert f"--floors adds: {NAME}" in capsys.readouterr().out
+    assert f"not shown: {NAME}; --floors adds it" in capsys.readouterr().out
     assert run_main("table", files[0], "--floors") == 0
     assert "--floors" not in capsys.readouterr().out
 
