@@ -2,6 +2,7 @@
 
 import os
 import sys
+from threading import Lock, Thread
 
 __all__ = ["main"]
 
@@ -11,6 +12,7 @@ _TERMINATED = 143
 _PATIENCE_S = 0.5
 # A library that does not come back from Ctrl-C within this time is not waited for.
 _UNWINDING_S = 1.0
+_LEAVING = Lock()
 
 
 def main() -> None:
@@ -22,14 +24,10 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
-        sys.stderr.write(_MESSAGE)
-        _leave_at_once(_STOPPED)
+        _stop(_STOPPED)
     except SystemExit as done:
-        if done.code == _STOPPED:
-            _leave_at_once(_STOPPED)
-        if done.code == _TERMINATED:
-            sys.stderr.write(_MESSAGE)
-            _leave_at_once(_TERMINATED)
+        if done.code in (_STOPPED, _TERMINATED):
+            _stop(int(done.code))
         raise
 
 
@@ -40,7 +38,6 @@ def _obey_signals() -> None:
     nothing. A thread that sleeps until a signal comes then ends the process.
     """
     import signal
-    from threading import Thread
 
     signal.signal(signal.SIGTERM, _terminate)
     if sys.platform == "win32":
@@ -64,11 +61,7 @@ def _end_in_time(ear: int) -> None:
     while code is None:
         code = codes.get(signal.Signals(os.read(ear, 1)[0]))
     time.sleep(_UNWINDING_S)
-    sys.stderr.write(_MESSAGE)
-    from airzoo_bench.core.temporaries import remove_own
-
-    remove_own()
-    _leave_at_once(code)
+    _stop(code)
 
 
 def _open_closed_streams() -> None:
@@ -85,9 +78,18 @@ def _open_closed_streams() -> None:
             setattr(sys, name, stream)
 
 
-def _leave_at_once(code: int) -> None:
-    """End without waiting for worker processes that were stopped in the middle of something."""
+def _stop(code: int) -> None:
+    """Say so and end, without waiting for processes that were stopped in the middle of something.
+
+    Whichever thread comes first does it; the other waits here for the end.
+    """
+    _LEAVING.acquire()
+    sys.stderr.write(_MESSAGE)
     from multiprocessing import active_children
+
+    from airzoo_bench.core.temporaries import remove_own
+
+    remove_own()
 
     workers = active_children()
     for process in workers:

@@ -40,7 +40,7 @@ def breakdown(
         bool,
         typer.Option(
             "--intervals",
-            help="Write 95 % intervals beside the values; always, where the table is "
+            help="Show 95 % intervals next to the values; always, where the table is "
             "one score of one result.",
         ),
     ] = False,

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import typer
 from typer.core import TyperGroup
 
-from airzoo_bench.cli.common import examples
+from airzoo_bench.cli.common import examples, in_panels
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import Registry
 
@@ -25,6 +25,7 @@ class BuiltGroup(TyperGroup):
     """
 
     registry: Registry
+    panels: ClassVar[Mapping[str, Sequence[str]]] = {}
 
     @abstractmethod
     def command_of(self, thing: Any) -> tuple[Callable[..., None], str]:
@@ -52,7 +53,8 @@ class BuiltGroup(TyperGroup):
             return None
         function, example = self.command_of(self.registry.get(cmd_name))
         app = typer.Typer(add_completion=False)
-        app.command(name=cmd_name, epilog=examples(example))(function)
+        grouped = in_panels(self.panels)
+        app.command(name=cmd_name, cls=grouped, epilog=examples(example))(function)
         return typer.main.get_command(app)
 
 

@@ -16,11 +16,23 @@ if TYPE_CHECKING:
     from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 
-__all__ = ["GEOMETRY_EXAMPLES", "SPLIT_EXAMPLES", "check_geometry", "check_split"]
+__all__ = [
+    "GEOMETRY_EXAMPLES",
+    "GEOMETRY_PANELS",
+    "SPLIT_EXAMPLES",
+    "check_geometry",
+    "check_split",
+]
 
 SPLIT_EXAMPLES = examples("check-split training-set airzoo-mini --out overlaps.csv")
 
 GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --out geometry")
+
+GEOMETRY_PANELS = {
+    "Cameras": ("scene", "poses", "images", "crs"),
+    "Depth": ("depth", "depth_kind", "depth_scale", "pairs", "samples", "seed", "median_below"),
+    "Output": ("out", "form"),
+}
 
 DEPTH_FOLDER = "depth"
 

@@ -7,13 +7,14 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 import typer
+from typer.core import TyperCommand
 
 from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import UsageError
@@ -32,12 +33,14 @@ __all__ = [
     "ProtocolOption",
     "check_output",
     "examples",
+    "in_panels",
     "memory_bytes",
     "printable",
     "progress",
     "put",
     "resolve_data",
     "say",
+    "say_replaced",
     "show",
     "with_data",
     "working",
@@ -84,8 +87,24 @@ JobsOption = Annotated[
 
 
 def examples(*calls: str) -> str:
-    """Return what stands at the end of a command's help, where who has read it looks."""
+    """Return the examples at the end of a command's help."""
     return "\n\n".join(f"Example: airzoo-bench {call}" for call in calls)
+
+
+def in_panels(panels: Mapping[str, Sequence[str]]) -> type[TyperCommand]:
+    """Return a command class whose help shows options in panels, each a list of parameters."""
+    panel_of = {name: panel for panel, names in panels.items() for name in names}
+
+    class Grouped(TyperCommand):
+        def __init__(self, *args: Any, **settings: Any) -> None:
+            super().__init__(*args, **settings)
+            for parameter in self.params:
+                if parameter.name in panel_of:
+                    parameter.rich_help_panel = panel_of[parameter.name]  # type: ignore[attr-defined]
+            order = list(panel_of)
+            self.params.sort(key=lambda one: order.index(one.name) if one.name in order else -1)
+
+    return Grouped
 
 
 def resolve_data(data: Path | None) -> Path:
@@ -132,6 +151,12 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
         )
 
 
+def say_replaced(out: Path) -> None:
+    """Warn that a file exists and will be replaced, unless it is empty."""
+    if out.exists() and out.stat().st_size:
+        say(f"{out} is there already and will be replaced")
+
+
 def memory_bytes(text: str) -> int:
     """Turn ``512M`` into bytes.
 
@@ -147,22 +172,22 @@ def memory_bytes(text: str) -> int:
 
 
 def printable(text: str) -> str:
-    """Replace what could steer the terminal: ids in a message come from strangers."""
+    """Escape control characters: ids in a message come from strangers."""
     return "".join(c if c.isprintable() or c == "\n" else f"\\x{ord(c):02x}" for c in text)
 
 
 def with_data(data: Path | None) -> str:
-    """Return the option to repeat in the command that is suggested next."""
+    """Return the ``--data`` option for the command that is suggested next."""
     return "" if data is None else f" --data {data}"
 
 
 def say(message: str) -> None:
-    """Tell the person something on stderr, so that a pipe stays clean."""
+    """Print a message on stderr, so that a pipe stays clean."""
     _write(printable(message) + "\n", sys.stderr)
 
 
 def put(text: str, form: Format = Format.TERMINAL) -> None:
-    """Write text to stdout; where the reader of a pipe has gone, quietly to nowhere.
+    """Write text to stdout; nothing happens if the reader of a pipe has gone.
 
     What is the content of a file is UTF-8 whatever the terminal's encoding: files of LaTeX, CSV
     and the others are read as that, and the letters of names must not be lost on the way.
@@ -192,7 +217,7 @@ def show(table: Table, form: Format, style: LatexStyle | None = None) -> None:
 
 
 def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
-    """Yield the items and show the time left on stderr: a bar, or lines if that is no terminal."""
+    """Yield the items and show the time left on stderr: a bar, or lines without a terminal."""
     if not sys.stderr.isatty():
         yield from told(items, label, total, say=say)
         return
@@ -207,7 +232,7 @@ def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
 
 @contextmanager
 def working(label: str) -> Iterator[None]:
-    """Say on stderr that something takes its time, while it does, if that is a terminal."""
+    """Show on stderr, if it is a terminal, that something is under way."""
     if not sys.stderr.isatty():
         yield
         return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,10 +12,9 @@ from airzoo_bench.cli.common import Format, FormatOption, examples, show
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.model import Table
 
-__all__ = ["EXAMPLES", "compare"]
+__all__ = ["EXAMPLES", "PANELS", "compare"]
 
 EXAMPLES = examples(
     "compare results/mine/result.json results/theirs/result.json",
@@ -24,26 +22,19 @@ EXAMPLES = examples(
     "compare --printed 96.21 94.32 --queries 264",
 )
 
+PANELS = {
+    "What is compared": ("score", "every", "reference", "method", "scene", "most_different"),
+    "Statistics": ("interval", "resamples", "seed"),
+    "Printed hit rates": ("printed", "queries"),
+    "Output": ("form",),
+}
+
 
 class IntervalMethod(StrEnum):
-    """How intervals are taken from resamples."""
+    """How intervals are computed from resamples."""
 
     BCA = "bca"
     PERCENTILE = "percentile"
-
-
-@dataclass(frozen=True)
-class _Request:
-    """What is to be compared."""
-
-    paths: list[Path]
-    scores: list[str]
-    every: bool
-    reference: str | None
-    method: str | None
-    scene: str | None
-    most_different: int | None
-    plan: ResamplingConfig
 
 
 def compare(
@@ -69,7 +60,7 @@ def compare(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Instead: is NAME better than each other one? Differences, verdicts and wins "
+            help="Instead: is NAME better than each of the others? Differences, verdicts and wins "
             "are NAME's.",
         ),
     ] = None,
@@ -78,8 +69,8 @@ def compare(
         int | None,
         typer.Option(
             min=1,
-            help="Instead of the tests, list so many queries: those on which the first score "
-            "differs most, with every method's value and, of two, their conditions.",
+            help="Instead of tests: list this many queries on which the first score differs most, "
+            "with the value of every method and, for two methods, the conditions.",
         ),
     ] = None,
     interval: Annotated[
@@ -101,17 +92,29 @@ def compare(
     ] = None,
 ) -> None:
     """Compare methods query by query: differences, intervals, tests, a verdict in words."""
-    from airzoo_bench.statistics.samples import ResamplingConfig
-
     if printed is not None or queries is not None:
         show(_printed(results, printed, queries), form)
         return
-    plan = ResamplingConfig(resamples, seed, interval.value)
-    request = _Request(
-        results or [], score or [], every, reference, method, scene, most_different, plan
+    paths, scores = results or [], score or []
+    _check(paths, every and bool(scores), reference or method, most_different)
+    if most_different is not None:
+        asked = (paths, scores, every, reference, method, scene)
+        show(_differences(*asked, most_different), form)
+        return
+    from airzoo_bench.api import comparison
+
+    found = comparison.compare(
+        paths,
+        scores,
+        every=every,
+        reference=reference,
+        method=method,
+        scene=scene,
+        interval=interval.value,
+        resamples=resamples,
+        seed=seed,
     )
-    _check(request)
-    show(_answer(request), form)
+    show(found.table, form)
 
 
 def _printed(
@@ -127,22 +130,22 @@ def _printed(
     return bounds_table(*printed, printed_bounds(*printed, queries))
 
 
-def _check(request: _Request) -> None:
-    if not request.paths:
+def _check(paths: list[Path], twice: bool, named: str | None, most_different: int | None) -> None:
+    """Refuse options that exclude each other; `twice` is --all with --score."""
+    if not paths:
         raise UsageError(
             "nothing to compare",
             expected="result files, or --printed",
             fix="airzoo-bench compare a/result.json b/result.json",
         )
-    if request.every and request.scores:
+    if twice:
         raise UsageError("--all and --score exclude each other", fix="leave one of them out")
-    named = request.reference or request.method
-    if len(request.paths) == 1 and (named or request.most_different):
+    if len(paths) == 1 and (named or most_different):
         raise UsageError(
             "--reference, --method and --most-different need two or more results",
             fix="name another result, or leave the option out",
         )
-    if len(request.paths) > 2 and named and request.most_different:
+    if len(paths) > 2 and named and most_different:
         raise UsageError(
             "--most-different of more than two results has no reference",
             expected="two results, or neither --reference nor --method: the best is then held "
@@ -150,37 +153,20 @@ def _check(request: _Request) -> None:
         )
 
 
-def _answer(request: _Request) -> Table:
-    from airzoo_bench.api import comparison
-
-    if request.most_different is not None:
-        return _differences(request, request.most_different)
-    found = comparison.compare(
-        request.paths,
-        request.scores,
-        every=request.every,
-        reference=request.reference,
-        method=request.method,
-        scene=request.scene,
-        interval=request.plan.interval,
-        resamples=request.plan.resamples,
-        seed=request.plan.seed,
-    )
-    return found.table
-
-
-def _differences(request: _Request, most: int) -> Table:
+def _differences(
+    paths: list[Path],
+    scores: list[str],
+    every: bool,
+    reference: str | None,
+    method: str | None,
+    scene: str | None,
+    most: int,
+) -> Table:
     from airzoo_bench.api.comparison import Request
     from airzoo_bench.results.best import find_one
     from airzoo_bench.tables.differences import differences_table
 
-    asked = Request.of(
-        request.paths,
-        request.scores,
-        every=request.every,
-        scene=request.scene,
-        every_column=True,
-    )
-    one = find_one(asked.methods, request.reference, request.method, asked.scores[0], asked.scene)
-    base = one if request.method is None else 1 - one
+    asked = Request.of(paths, scores, every=every, scene=scene, every_column=True)
+    one = find_one(asked.methods, reference, method, asked.scores[0], asked.scene)
+    base = one if method is None else 1 - one
     return differences_table(asked.methods, asked.scores, most, asked.scene, base=base)

@@ -25,6 +25,7 @@ def demo(
 
     The world and its photos are kept in the data root. A run that was stopped goes on.
     """
+    from airzoo_bench.benchmark.folder import Benchmark
     from airzoo_bench.core.data_root import data_root
     from airzoo_bench.core.output_places import check_output_folder
     from airzoo_bench.datasets.mini.demo import demo_benchmark, demo_tracks, run_track
@@ -41,7 +42,9 @@ def demo(
         show(scenes_table(result, floors=True), Format.TERMINAL)
         put("\n")
     say(f"predictions, result.json and records.csv of each track lie in {out}")
+    benchmark = Benchmark.open(data)
     first = out / demo_tracks()[0][0].name
     say(f"next: airzoo-bench table {first / 'result.json'} --format latex")
-    say(f"      look at the photos in {data}: benchmark.toml says where they are")
+    photos = [str(benchmark.resolve(scene.images)) for scene in benchmark.file.scenes]
+    say(f"      look at the photos, which lie in {' and '.join(photos)}")
     say("      put your own method beside it: airzoo-bench template airzoo-mini-retrieval")

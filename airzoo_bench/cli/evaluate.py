@@ -104,7 +104,7 @@ def _evaluate(
 
     asked = [one for one in track.options if extras[one.name] != one.default]
     _refuse_without_folder(asked, out)
-    method = _named_after(out, method)
+    name = _named_after(out, method)
     keep = any(one.needs_out for one in asked)
     resources = Resources(memory_bytes(max_memory), jobs, progress, keep)
     evaluation = evaluate(
@@ -112,7 +112,7 @@ def _evaluate(
         data=resolve_data(data),
         track=track.name,
         protocol=protocol,
-        method=method,
+        method=name,
         resources=resources,
     )
     written = [] if out is None else save(evaluation, out)
@@ -126,6 +126,8 @@ def _evaluate(
     act(writing=True)
     _print_result(evaluation.result, form, every_score=every_score)
     act(writing=False)
+    if method is None and name is not None:
+        say(f"the method is called {name}, after --out; --method gives it another name")
     _print_next(written)
 
 
@@ -139,7 +141,7 @@ def _refuse_without_folder(asked: list[EvalOption], out: Path | None) -> None:
 
 
 def _named_after(out: Path | None, method: str | None) -> str | None:
-    """Check the folder for output, and return the method's name, which can be the folder's."""
+    """Check the output folder, and return the method's name: as given, or the folder's."""
     from airzoo_bench.evaluation.run_files import check_run_folder, earlier_run
 
     if out is None:

@@ -1,4 +1,4 @@
-"""Entry point: exit codes and the tree of commands.
+"""Entry point: exit codes and all commands.
 
 0 done; 1 a check found something wrong; 2 the input is wrong; 70 a bug of the suite; 130 stopped.
 """
@@ -29,7 +29,7 @@ from airzoo_bench.cli import (
     table,
     template,
 )
-from airzoo_bench.cli.common import say
+from airzoo_bench.cli.common import in_panels, say
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.version import __version__
 
@@ -37,7 +37,6 @@ __all__ = ["app", "main"]
 
 _INPUT_IS_WRONG = 2
 _BUG = 70
-_STOPPED = 130
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
@@ -55,17 +54,24 @@ app.add_typer(evaluate.app, name="eval", rich_help_panel=SCORE)
 app.command("check", epilog=check.EXAMPLES, rich_help_panel=SCORE)(check.check)
 app.command("template", epilog=template.EXAMPLES, rich_help_panel=SCORE)(template.template)
 app.add_typer(baseline.app, name="baseline", rich_help_panel=SCORE)
-app.command("table", epilog=table.EXAMPLES, rich_help_panel=RESULTS)(table.table)
-app.command("compare", epilog=compare.EXAMPLES, rich_help_panel=RESULTS)(compare.compare)
+app.command("table", cls=in_panels(table.PANELS), epilog=table.EXAMPLES, rich_help_panel=RESULTS)(
+    table.table
+)
+app.command(
+    "compare", cls=in_panels(compare.PANELS), epilog=compare.EXAMPLES, rich_help_panel=RESULTS
+)(compare.compare)
 app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(breakdown.breakdown)
 app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
-app.command("check-geometry", epilog=check_geometry.GEOMETRY_EXAMPLES, rich_help_panel=CHECKS)(
-    check_geometry.check_geometry
-)
+app.command(
+    "check-geometry",
+    cls=in_panels(check_geometry.GEOMETRY_PANELS),
+    epilog=check_geometry.GEOMETRY_EXAMPLES,
+    rich_help_panel=CHECKS,
+)(check_geometry.check_geometry)
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
@@ -89,14 +95,10 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line and turn what goes wrong into a message and an exit code."""
+    """Run the command line; errors become a message and an exit code."""
     _allow_every_letter()
     try:
         app(standalone_mode=True)
-    except SystemExit as done:
-        if done.code == _STOPPED:
-            say("airzoo-bench: stopped; nothing was left half-written")
-        raise
     except UserError as error:
         say(f"airzoo-bench: {error}")
         sys.exit(_INPUT_IS_WRONG)

@@ -71,7 +71,7 @@ def trajectory(
     overlap: Annotated[
         float | None,
         typer.Option(
-            min=0.01, max=0.99, help="Thin to key frames that overlap so much (default: 30 fps)."
+            min=0.01, max=0.99, help="Thin to key frames with this overlap (default: 30 fps)."
         ),
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="Draw the flight into this .png.")] = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -28,6 +28,14 @@ _LONGEST_NAME = 48  # of which more names are made
 
 class _PrepareGroup(BuiltGroup):
     registry = DATASETS
+    panels: ClassVar[dict[str, tuple[str, ...]]] = {
+        "Sources": ("name", "images", "poses", "dom", "dsm", "cloud", "priors", "crs"),
+        "What is measured": (
+            *("protocol", "matching_protocol", "reconstruction_protocol"),
+            *("tile_size", "rule", "iou_above"),
+        ),
+        "Output": ("out", "tiles", "crops", "copy", "force"),
+    }
 
     def command_of(self, thing: Dataset) -> tuple[Callable[..., None], str]:
         return thing.prepare, f"prepare {thing.example}"

@@ -15,9 +15,14 @@ from airzoo_bench.cli.common import (
     progress,
     resolve_data,
     say,
+    say_replaced,
 )
+from airzoo_bench.core.errors import UsageError
 
 __all__ = ["EXAMPLES", "report"]
+
+_HEAD_BYTES = 4096
+_GENERATOR = b'<meta name="generator" content="airzoo-bench '
 
 EXAMPLES = examples("report results/*/result.json -o report.html")
 
@@ -32,7 +37,7 @@ def report(
     data: DataOption = None,
     title: Annotated[str, typer.Option(help="What the page is called.")] = "Results",
     pictures: Annotated[
-        int, typer.Option(min=0, max=100, help="So many of the hardest queries are shown.")
+        int, typer.Option(min=0, max=100, help="How many of the hardest queries to show.")
     ] = 12,
     jobs: JobsOption = 2,
 ) -> None:
@@ -45,6 +50,8 @@ def report(
     from airzoo_bench.report.page import make_report
 
     check_output(out, results, (".html", ".htm"))
+    _check_replaced(out)
+    say_replaced(out)
     made = make_report(
         results,
         data=resolve_data(data),
@@ -59,3 +66,17 @@ def report(
     for note in made.notes:
         say(note)
     say(f"wrote {out} ({out.stat().st_size / 1e6:.1f} MB)")
+
+
+def _check_replaced(out: Path) -> None:
+    """Refuse to replace a page that is not a report."""
+    if not out.is_file():
+        return
+    with out.open("rb") as stream:
+        start = stream.read(_HEAD_BYTES)
+    if start and _GENERATOR not in start:
+        raise UsageError(
+            "is there already, and is no report of airzoo-bench",
+            where=out,
+            fix="name another file with --out",
+        )

@@ -12,7 +12,7 @@ from airzoo_bench.cli.table_request import Layout, TableRequest, layout_named
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.plurals import agreeing
 
-__all__ = ["EXAMPLES", "table"]
+__all__ = ["EXAMPLES", "PANELS", "table"]
 
 EXAMPLES = examples(
     "table results/*/result.json --format latex",
@@ -20,6 +20,17 @@ EXAMPLES = examples(
     'table */result.json -f latex --fit --caption "Results." --label tab:all',
     "table --published --protocol uav-visloc-retrieval --layout scenes",
 )
+
+PANELS = {
+    "Rows and columns": (
+        *("layout", "scene", "every_score", "scores", "sort", "highlight", "floors", "rename"),
+        *("queries", "average", "per_block"),
+    ),
+    "Statistics": ("intervals", "second", "baseline"),
+    "Published numbers": ("published", "protocol", "mark_published"),
+    "Output": ("form", "decimals"),
+    "LaTeX": ("cite", "siunitx", "standalone", "caption", "label", "fit"),
+}
 
 
 def table(
@@ -74,12 +85,12 @@ def table(
         typer.Option(help="LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable."),
     ] = None,
     intervals: Annotated[
-        bool, typer.Option("--intervals", help="Write 95 % intervals beside the values.")
+        bool, typer.Option("--intervals", help="Show 95 % intervals next to the values.")
     ] = False,
     floors: Annotated[
         bool,
         typer.Option(
-            "--floors", help="Add rows of what scores without a method: chance, the prior itself."
+            "--floors", help="Add rows for what needs no method: chance level, the prior itself."
         ),
     ] = False,
     sort: Annotated[
@@ -96,7 +107,7 @@ def table(
         ),
     ] = None,
     queries: Annotated[
-        bool, typer.Option("--queries", help="With scenes: write their numbers of queries.")
+        bool, typer.Option("--queries", help="With scenes: show their numbers of queries.")
     ] = False,
     average: Annotated[
         bool, typer.Option(help="With scenes: the average over them.", show_default=False)
@@ -128,7 +139,7 @@ def table(
     ] = "",
     label: Annotated[str, typer.Option(help="LaTeX: the label of the float, for \\ref.")] = "",
     fit: Annotated[
-        bool, typer.Option("--fit", help="LaTeX: shrink what is wider than the line to the line.")
+        bool, typer.Option("--fit", help="LaTeX: shrink a table that is wider than the line.")
     ] = False,
 ) -> None:
     """Print one result by scene, or several side by side by method."""

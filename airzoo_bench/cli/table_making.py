@@ -1,4 +1,4 @@
-"""The table that answers a request: boards of results, laid out and marked."""
+"""Builds the table that a request asks for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.files import result_paths
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import Result, ScoreColumn, read_result, score_columns
 from airzoo_bench.results.selection import check_score, find_scene, named_scores
 from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.layouts import AVERAGE
@@ -42,17 +42,7 @@ def make_table(request: TableRequest) -> Table:
 
 @dataclass(frozen=True)
 class _TableMaker:
-    """A request, and what was read for it.
-
-    Attributes
-    ----------
-    request : TableRequest
-    layout : Layout
-        The one that was asked for, or the usual one.
-    paths : tuple of Path
-        Of the files.
-    results : tuple of Result
-    """
+    """A request, its layout, and the files and results that were read for it."""
 
     request: TableRequest
     layout: Layout
@@ -77,11 +67,19 @@ class _TableMaker:
         # The table has the result's own notes, and whose they are goes without saying.
         without = self._without_interval(made)
         notes, about = (*board.notes, *without), (*board.about_intervals, *without)
-        made = replace(made, notes=(*notes, *made.notes), legend=(*about, *made.legend))
+        made = replace(
+            made, notes=(*notes, *made.notes, *self._floors_hint()), legend=(*about, *made.legend)
+        )
         return rename(self._in_digits(made), self.request.renamed)
 
+    def _floors_hint(self) -> list[str]:
+        names = ", ".join(self.results[0].references)
+        return (
+            [f"not shown: {names}; --floors adds it"] if names and not self.request.floors else []
+        )
+
     def _without_interval(self, made: Table) -> list[str]:
-        """Say why rows that are no scene and no method have no interval."""
+        """Say why pooled values and floors have no interval."""
         from airzoo_bench.tables.layouts import POOLED
 
         if not self.request.intervals:
@@ -106,7 +104,7 @@ class _TableMaker:
         )
 
     def _boards(self) -> list[MethodTable]:
-        """Return a board a protocol, with the scores to show, which one of several may lack."""
+        """Return a table of methods for each protocol, with the scores to show, if it has any."""
         wanted = self.request.scores
         if self.request.protocol is not None:
             return [self._published_alone(self.request.protocol)]
@@ -157,26 +155,39 @@ class _TableMaker:
         return replace(made, about_intervals=made.notes[len(board.notes) :])
 
     def _shown(self, board: MethodTable) -> list[str]:
-        """Return the scenes whose numbers stand in the table, and what stands for the average."""
+        """Return the scenes that the table shows, with the key of the average."""
         if self.layout in (Layout.RESULT, Layout.SCENES):
             return [*board.scenes, *[OVERALL] * self.request.average]
         scene = self.request.scene
         return [OVERALL if scene is None else find_scene(board.scenes, scene)]
 
-    def _published_alone(self, protocol: str) -> MethodTable:
-        from airzoo_bench.cli.published_table import empty_board, published_benchmarks
+    def _published_alone(self, name: str) -> MethodTable:
+        """Return a table of methods with what is published on a protocol."""
         from airzoo_bench.core.data_root import data_root
+        from airzoo_bench.core.registry import TRACKS
+        from airzoo_bench.protocol.lookup import find_protocol
+        from airzoo_bench.tables.published import published_benchmarks
 
-        wanted = self.request.scores
+        wanted, protocol = self.request.scores, find_protocol(name, data_root())
+        columns = score_columns(TRACKS.get(protocol.track).scores(protocol, ()))
         every_score = self.request.every_score or bool(wanted)
-        board = empty_board(protocol, data_root(), every_score=every_score)
-        for name in wanted:
-            check_score(name, board.scores, "--score")
-        board = self._beside_published(replace(board, scores=_chosen(board.scores, wanted)))
+        scores = [column for column in columns if every_score or column.headline]
+        for score in wanted:
+            check_score(score, scores, "--score")
+        board = MethodTable(
+            f"{protocol.name} v{protocol.version}",
+            protocol.benchmark,
+            protocol.track,
+            _chosen(scores, wanted),
+            {scene.id: scene.title for scene in protocol.scenes},
+            {},
+            (),
+        )
+        board = self._beside_published(board)
         if not board.rows:
             raise UsageError(
                 f"nothing is published on {board.benchmark} ({board.track})",
-                where=f"--protocol {protocol}",
+                where=f"--protocol {name}",
                 expected="a protocol of a benchmark of a paper's tables: "
                 + ", ".join(published_benchmarks(board.track)),
                 fix="see `airzoo-bench protocols`",
@@ -200,8 +211,7 @@ class _TableMaker:
         return self._beside_published(board)
 
     def _beside_published(self, board: MethodTable) -> MethodTable:
-        from airzoo_bench.cli.published_table import published_benchmarks
-        from airzoo_bench.tables.published import published_tables
+        from airzoo_bench.tables.published import published_benchmarks, published_tables
 
         asked = self.request
         by_scene = self.layout is Layout.SCENES or asked.scene is not None
@@ -266,7 +276,7 @@ def _of_floors(names: str) -> list[str]:
 
 
 def _by_protocol(results: Sequence[Result]) -> list[list[int]]:
-    """Return the places of results, those of protocols of one name together."""
+    """Group the indices of results by the name of their protocol."""
     found: dict[str, list[int]] = {}
     for place, result in enumerate(results):
         found.setdefault(result.protocol.name, []).append(place)
@@ -274,7 +284,7 @@ def _by_protocol(results: Sequence[Result]) -> list[list[int]]:
 
 
 def _chosen(scores: Sequence[ScoreColumn], wanted: Sequence[str]) -> tuple[ScoreColumn, ...]:
-    """Return the scores that are named by key or title, in that order; all where none is."""
+    """Return the scores named by key or title, in that order; all if none is named."""
     if not wanted:
         return tuple(scores)
     by_name = named_scores(scores)

@@ -1,4 +1,4 @@
-"""What a call of ``airzoo-bench table`` asks for, and whether it can be had."""
+"""The options of ``airzoo-bench table``, and whether they fit together."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def layout_named(text: str) -> Layout:
 
 @dataclass(frozen=True)
 class TableRequest:
-    """The options of the command that change what a table says; see there."""
+    """The options of the command that change the table's content; see there."""
 
     results: tuple[Path, ...]
     protocol: str | None = None
@@ -71,7 +71,7 @@ class TableRequest:
     decimals: int | None = None
 
     def checked_layout(self, results: Sequence[Result]) -> Layout:
-        """Return the layout that was asked for, or the usual one, and hold all options to it.
+        """Return the layout, as asked for or by default, and check all options against it.
 
         Parameters
         ----------

@@ -72,7 +72,7 @@ class MatchingTrack(
         EvalOption(
             "figures",
             "Draw error curves, matches and maps into --out.",
-            "airzoo_bench.report.matching_run:draw_figures",
+            "airzoo_bench.report.matching:draw_figures",
         ),
         EvalOption(
             "seeds",

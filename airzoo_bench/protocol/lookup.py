@@ -165,15 +165,30 @@ def refuse_other_track(
 ) -> None:
     """Refuse an ``.npz`` that names a protocol of another track, before its fields are read.
 
+    So too where another protocol was named instead, which is of the track.
+
     Raises
     ------
     PredictionError
         The message names the right command, not the fields that the file lacks for this one.
     """
-    if named is None and path.suffix == ".npz" and path.is_file():
-        in_file = protocol_name(open_arrays(path, memory_bytes))
-        if in_file is not None:
-            choose_protocol(path, in_file, None, data, model)
+    if path.suffix != ".npz" or not path.is_file():
+        return
+    in_file = protocol_name(open_arrays(path, memory_bytes))
+    if in_file is None or (named is not None and in_file not in protocol_files(data)):
+        return
+    if named is None:
+        choose_protocol(path, in_file, None, data, model)
+        return
+    own, wanted = find_protocol(in_file, data), find_protocol(named, data)
+    if own.track != wanted.track:
+        raise PredictionError(
+            f"is for {own.name}, of the {own.track} track; --protocol {named} is of the "
+            f"{wanted.track} track",
+            where=path,
+            expected=f"a protocol of the {own.track} track",
+            fix=f"leave out --protocol: airzoo-bench eval {own.track} {path}",
+        )
 
 
 def protocol_files(data_root: Path) -> dict[str, Path]:

@@ -94,12 +94,12 @@ class ReconstructionTrack(
         EvalOption(
             "figures",
             "Draw curves and maps of errors into --out.",
-            "airzoo_bench.report.reconstruction_run:draw_figures",
+            "airzoo_bench.report.reconstruction:draw_figures",
         ),
         EvalOption(
             "clouds",
             "Write clouds coloured by their errors into --out.",
-            "airzoo_bench.report.reconstruction_run:write_clouds",
+            "airzoo_bench.report.reconstruction:write_clouds",
         ),
     )
     files = {"alignment.json": _write_alignments}  # noqa: RUF012 - never changed

@@ -1,4 +1,4 @@
-"""The picture of a score in groups of queries, a marker a method and group."""
+"""A score in groups of queries as a picture: one marker per method and group."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import label_text, series_style
+from airzoo_bench.report.figures import label_text, new_canvas, series_style
 from airzoo_bench.report.labels import axis_label, shown_value
-from airzoo_bench.report.marks import add_band
-from airzoo_bench.report.sheet import Sheet, finish, new_canvas, slant, wrapped
+from airzoo_bench.report.markers import add_band
+from airzoo_bench.report.sheet import Sheet, finish, slant, wrapped
 from airzoo_bench.results.result import ScoreColumn
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _draw_methods(
     score: ScoreColumn,
     slot_pt: float,
 ) -> None:
-    """Draw the marks of methods side by side in each group, infinite ones on the band."""
+    """Draw the markers of all methods side by side in each group, infinite values on the band."""
     axes, band = parts
     methods, groups = values.shape
     step = _SHARE_OF_GROUP / methods
@@ -136,7 +136,7 @@ def _draw_whiskers(axes: Axes, places: Floats, limits: Floats, number: int) -> N
 
 
 def _scale(axes: Axes, score: ScoreColumn, values: Floats) -> None:
-    """Let shares go from 0 to 100, and errors by powers of ten where they span more than two."""
+    """Scale the axis: shares from 0 to 100, errors logarithmically if they span two decades."""
     if score.unit == "share":
         axes.set_ylim(-2, 102)
         return
@@ -156,7 +156,7 @@ def _scale(axes: Axes, score: ScoreColumn, values: Floats) -> None:
 def _label(
     axes: Axes, labels: Sequence[str], counts: Sequence[int], slot_pt: float, size: float
 ) -> None:
-    """Name groups with their counts: upright on two lines where there is room, else slanted."""
+    """Label groups with their counts: on two upright lines if there is room, otherwise slanted."""
     longest = max(max(len(label), len(f"n = {n}")) for label, n in zip(labels, counts, strict=True))
     upright = longest * _LETTER * size <= slot_pt
     pattern = "{}\nn = {}" if upright else "{} (n = {})"

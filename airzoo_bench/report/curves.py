@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import name_text, series_style
-from airzoo_bench.report.labels import axis_label, error_label, over_scenes, shown_value, who
-from airzoo_bench.report.marks import draw_lines, draw_markers
-from airzoo_bench.report.sheet import Sheet, finish, new_canvas, wrapped
+from airzoo_bench.report.figures import name_text, new_canvas, series_style
+from airzoo_bench.report.labels import error_label, noted, over_scenes, who
+from airzoo_bench.report.markers import draw_lines, draw_markers
+from airzoo_bench.report.sheet import Sheet, finish, wrapped
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 
@@ -22,26 +22,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "axis_label",
-    "draw_error_curves",
-    "draw_recall_curves",
-    "draw_threshold_curves",
+    "NEAR",
+    "PERCENT",
     "error_shares",
+    "errors",
+    "kept_ranks",
     "longest_list",
+    "recall",
     "recall_curve",
     "share_below",
-    "shown_value",
-    "threshold_scores",
 ]
 
 _STEPS = 256
-_THRESHOLD = re.compile(r"(precision|recall|f1)_([0-9.e+-]+)m")
-_DECADE = 10.0
 _FEW_DECADES = 1e3
 _LEAST_RATIO = 4.0
 _KS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
-_PERCENT = (-2.0, 102.0)
-_NEAR = 2.2
+PERCENT = (-2.0, 102.0)
+NEAR = 2.2
+"""Within how many percent markers cover each other, in a picture of 3.6 inches."""
 _MARKS = 9
 _COUNTED = 6
 
@@ -64,7 +62,7 @@ def recall_curve(method: Scored, up_to: int) -> Floats:
 
 
 def longest_list(method: Scored, up_to: int) -> int:
-    """Return how many tiles a method's longest list has, 1 to `up_to`.
+    """Return the length of a method's longest list of tiles, 1 to `up_to`.
 
     Beyond it nothing was measured. Records without the column ``ranked`` do not tell: `up_to`.
     """
@@ -73,9 +71,33 @@ def longest_list(method: Scored, up_to: int) -> int:
     return int(np.clip(method.records["ranked"].max(), 1, up_to))
 
 
+def kept_ranks(method: Scored) -> int:
+    """Return how many ranks of each query the protocol keeps.
+
+    Raises
+    ------
+    UsageError
+        The results are of another track, or their settings do not say.
+    """
+    if "first_hit_rank" not in method.records:
+        raise UsageError(
+            f"results of the {method.result.track} track have no ranks",
+            expected="results of the retrieval track",
+        )
+    kept = method.result.protocol.settings.get("scores", {}).get("ranks_kept")
+    if not isinstance(kept, int) or kept < 1:
+        raise UsageError(
+            "the protocol's settings do not say how many ranks were kept",
+            expected="a number above 0 as scores.ranks_kept",
+        )
+    return kept
+
+
 @default_style()
-def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | None = None) -> Figure:
-    """Draw recall at K over K, each method's as far as its longest list goes.
+def recall(
+    methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
+) -> Figure:
+    """Draw recall at K over K, for each method up to the length of its longest list.
 
     Markers stand at the K that the axis names; between them only the line is measured.
 
@@ -83,11 +105,19 @@ def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | Non
     ----------
     methods : sequence of Scored
         Of the retrieval track: their records have the rank of the first hit, 0 without one.
-    up_to : int
-        The largest K: no more than the ranks that were kept.
+    up_to : int, optional
+        The largest K; by default as many as ranks were kept.
     sheet : Sheet, optional
+
+    Raises
+    ------
+    UsageError
+        See `kept_ranks`; or `up_to` is beyond them.
     """
-    sheet = sheet or Sheet()
+    kept, sheet = kept_ranks(methods[0]), noted(methods, sheet)
+    if up_to is not None and up_to > kept:
+        raise UsageError(f"--up-to {up_to}: the protocol keeps {kept} ranks of each query")
+    up_to = up_to or kept
     lengths = [longest_list(method, up_to) for method in methods]
     last = max(lengths)
     figure = new_canvas(sheet.wide(6.4), _height(sheet))
@@ -101,7 +131,7 @@ def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | Non
         for place, k in enumerate(marked):
             if k <= length and (k in ticks or k == length):
                 values[number, place] = curve[k - 1]
-    axes.set(xscale="log", xlim=(0.9, max(2, last) * 1.13), ylim=_PERCENT)
+    axes.set(xscale="log", xlim=(0.9, max(2, last) * 1.13), ylim=PERCENT)
     draw_markers(axes, np.array(marked, np.float64), values, near=_near(sheet))
     label = f"R@K{over_scenes(methods)} [%]"
     axes.set(xlabel="K, number of tiles looked at", ylabel=label)
@@ -116,7 +146,7 @@ def draw_recall_curves(methods: Sequence[Scored], up_to: int, sheet: Sheet | Non
 
 
 def share_below(errors: Floats, limits: Floats) -> Floats:
-    """Return the share of errors strictly below each limit (L,), as protocols count; 0 of none."""
+    """Return the share of errors strictly below each limit (L,), as protocols count; 0 if empty."""
     below: Floats = np.searchsorted(np.sort(errors), limits, side="left") / max(len(errors), 1)
     return below
 
@@ -131,10 +161,8 @@ def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
 
 
 @default_style()
-def draw_error_curves(
-    methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None
-) -> Figure:
-    """Draw the share of queries whose error is below a value; failures never are.
+def errors(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
+    """Draw the share of queries with an error below a value; failures never count as below.
 
     Parameters
     ----------
@@ -143,7 +171,7 @@ def draw_error_curves(
         Of metres or degrees.
     sheet : Sheet, optional
     """
-    sheet = sheet or Sheet()
+    sheet = noted(methods, sheet)
     figure = new_canvas(sheet.wide(6.4), _height(sheet))
     axes = figure.add_subplot()
     limits = _error_limits(methods, score.key)
@@ -154,7 +182,7 @@ def draw_error_curves(
         style = series_style(number) | {"linestyle": "none", "markersize": 4.0}
         every = slice(first, None, _STEPS // _MARKS)
         axes.plot(limits[every], curve[every], clip_on=False, zorder=3, **style)
-    axes.set(xlim=(limits[0], limits[-1]), ylim=_PERCENT)
+    axes.set(xlim=(limits[0], limits[-1]), ylim=PERCENT)
     _scale(axes, limits)
     unit = "scenes" if methods[0].result.track == "reconstruction" else "queries"
     mean = over_scenes(methods) if unit == "queries" else ""
@@ -167,7 +195,7 @@ def draw_error_curves(
 
 
 def _beyond(methods: Sequence[Scored], key: str, right: float, unit: str) -> str:
-    """Count the errors that lie beyond the axis: a curve never rises by them."""
+    """Count the errors beyond the right end of the axis, which curves do not show."""
     total = f"of {len(methods[0].records)} {unit}"
     errors = np.array([method.records[key].to_numpy(np.float64) for method in methods])
     infinite = np.isinf(errors).sum(axis=1)
@@ -192,7 +220,7 @@ def _counted(infinite: int, larger: int) -> str:
 
 
 def _scale(axes: Axes, limits: Floats) -> None:
-    """Let errors go by powers of ten, unless they span too little for that to have ticks."""
+    """Make the axis logarithmic, unless errors span too little for decade ticks."""
     if limits[-1] < _LEAST_RATIO * limits[0]:
         return
     axes.set_xscale("log")
@@ -207,7 +235,7 @@ def _minor_label(value: float, _: float | None = None) -> str:
 
 
 def _error_limits(methods: Sequence[Scored], key: str) -> Floats:
-    """Return values to draw at, from nearly the least to nearly the largest finite error."""
+    """Return the errors at which curves are drawn, between the extreme quantiles of finite ones."""
     errors = np.concatenate([method.records[key].to_numpy(np.float64) for method in methods])
     there = errors[np.isfinite(errors) & (errors > 0)]
     low, high = np.quantile(there, [0.001, 0.999]) if len(there) else (0.1, 100.0)
@@ -215,70 +243,10 @@ def _error_limits(methods: Sequence[Scored], key: str) -> Floats:
     return limits
 
 
-def threshold_scores(columns: Sequence[ScoreColumn]) -> dict[str, dict[float, str]]:
-    """Find scores over distance: for precision, recall and F1 the key at each distance."""
-    found: dict[str, dict[float, str]] = {"precision": {}, "recall": {}, "f1": {}}
-    for column in columns:
-        if match := _THRESHOLD.fullmatch(column.key):
-            found[match[1]][float(match[2])] = column.key
-    return {what: dict(sorted(keys.items())) for what, keys in found.items()}
-
-
-@default_style()
-def draw_threshold_curves(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
-    """Draw precision, recall and F1 at the protocol's distances, the mean over scenes.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        Of the reconstruction track.
-    sheet : Sheet, optional
-        Panels stand below each other where it is narrow.
-    """
-    sheet = sheet or Sheet()
-    wide = sheet.wide(9.0)
-    stacked = wide < 5.5
-    figure = new_canvas(wide, 5.4 if stacked else 3.0)
-    panels = figure.subplots(*((3, 1) if stacked else (1, 3)), sharey=True, sharex=True)
-    headline = methods[0].result.protocol.settings.get("scores", {}).get("headline_below_m")
-    keys = threshold_scores(methods[0].result.columns)
-    for axes, (what, at) in zip(panels, keys.items(), strict=True):
-        _draw_panel(axes, methods, at, headline)
-        title = {"f1": "F1"}.get(what, what)
-        axes.set(title=title, ylim=_PERCENT)
-    for axes in panels[-1:] if stacked else panels:
-        axes.set_xlabel("distance d [m]")
-    label = "points nearer than d [%]"
-    if stacked:
-        figure.supylabel(label, fontsize=sheet.font(wide))
-    else:
-        panels[0].set_ylabel(label)
-    said = ["mean over scenes"] * bool(over_scenes(methods))
-    said += [f"dashed: d = {headline:g} m, of the headline scores"] if headline else []
-    finish(figure, sheet.noting("; ".join(said)), [method.name for method in methods])
-    return figure
-
-
-def _draw_panel(
-    axes: Axes, methods: Sequence[Scored], at: dict[float, str], headline: float | None
-) -> None:
-    distances = np.array(list(at))
-    values = [[100 * method.result.overall[key] for key in at.values()] for method in methods]
-    is_log = distances[-1] >= _DECADE * distances[0]
-    axes.set_xscale("log" if is_log else "linear")
-    draw_lines(axes, [distances] * len(methods), [np.array(row) for row in values])
-    draw_markers(axes, distances, np.array(values), near=2 * _NEAR, size=4.0)
-    if headline:
-        axes.axvline(headline, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)), zorder=0)
-    axes.set_xticks(distances.tolist(), [f"{d:g}" for d in at])
-    axes.set_xticks([], minor=True)
-    axes.grid(alpha=0.3)
-
-
 def _height(sheet: Sheet) -> float:
     return 3.6 if sheet.wide(6.4) >= 5.0 else 2.3
 
 
 def _near(sheet: Sheet) -> float:
-    """Return within how many percent markers cover each other: more in a lower picture."""
-    return _NEAR * 3.6 / _height(sheet)
+    """Return the distance in percent below which markers overlap; larger in a lower picture."""
+    return NEAR * 3.6 / _height(sheet)

@@ -1,26 +1,24 @@
-"""From results and their records to pictures, for the command line."""
+"""Pictures of results and their records, one function per kind of picture."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.by_condition import draw_by_condition
-from airzoo_bench.report.curves import (
-    draw_error_curves,
-    draw_recall_curves,
-    draw_threshold_curves,
-    threshold_scores,
-)
-from airzoo_bench.report.labels import small_print, who
+from airzoo_bench.report.curves import NEAR, PERCENT, errors, recall
+from airzoo_bench.report.figures import new_canvas
+from airzoo_bench.report.labels import noted, over_scenes, who
+from airzoo_bench.report.markers import draw_lines, draw_markers
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
-from airzoo_bench.report.sheet import Sheet
+from airzoo_bench.report.sheet import Sheet, finish
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import is_share, make_sample
@@ -33,6 +31,7 @@ from airzoo_bench.tables.breakdown_layout import group_intervals
 from airzoo_bench.tables.wording import intervals_made, resampled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = [
@@ -40,13 +39,17 @@ __all__ = [
     "condition",
     "errors",
     "intervals",
-    "kept_ranks",
     "of_scene",
     "over_what",
     "recall",
     "scenes",
+    "threshold_scores",
     "thresholds",
 ]
+
+
+_THRESHOLD = re.compile(r"(precision|recall|f1)_([0-9.e+-]+)m")
+_DECADE = 10.0
 
 
 def choose_score(
@@ -75,7 +78,7 @@ def choose_score(
 
 
 def of_scene(methods: Sequence[Scored], wanted: str) -> list[Scored]:
-    """Return the methods as if one scene, named by id or title, were all that was measured.
+    """Return the methods restricted to one scene, named by id or title.
 
     Raises
     ------
@@ -97,67 +100,78 @@ def of_scene(methods: Sequence[Scored], wanted: str) -> list[Scored]:
     return found
 
 
-def kept_ranks(method: Scored) -> int:
-    """How many ranks the protocol keeps of each query.
-
-    Raises
-    ------
-    UsageError
-        The results are of another track, or their settings do not say.
-    """
-    if "first_hit_rank" not in method.records:
-        raise UsageError(
-            f"results of the {method.result.track} track have no ranks",
-            expected="results of the retrieval track",
-        )
-    kept = method.result.protocol.settings.get("scores", {}).get("ranks_kept")
-    if not isinstance(kept, int) or kept < 1:
-        raise UsageError(
-            "the protocol's settings do not say how many ranks were kept",
-            expected="a number above 0 as scores.ranks_kept",
-        )
-    return kept
+def threshold_scores(columns: Sequence[ScoreColumn]) -> dict[str, dict[float, str]]:
+    """Map each distance to the key of its score, separately for precision, recall and F1."""
+    found: dict[str, dict[float, str]] = {"precision": {}, "recall": {}, "f1": {}}
+    for column in columns:
+        if match := _THRESHOLD.fullmatch(column.key):
+            found[match[1]][float(match[2])] = column.key
+    return {what: dict(sorted(keys.items())) for what, keys in found.items()}
 
 
-def recall(
-    methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
-) -> Figure:
-    """Draw recall at K over K.
-
-    Raises
-    ------
-    UsageError
-        See `kept_ranks`; or `up_to` is beyond them.
-    """
-    kept = kept_ranks(methods[0])
-    if up_to is not None and up_to > kept:
-        raise UsageError(f"--up-to {up_to}: the protocol keeps {kept} ranks of each query")
-    return draw_recall_curves(methods, up_to or kept, _noted(methods, sheet))
-
-
-def errors(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
-    """Draw the share of queries whose error is below a value."""
-    return draw_error_curves(methods, score, _noted(methods, sheet))
-
-
+@default_style()
 def thresholds(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
-    """Draw precision, recall and F1 over distance.
+    """Draw precision, recall and F1 at the protocol's distances, averaged over scenes.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        Of the reconstruction track.
+    sheet : Sheet, optional
+        Panels stand below each other where it is narrow.
 
     Raises
     ------
     UsageError
         The results are of another track.
     """
-    if not threshold_scores(methods[0].result.columns)["f1"]:
+    keys = threshold_scores(methods[0].result.columns)
+    if not keys["f1"]:
         raise UsageError(
             f"results of the {methods[0].result.track} track have no precision over distance",
             expected="results of the reconstruction track",
         )
-    return draw_threshold_curves(methods, _noted(methods, sheet))
+    sheet = noted(methods, sheet)
+    wide = sheet.wide(9.0)
+    stacked = wide < 5.5
+    figure = new_canvas(wide, 5.4 if stacked else 3.0)
+    panels = figure.subplots(*((3, 1) if stacked else (1, 3)), sharey=True, sharex=True)
+    headline = methods[0].result.protocol.settings.get("scores", {}).get("headline_below_m")
+    for axes, (what, at) in zip(panels, keys.items(), strict=True):
+        _draw_panel(axes, methods, at, headline)
+        title = {"f1": "F1"}.get(what, what)
+        axes.set(title=title, ylim=PERCENT)
+    for axes in panels[-1:] if stacked else panels:
+        axes.set_xlabel("distance d [m]")
+    label = "points nearer than d [%]"
+    if stacked:
+        figure.supylabel(label, fontsize=sheet.font(wide))
+    else:
+        panels[0].set_ylabel(label)
+    said = ["mean over scenes"] * bool(over_scenes(methods))
+    said += [f"dashed: d = {headline:g} m, of the headline scores"] if headline else []
+    finish(figure, sheet.noting("; ".join(said)), [method.name for method in methods])
+    return figure
+
+
+def _draw_panel(
+    axes: Axes, methods: Sequence[Scored], at: dict[float, str], headline: float | None
+) -> None:
+    distances = np.array(list(at))
+    values = [[100 * method.result.overall[key] for key in at.values()] for method in methods]
+    is_log = distances[-1] >= _DECADE * distances[0]
+    axes.set_xscale("log" if is_log else "linear")
+    draw_lines(axes, [distances] * len(methods), [np.array(row) for row in values])
+    draw_markers(axes, distances, np.array(values), near=2 * NEAR, size=4.0)
+    if headline:
+        axes.axvline(headline, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)), zorder=0)
+    axes.set_xticks(distances.tolist(), [f"{d:g}" for d in at])
+    axes.set_xticks([], minor=True)
+    axes.grid(alpha=0.3)
 
 
 def intervals(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
-    """Draw the average over scenes with its 95 % interval, by the plan of `compare`."""
+    """Draw the average over scenes with its 95 % interval, resampled as in `compare`."""
     plan = ResamplingConfig()
     sample = make_sample(methods, [score])
     found = sample_intervals(sample, plan, groups=False).overall
@@ -165,12 +179,12 @@ def intervals(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None
     names = [method.name for method in methods]
     made = intervals_made(found, plan, resampled(methods[0].result.unit), "interval")
     what = f"{over_what(methods)}; bars: {made}" if made else over_what(methods)
-    noted = _noted(methods, sheet).noting(what, *_reasons(names, found))
-    return draw_intervals(names, values, _limits(found), score, "", noted)
+    sheet = noted(methods, sheet).noting(what, *_reasons(names, found))
+    return draw_intervals(names, values, _limits(found), score, "", sheet)
 
 
 def over_what(methods: Sequence[Scored]) -> str:
-    """Say what an overall value is of: the average over scenes, or the one scene that there is."""
+    """Say what overall values are: averages over scenes, or values of the only scene."""
     titles = list(methods[0].result.truth.scene_titles.values())
     return "average over scenes" if len(titles) > 1 else f"scene {titles[0]}"
 
@@ -183,7 +197,7 @@ def _limits(found: Sequence[Interval]) -> Floats:
 
 
 def _reasons(names: Sequence[str], found: Sequence[Interval]) -> list[str]:
-    """Say why methods have no interval, once where all have none for the same reason."""
+    """Say why methods have no interval; one sentence if the reason is the same for all."""
     said: dict[str, list[str]] = {}
     for name, interval in zip(names, found, strict=True):
         if interval.reason:
@@ -199,8 +213,8 @@ def scenes(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = 
     titles = methods[0].result.truth.scene_titles
     values = [[m.result.scenes[scene][score.key] for scene in titles] for m in methods]
     names = [method.name for method in methods]
-    noted = _noted(methods, sheet)
-    return draw_heat_map(names, list(titles.values()), np.array(values), score, noted)
+    sheet = noted(methods, sheet)
+    return draw_heat_map(names, list(titles.values()), np.array(values), score, sheet)
 
 
 def condition(
@@ -235,7 +249,7 @@ def condition(
         score,
         condition_title(by),
         np.stack([_limits(group) for group in found], axis=1),
-        _noted(methods, sheet).noting(
+        noted(methods, sheet).noting(
             f"{over}; {_whiskers(found, plan, plural(unit))}", _open_marks(averages)
         ),
     )
@@ -247,7 +261,7 @@ def _open_marks(averages: Floats) -> str:
 
 
 def _whiskers(found: Sequence[Sequence[Interval]], plan: ResamplingConfig, units: str) -> str:
-    """Say what whiskers are, and why some groups have none."""
+    """Explain the whiskers, and why some groups have none."""
     every = [interval for group in found for interval in group]
     alike = any("alike" in interval.reason for interval in every)
     why = f"fewer than {FEWEST} {units}" + ", or all are alike" * alike
@@ -256,9 +270,3 @@ def _whiskers(found: Sequence[Sequence[Interval]], plan: ResamplingConfig, units
         return f"no intervals: each group has {why}"
     lacking = any(interval.reason for interval in every)
     return f"whiskers: {made}{f', none where a group has {why}' if lacking else ''}"
-
-
-def _noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
-    """Return the sheet with what the picture is of as the first line of its small print."""
-    given = sheet or Sheet()
-    return replace(given, notes=(small_print(methods), *given.notes))

@@ -30,6 +30,7 @@ __all__ = [
     "label_text",
     "lacking_letters",
     "name_text",
+    "new_canvas",
     "new_figure",
     "save_figure",
     "series_style",
@@ -62,18 +63,25 @@ _METADATA: dict[str, dict[str, None]] = {
 
 @default_style()
 def new_figure(width_in: float = 6.0, height_in: float = 4.0) -> tuple[Figure, Axes]:
-    """Return a figure and its axes, without pyplot's global state."""
+    """Return a figure and its axes."""
+    figure = new_canvas(width_in, height_in)
+    return figure, figure.add_subplot()
+
+
+@default_style()
+def new_canvas(width_in: float, height_in: float) -> Figure:
+    """Return an empty figure, without pyplot's global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
-    return figure, figure.add_subplot()
+    return figure
 
 
 @contextmanager
 def any_letters() -> Iterator[None]:
-    """Let names have letters that the font lacks: they are shown as boxes, no reason to stop."""
+    """Ignore Matplotlib's warnings about letters that the font lacks; they are drawn as boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         warnings.filterwarnings("ignore", "Matplotlib currently does not support", UserWarning)
@@ -81,7 +89,7 @@ def any_letters() -> Iterator[None]:
 
 
 def lacking_letters(figure: Figure) -> str:
-    """Return the letters of a picture's texts that its font lacks, each once.
+    """Return the letters in a picture's texts that the font lacks, each once.
 
     Only Matplotlib's own font is asked: those of the machine would make other bytes elsewhere.
     """
@@ -119,7 +127,7 @@ def figure_bytes(
 
 
 def check_ending(path: Path) -> str:
-    """Return the format that a file's ending names: one of `FORMATS`.
+    """Return the format that a file's suffix names: one of `FORMATS`.
 
     Raises
     ------
@@ -137,7 +145,7 @@ def check_ending(path: Path) -> str:
 
 
 def _settle(figure: Figure) -> None:
-    """Fix the places of axes at round numbers.
+    """Round the positions of axes.
 
     The solver behind the layout finds them anew in every process, not always to the last bit, and
     SVG names its parts by all bits.
@@ -152,7 +160,7 @@ def _settle(figure: Figure) -> None:
 def save_figure(
     figure: Figure, path: Path, settings: dict[str, Any] | None = None, dpi: int | None = None
 ) -> None:
-    """Write a figure as its path ends, ``.png``, ``.svg`` or ``.pdf``, whole or not at all.
+    """Write a figure atomically; the suffix, ``.png``, ``.svg`` or ``.pdf``, gives the format.
 
     Parameters
     ----------
@@ -179,12 +187,12 @@ def label_text(name: str) -> str:
 
 
 def name_text(name: str) -> str:
-    """Return a method's name on one line; a blank one says that it is none."""
+    """Return a method's name on one line, or a placeholder if it is blank."""
     return plain(name) or _NO_NAME
 
 
 def series_style(number: int) -> dict[str, Any]:
-    """Return colour, line and marker of a series: no two of the first 196 agree in all."""
+    """Return colour, line and marker of a series; the first 196 combinations are all different."""
     return {
         "color": COLOURS[number % len(COLOURS)],
         "linestyle": _LINES[number // len(COLOURS) % len(_LINES)],

@@ -13,10 +13,9 @@ from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.report.labels import error_label
-from airzoo_bench.report.maps import jpeg
+from airzoo_bench.report.maps import jpeg, retrieved
 from airzoo_bench.report.packing import data_uri
 from airzoo_bench.report.places import Place
-from airzoo_bench.report.retrieved import retrieved
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.result import ScoreColumn
 
@@ -42,7 +41,7 @@ def hardest_rows(section: Section, count: int) -> NDArray[np.intp]:
 
 
 def order_said(section: Section) -> str:
-    """Say in words how `hardest_rows` ranks."""
+    """Describe the ranking of `hardest_rows`."""
     mean = "the mean over methods of " if len(section.methods) > 1 else ""
     said = []
     for score in _ordering(section):
@@ -137,7 +136,7 @@ def _tiles(section: Section, place: Place, row: int) -> Iterator[dict[str, Any]]
 
 
 def _picture(read: Callable[[], Pixels], **said: object) -> Iterator[dict[str, Any]]:
-    """Yield a picture, or nothing where it cannot be read: a report is made without it."""
+    """Yield a picture, or nothing if it cannot be read: the report does without it."""
     try:
         content = jpeg(read(), _QUALITY)
     except UserError:

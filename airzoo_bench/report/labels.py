@@ -1,19 +1,33 @@
-"""What pictures call scores and results: titles with units, and the small print."""
+"""Names of scores with units, what they mean, and the small print of pictures."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import name_text
+from airzoo_bench.report.sheet import Sheet
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 
-__all__ = ["axis_label", "error_label", "over_scenes", "shown_value", "small_print", "who"]
+__all__ = [
+    "UNITS",
+    "arrow",
+    "axis_label",
+    "error_label",
+    "meaning",
+    "noted",
+    "over_scenes",
+    "shown_value",
+    "spans_decades",
+    "who",
+]
 
-_UNITS = {"share": "%", "m": "m", "deg": "°"}
+UNITS = {"share": "%", "m": "m", "deg": "°"}
 # Tables have room for a word; a picture found alone must say what was measured.
 _ERRORS = {
     "error_m": "translation error",
@@ -26,11 +40,12 @@ _ERRORS = {
     "completeness_m": "completeness",
 }
 _NAMED = 6
+_DECADES = 100.0
 
 
 def error_label(score: ScoreColumn) -> str:
     """Name what one query or scene has, with its unit: ``translation error [m]``."""
-    return f"{_ERRORS.get(score.key, score.title)} [{_UNITS[score.unit]}]"
+    return f"{_ERRORS.get(score.key, score.title)} [{UNITS[score.unit]}]"
 
 
 def axis_label(score: ScoreColumn) -> str:
@@ -39,19 +54,37 @@ def axis_label(score: ScoreColumn) -> str:
     return f"median {error_label(score)}" if is_median else error_label(score)
 
 
+def arrow(score: ScoreColumn) -> str:
+    """Return the arrow that says which direction is better."""
+    return "↑" if score.higher_is_better else "↓"
+
+
 def shown_value(score: ScoreColumn, values: Floats) -> Floats:
-    """Turn shares into percent; other values stay."""
+    """Return shares as percent; other values unchanged."""
     scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
     return scaled
 
 
+def spans_decades(score: ScoreColumn, finite: Floats) -> bool:
+    """Return whether the values are errors that span decades, and need a logarithmic axis."""
+    if score.unit == "share" or not len(finite):
+        return False
+    return bool(0 < finite.min() < finite.max() / _DECADES)
+
+
 def over_scenes(methods: Sequence[Scored]) -> str:
-    """Say that values are means over scenes, where there are several."""
+    """Return what labels add if values are means over several scenes."""
     return ", mean over scenes" if len(methods[0].result.scenes) > 1 else ""
 
 
-def small_print(methods: Sequence[Scored]) -> str:
-    """Say what a picture is of, wherever it is found: benchmark, protocol, queries, scenes."""
+def noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
+    """Return the sheet, or a new one; its small print begins with where the numbers come from."""
+    given = sheet or Sheet()
+    return replace(given, notes=(_small_print(methods), *given.notes))
+
+
+def _small_print(methods: Sequence[Scored]) -> str:
+    """Say where a picture's numbers come from: benchmark, protocol, queries, scenes."""
     result = methods[0].result
     truth, protocol = result.truth, result.protocol
     titles = list(truth.scene_titles.values())
@@ -64,6 +97,62 @@ def small_print(methods: Sequence[Scored]) -> str:
 
 
 def who(names: Sequence[str]) -> str:
-    """List names, of many the first few."""
+    """List names; only the first few of many."""
     names = [name_text(name) for name in names]
     return ", ".join(names) if len(names) <= _NAMED else first_of(names)
+
+
+_SHARE = "share of queries"
+_AP = "average precision of the first {0} tiles, "
+_VARIANTS = {
+    "min": "over the positives that can be among them",
+    "trec": "over all positives",
+    "hits": "over the positives found",
+}
+_MEANINGS: dict[str, tuple[tuple[str, str], ...]] = {
+    "retrieval": (
+        (r"recall@1", f"{_SHARE} whose first tile answers"),
+        (r"recall@(\d+)", f"{_SHARE} with a tile that answers among the first {{0}}"),
+        (r"ap@(\d+)", "share of the first {0} tiles that answer the query"),
+        *((rf"ap@(\d+)/{name}", _AP + said) for name, said in _VARIANTS.items()),
+        (r"map", "average precision of the whole list, over all positives"),
+        (r"mrr", "one over the rank of the first tile that answers"),
+        (r"ndcg@(\d+)", "gain of the first {0} tiles, less at later ranks, over the best possible"),
+        (r"distance_m", "median distance from the first tile to what the photo shows"),
+        (r"distance<(.+)m", f"{_SHARE} whose first tile is nearer than {{0}} m"),
+        (r"sdm@(\d+)", "nearness of the first {0} tiles in metres, weighted by rank"),
+        (r"pdm@(\d+)", "nearness of the first {0} tiles in tile sizes, weighted by rank"),
+    ),
+    "matching": (
+        (r"error_m", "median distance from the camera's true place; infinite without a pose"),
+        (r"within_([^_]+)m", f"{_SHARE} posed within {{0}} m"),
+        (r"within_([^_]+)m_(.+)deg", f"{_SHARE} posed within {{0}} m and {{1}}°"),
+        (r"horizontal_m", "median horizontal distance from the camera's true place"),
+        (r"vertical_m", "median vertical distance from the camera's true place"),
+        (r"rotation_deg", "median angle from the camera's true orientation"),
+        (r"auc_(.+)m", f"mean {_SHARE} posed within a distance, over all up to {{0}} m"),
+    ),
+    "reconstruction": (
+        (r"chamfer_m", "mean of accuracy and completeness"),
+        (r"accuracy_m", "mean distance from made points to true ones"),
+        (r"completeness_m", "mean distance from true points to made ones"),
+        (r"accuracy_median_m", "median distance from made points to true ones"),
+        (r"completeness_median_m", "median distance from true points to made ones"),
+        (r"precision_(.+)m", "share of made points nearer than {0} m to a true one"),
+        (r"recall_(.+)m", "share of true points nearer than {0} m to a made one"),
+        (r"f1_(.+)m", "harmonic mean of precision and recall at {0} m"),
+        (r"pose_auc_(.+)deg", "mean share of camera pairs within an angle, over all up to {0}°"),
+        (r"cameras_placed", "share of the photos that have a pose; the next three are over those"),
+        (r"ate_m", "distance of aligned camera centres from the true ones"),
+        (r"rpe_m", "error of the way from one camera to the next"),
+        (r"rpe_deg", "error of the turn from one camera to the next"),
+    ),
+}
+
+
+def meaning(track: str, score: ScoreColumn) -> str:
+    """Explain a score in a few words; empty for a score that is not known here."""
+    for pattern, words in _MEANINGS.get(track, ()):
+        if found := re.fullmatch(pattern, score.key):
+            return words.format(*found.groups())
+    return ""

@@ -1,10 +1,11 @@
-"""Maps of a report: the picture of a map, and what is drawn over it."""
+"""Maps of a report: the map's picture, and the outlines and tiles drawn over it."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,13 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import gsd_m, read_rgb
 from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place
-from airzoo_bench.report.retrieved import retrieved
-from airzoo_bench.report.sections import Section
+from airzoo_bench.report.sections import Section, tile_columns
+from airzoo_bench.retrieval.pairs import hit_matrix
 
-__all__ = ["jpeg", "maps"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Retrieved", "jpeg", "maps", "retrieved"]
 
 _LONG_SIDE_PX = 1600
 _TOTAL_BYTES = 4 << 20
@@ -85,7 +89,7 @@ def _map(section: Section, place: Place, most_bytes: int, blobs: Blobs) -> dict[
 
 
 def _picture(place: Place, most_bytes: int) -> tuple[bytes, int, int]:
-    """Return the map as JPEG of at most so many bytes, its width and height."""
+    """Return the map as JPEG of at most `most_bytes`, with its width and height."""
     side = min(_LONG_SIDE_PX, max(place.dom.width, place.dom.height))
     pixels = read_rgb(place.dom.path, long_side_px=side)
     content = jpeg(pixels)
@@ -121,3 +125,66 @@ def _tiles(
         "ranked": blobs.array(codes),
         "hits": blobs.array(bits),
     }
+
+
+@dataclass(frozen=True, eq=False)
+class Retrieved:
+    """First tiles of M methods on Q queries of a scene, at D ranks.
+
+    Attributes
+    ----------
+    tiles : (M, Q, D) int32
+        Rows of the scene's tiles; -1 where a list is shorter, or records do not say.
+    hits : (M, Q, D) bool
+        Which of them are positives of the query.
+    """
+
+    tiles: NDArray[np.int32]
+    hits: NDArray[np.bool_]
+
+
+def retrieved(section: Section, place: Place, rows: NDArray[np.intp]) -> Retrieved | None:
+    """Find the first tiles of queries in the truth of their scene.
+
+    Parameters
+    ----------
+    section : Section
+    place : Place
+    rows : (Q,) array
+        Of the records; queries of this scene.
+
+    Returns
+    -------
+    Retrieved or None
+        None where there are no tiles, or no records tell of any.
+    """
+    found = [tile_columns(method.records.columns) for method in section.methods]
+    depth = max(map(len, found))
+    if place.tiles is None or place.positives is None or not depth:
+        return None
+    import pandas as pd
+
+    index = pd.Index(place.tiles["id"])
+    known = {query: row for row, query in enumerate(place.queries)}
+    order = np.array([known[q] for q in section.methods[0].records["query"].iloc[rows]], np.intp)
+    tiles = np.full((len(section.methods), len(rows), depth), -1, np.int32)
+    hits = np.zeros(tiles.shape, np.bool_)
+    # In the order of the truth, whose positives are looked up; a query is in it once.
+    ranked = np.full((len(place.queries), depth), -1, np.int32)
+    for number, (method, columns) in enumerate(zip(section.methods, found, strict=True)):
+        tiles[number, :, : len(columns)] = _indices(method.records, columns, rows, index)
+        ranked[order] = tiles[number]
+        offsets, positives = place.positives.offsets, place.positives.tiles
+        hits[number] = hit_matrix(ranked, offsets, positives, len(index))[order]
+    return Retrieved(tiles, hits)
+
+
+def _indices(
+    records: pd.DataFrame, columns: Sequence[str], rows: NDArray[np.intp], index: pd.Index[str]
+) -> NDArray[np.int32]:
+    import pandas as pd
+
+    found = np.full((len(rows), len(columns)), -1, np.int32)
+    for rank, name in enumerate(columns):
+        found[:, rank] = index.get_indexer(pd.Index(records[name].iloc[rows]))
+    return found

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.report.chart import tints, vertical_axis
 from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
-from airzoo_bench.report.standings import marks_of
+from airzoo_bench.report.standings import marks_of, score_texts
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sampling import make_sample
+from airzoo_bench.results.sampling import is_hit, make_sample
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
+from airzoo_bench.tables.model import Cell
 from airzoo_bench.tables.wording import intervals_made, resampled
 
 __all__ = ["Intervals", "breakdowns", "intervals", "queries"]
 
 Limits = list[list[float] | None]
 
+_DECIMALS = ((1000.0, 0), (100.0, 1), (1.0, 2), (0.0, 4))  # for values from each size up
 _MOST_RESAMPLES = 10_000
 _FEWEST_RESAMPLES = 1_000
 _WORK = 2.5e9  # resampled values: about five seconds
@@ -48,9 +52,25 @@ class Intervals:
     scenes: dict[str, dict[str, Limits]]
     note: str
 
+    def texts(self, scores: Sequence[ScoreColumn]) -> dict[str, Any]:
+        """Return the intervals as texts, as the page shows them."""
+
+        def written(found: dict[str, Limits]) -> dict[str, list[str | None]]:
+            return {
+                score.key: [
+                    " to ".join(score_texts(score, limits)) if limits else None
+                    for limits in found[score.key]
+                ]
+                for score in scores
+                if score.key in found
+            }
+
+        scenes = {scene: written(found) for scene, found in self.scenes.items()}
+        return {"overall": written(self.overall), "scenes": scenes, "note": self.note}
+
 
 def intervals(section: Section) -> Intervals:
-    """Take 95 % intervals as `compare` does, of as many scores and resamples as seconds allow.
+    """Compute 95 % intervals as `compare` does, for the scores and resamples that take seconds.
 
     With very many values there are fewer resamples, and then intervals of the first score only.
     """
@@ -75,7 +95,7 @@ def _note(
     every: Sequence[Interval],
     plan: ResamplingConfig,
 ) -> str:
-    """Say how the intervals were made that there are, and why others are not."""
+    """Say how the intervals were made, and why some are missing."""
     why = " / ".join(sorted({interval.reason for interval in every if interval.reason}))
     names = ", ".join(score.title for score in scores)
     made = intervals_made(every, plan, resampled(section.first.unit), f"intervals of {names}")
@@ -100,7 +120,7 @@ def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:
 def _by_score(
     section: Section, scores: Sequence[ScoreColumn], found: Sequence[Interval]
 ) -> dict[str, Limits]:
-    """Split what stands score by score, and in each method by method."""
+    """Split intervals, ordered by score and then by method, into those of each score."""
     limits = [None if i.low is None or i.high is None else [i.low, i.high] for i in found]
     count = len(section.methods)
     return {
@@ -110,7 +130,7 @@ def _by_score(
 
 
 def breakdowns(section: Section, blobs: Blobs) -> list[dict[str, Any]]:
-    """Return every score of queries by every condition, in all scenes and in each."""
+    """Return every per-query score by every condition, over all scenes and in each one."""
     if not section.by_query:
         return []
     scores = section.query_scores
@@ -136,23 +156,32 @@ def _breakdown(
     ]
     counts = [np.bincount(grouping.codes[part], minlength=groups).tolist() for part in parts]
     shape = (len(section.query_scores), len(section.methods), groups)
-    shaped = [part.reshape(shape) for part in found]
     return {
         "by": by,
         "title": condition_title(by),
         "labels": list(grouping.labels),
         "counts": counts,
-        "values": blobs.json(shaped),
-        "marks": blobs.json([_group_marks(section, part) for part in shaped]),
+        "views": blobs.json(
+            [
+                [
+                    _group_view(score, values)
+                    for score, values in zip(section.query_scores, part.reshape(shape), strict=True)
+                ]
+                for part in found
+            ]
+        ),
     }
 
 
-def _group_marks(section: Section, values: Floats) -> list[list[list[str]]]:
-    """Mark the best method of each group: by score, then group, then method."""
-    return [
-        [marks_of(score, group.tolist()) for group in by_method.T]
-        for score, by_method in zip(section.query_scores, values, strict=True)
-    ]
+def _group_view(score: ScoreColumn, values: Floats) -> dict[str, Any]:
+    """Return what table and chart show of a score; every entry by method, then by group."""
+    return {
+        "values": values,
+        "texts": [score_texts(score, of_method) for of_method in values],
+        "marks": np.transpose([marks_of(score, group.tolist()) for group in values.T]),
+        "tints": tints(score, values),
+        **vertical_axis(score, values),
+    }
 
 
 def _values(section: Section, scores: Sequence[ScoreColumn]) -> Floats:
@@ -161,7 +190,7 @@ def _values(section: Section, scores: Sequence[ScoreColumn]) -> Floats:
 
 
 def queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
-    """Pack what the table of queries shows; None where records are of scenes."""
+    """Pack the table of queries; None if records are of scenes."""
     if not section.by_query:
         return None
     records = section.methods[0].records
@@ -173,19 +202,40 @@ def queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
         "scene": blobs.array(scenes),
         "conditions": [_condition(section, name, blobs) for name in section.conditions],
         "scores": {
-            score.key: blobs.numbers(_values(section, [score])) for score in section.query_scores
+            score.key: blobs.numbers(
+                _values(section, [score]), partial(_texts_of_one, section.track, score)
+            )
+            for score in section.query_scores
         },
     }
+
+
+def _texts_of_one(track: str, score: ScoreColumn, values: Floats) -> list[str]:
+    """Write values of single queries."""
+    if is_hit(track, score):
+        return ["✓ hit" if value == 1 else "✗ miss" for value in values]
+    return score_texts(score, values)
+
+
+def _texts_of_condition(values: Floats) -> list[str]:
+    """Write numbers with decimals that suit the largest one."""
+    finite = values[np.isfinite(values)]
+    most = np.abs(finite).max(initial=0.0)
+    decimals = next(digits for least, digits in _DECIMALS if most >= least)
+    if (finite == np.round(finite)).all():
+        decimals = 0
+    return [Cell(value).text(decimals) for value in values.tolist()]
 
 
 def _condition(section: Section, name: str, blobs: Blobs) -> dict[str, Any]:
     column = section.methods[0].records[name]
     numeric = column.dtype.kind in "iuf"
     packed = (
-        blobs.numbers(column.to_numpy(np.float64))
+        blobs.numbers(column.to_numpy(np.float64), _texts_of_condition)
         if numeric
         else blobs.texts_of(
-            "" if missing else str(v) for v, missing in zip(column, column.isna(), strict=True)
+            "unknown" if missing else str(v)
+            for v, missing in zip(column, column.isna(), strict=True)
         )
     )
     return {"name": name, "title": condition_title(name), "numeric": numeric, **packed}

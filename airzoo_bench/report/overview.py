@@ -11,10 +11,17 @@ import numpy as np
 
 from airzoo_bench.core.matplotlib_loader import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import COLOURS, NO_ROOM, any_letters, label_text, name_text
-from airzoo_bench.report.labels import axis_label, shown_value
-from airzoo_bench.report.marks import add_band
-from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, new_canvas, slant, wrapped
+from airzoo_bench.report.figures import (
+    COLOURS,
+    NO_ROOM,
+    any_letters,
+    label_text,
+    name_text,
+    new_canvas,
+)
+from airzoo_bench.report.labels import arrow, axis_label, shown_value, spans_decades
+from airzoo_bench.report.markers import add_band
+from airzoo_bench.report.sheet import LEAST_PT, Sheet, finish, slant, wrapped
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import Column, show_number
 
@@ -24,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-__all__ = ["draw_heat_map", "draw_intervals"]
+__all__ = ["colour_scale", "draw_heat_map", "draw_intervals"]
 
 _COLOURS = "viridis"  # even steps of lightness, for print and colour-blind readers
 _POINTS = 72.0
@@ -34,7 +41,6 @@ _MOST_FONT = 8.0
 _DARK = 0.18  # black and white have the same contrast on it (WCAG 2.2, relative luminance)
 _LEAST_SPAN = 10.0
 _LEAST_RATIO = 0.25
-_DECADES = 100.0
 
 
 @default_style()
@@ -88,13 +94,13 @@ def _short(name: str, most: int) -> str:
 
 
 def _make_room(axes: Axes, shown: Floats, score: ScoreColumn) -> None:
-    """Let the axis reach over all that is finite; by powers of ten where errors span decades."""
+    """Let the axis cover all finite values; logarithmic if errors span decades."""
     finite = shown[np.isfinite(shown)]
     if not len(finite):
         return
     low, high = float(finite.min()), float(finite.max())
     right = 0.12 if np.isposinf(shown).any() else 0.05
-    if score.unit != "share" and low > 0 and high > _DECADES * low:
+    if spans_decades(score, finite):
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
         axes.set_xlim(low / (high / low) ** 0.05, high * (high / low) ** right)
@@ -135,7 +141,7 @@ def draw_heat_map(
     score: ScoreColumn,
     sheet: Sheet | None = None,
 ) -> Figure:
-    """Draw a score of each method in each scene: bright is better.
+    """Draw a score by method and scene as coloured cells: brighter is better.
 
     Parameters
     ----------
@@ -177,7 +183,7 @@ def draw_heat_map(
 
 
 def _name_some(axes: Axes, scenes: Sequence[str], cell_pt: float) -> str:
-    """Name as many scenes as there is room for legible names; say so where that is not all."""
+    """Hide scene names that have no room; return a note if any are hidden."""
     step = max(1, math.ceil(LEAST_PT / cell_pt))
     for number, text in enumerate(axes.get_xticklabels()):
         text.set_visible(number % step == 0)
@@ -193,23 +199,24 @@ def _draw_cells(axes: Axes, shown: Floats, score: ScoreColumn) -> AxesImage:
     return axes.imshow(
         np.ma.masked_array(shown, ~finite),
         cmap=_COLOURS if score.higher_is_better else f"{_COLOURS}_r",
-        norm=_norm(score, shown[finite]),
+        norm=colour_scale(score, shown[finite]),
         aspect="auto",
         interpolation="nearest",
     )
 
 
 def _add_bar(axes: Axes, image: AxesImage, score: ScoreColumn, size: float) -> None:
-    """Add the bar that tells which colour is which value."""
+    """Add the colour bar."""
     figure: Any = axes.get_figure(root=True)
-    arrow = "↑" if score.higher_is_better else "↓"
     bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=max(8, 3 * len(axes.get_yticks())))
-    bar.set_label(wrapped(f"{axis_label(score)} {arrow}", figure.get_figheight() - 0.7, size))
+    bar.set_label(
+        wrapped(f"{axis_label(score)} {arrow(score)}", figure.get_figheight() - 0.7, size)
+    )
     bar.ax.yaxis.set_major_formatter("{x:g}")
 
 
 def _cell_width(axes: Axes, columns: int) -> float:
-    """Return how many points wide a cell is, once all that stands around it has its room."""
+    """Return the width of a cell in points, after the layout of everything around it."""
     figure: Any = axes.get_figure(root=True)
     with any_letters():
         warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
@@ -217,14 +224,14 @@ def _cell_width(axes: Axes, columns: int) -> float:
     return float(axes.get_window_extent().width / figure.dpi * _POINTS / columns)
 
 
-def _norm(score: ScoreColumn, finite: Floats) -> Normalize:
-    """Return the scale of colours: of sensible span, logarithmic where errors span decades."""
+def colour_scale(score: ScoreColumn, finite: Floats) -> Normalize:
+    """Return the colour scale: of a least span, logarithmic if errors span decades."""
     from matplotlib.colors import LogNorm, Normalize
 
     if not len(finite):
         return Normalize(0.0, 1.0)
     low, high = float(finite.min()), float(finite.max())
-    if score.unit != "share" and low > 0 and high > _DECADES * low:
+    if spans_decades(score, finite):
         return LogNorm(low, high)
     least = _LEAST_SPAN if score.unit == "share" else _LEAST_RATIO * high or 1.0
     lack = max(0.0, least - (high - low)) / 2
@@ -246,7 +253,7 @@ def _hatch(axes: Axes, row: int, column: int) -> None:
 
 
 def _write_numbers(axes: Axes, shown: Floats, rgba: Floats, cell_pt: float) -> str:
-    """Write values as tables do; say so where cells are too small for them."""
+    """Write the values into the cells, as in tables; return a note if cells are too small."""
     decimals = Column("").decimals
     texts = np.vectorize(lambda value: show_number(value, decimals), otypes=[object])(shown)
     size = min(_MOST_FONT, cell_pt / (_LETTER * (max(map(len, texts.ravel())) + 1)))

@@ -1,4 +1,4 @@
-"""Numbers and texts packed small enough to stand in a page, for its script to unpack.
+"""Numbers and texts, packed for the page's script to unpack.
 
 A blob is deflated and written in base64. Values of queries are codes into a list of the
 different values, which are rounded to four digits where there are many.
@@ -10,7 +10,7 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -51,17 +51,19 @@ class Blobs:
         text = json.dumps(json_value(value), ensure_ascii=False, separators=(",", ":"))
         return {"blob": self.add(text.encode()), "type": "json"}
 
-    def numbers(self, values: Floats) -> dict[str, Any]:
+    def numbers(self, values: Floats, texts: Callable[[Floats], list[str]]) -> dict[str, Any]:
         """Pack numbers as codes of their different values, NaN for none.
 
         Parameters
         ----------
         values : (...) array
+        texts : callable
+            Says how different values are written.
 
         Returns
         -------
         dict
-            The different values, ascending, and the blob of the codes in C order.
+            The different values, ascending, a blob of their texts, and one of the codes in C order.
         """
         different, codes = np.unique(values, return_inverse=True)
         if len(different) > _FEW:
@@ -69,7 +71,11 @@ class Blobs:
                 different, codes = np.unique(rounded(values, digits), return_inverse=True)
                 if len(different) <= _MANY:
                     break
-        return {"values": different.tolist(), "codes": self.array(codes.ravel())}
+        return {
+            "values": different.tolist(),
+            "texts": self.json(texts(different)),
+            "codes": self.array(codes.ravel()),
+        }
 
     def texts_of(self, values: Iterable[str]) -> dict[str, Any]:
         """Pack texts as codes of their different values."""
@@ -87,7 +93,7 @@ def _smallest_type(values: NDArray[Any]) -> str:
 
 
 def rounded(values: Floats, digits: int) -> Floats:
-    """Round to so many significant digits; 0, NaN, infinite and extreme values stay."""
+    """Round to significant digits; 0, NaN, infinite and extreme values stay."""
     values = np.asarray(values, np.float64)
     size = np.abs(values)
     counted = (size > _LEAST) & (size < 1 / _LEAST)
@@ -121,5 +127,5 @@ def page_json(value: Any) -> str:
 
 
 def data_uri(content: bytes, kind: str) -> str:
-    """Return content as an address that needs no network."""
+    """Return content as a ``data:`` address."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

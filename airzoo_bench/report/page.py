@@ -34,7 +34,7 @@ _TITLE = "Results"
 
 @dataclass(frozen=True)
 class Report:
-    """A page and what its maker should be told.
+    """A page, and notes for the user.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def _page(
 
 
 def _policy(script: str, style: str) -> str:
-    """Return the policy that lets a browser run this script and no other, and load nothing."""
+    """Return the content security policy: only this script and style, and nothing is loaded."""
     return (
         f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {_hash(script)}; "
         "base-uri 'none'; form-action 'none'"

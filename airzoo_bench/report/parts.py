@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import canonical_json
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.report import draw
+from airzoo_bench.report.chart import marker
+from airzoo_bench.report.curves import kept_ranks
 from airzoo_bench.report.figures import figure_bytes
-from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest, order_said
-from airzoo_bench.report.labels import error_label
+from airzoo_bench.report.labels import UNITS, arrow, axis_label, error_label, meaning
 from airzoo_bench.report.maps import maps
-from airzoo_bench.report.numbers import breakdowns, intervals, queries
+from airzoo_bench.report.numbers import Intervals, breakdowns, intervals, queries
+from airzoo_bench.report.overview import draw_intervals
 from airzoo_bench.report.packing import Blobs, data_uri
-from airzoo_bench.report.pairs import compared_pairs
-from airzoo_bench.report.part_figures import part_figures
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section
-from airzoo_bench.report.standings import references, standings
-from airzoo_bench.results.result import Result
+from airzoo_bench.report.standings import compared_pairs, references, standings
+from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.results.sampling import is_hit
 
-__all__ = ["make_part"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["make_part", "part_figures"]
 
 
 def make_part(
@@ -55,13 +63,16 @@ def make_part(
         "byQuery": section.by_query,
         **_names(section),
         "scores": _scores(section),
-        "methods": [_method(method.name, method.result) for method in section.methods],
+        "methods": [
+            _method(method.name, method.result) | {"marker": marker(number)}
+            for number, method in enumerate(section.methods)
+        ],
         "notes": _notes(section),
         "settings": list(_flat(section.first.protocol.settings)),
         "standings": standings(section),
         "references": references(section),
         "pairs": compared_pairs(section, blobs),
-        "intervals": {"overall": found.overall, "scenes": found.scenes, "note": found.note},
+        "intervals": found.texts(section.headline),
         "breakdowns": breakdowns(section, blobs),
         "queries": queries(section, blobs),
         "figures": [
@@ -99,11 +110,11 @@ def _scores(section: Section) -> list[dict[str, Any]]:
         {
             "key": score.key,
             "title": score.title,
-            "unit": score.unit,
+            "heading": f"{score.title} [{UNITS[score.unit]}] {arrow(score)}",
+            "headingOfOne": f"{error_label(score)} {arrow(score)}",
             "higher": score.higher_is_better,
             "headline": score.headline,
             "meaning": meaning(section.track, score),
-            "ofOne": error_label(score),
             "ofQueries": score.key in shown,
             "isHit": is_hit(section.track, score),
         }
@@ -112,7 +123,7 @@ def _scores(section: Section) -> list[dict[str, Any]]:
 
 
 def _notes(section: Section) -> list[dict[str, Any]]:
-    """Return what results note, once where several say the same, and which methods do."""
+    """Return the notes of all results, each once, with the methods that have it."""
     said: dict[str, list[str]] = {}
     for method in section.methods:
         for note in method.result.notes:
@@ -139,3 +150,63 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
             yield from _flat(inner, f"{key}.{name}" if key else str(name))
     else:
         yield key, value if isinstance(value, str) else canonical_json(value)
+
+
+_MOST_ERRORS = 2
+
+
+def part_figures(
+    section: Section, found: Intervals, notes: list[str]
+) -> Iterator[tuple[str, Figure]]:
+    """Yield titles and pictures, as the section's track has them.
+
+    Parameters
+    ----------
+    section : Section
+    found : Intervals
+    notes : list of str
+        Takes which picture was left out, and why.
+    """
+    methods, main = section.methods, section.headline[0]
+    yield _averages(section, found, main)
+    if len(section.first.scenes) > 1:
+        yield f"{axis_label(main)} by scene", draw.scenes(methods, main)
+    if section.track == "retrieval":
+        yield from _recall(section, notes)
+    for score in _errors(section):
+        title = f"Share of queries below a value of {error_label(score)}"
+        yield title, draw.errors(methods, score)
+    if draw.threshold_scores(section.first.columns)["f1"]:
+        yield "Precision, recall and F1 over the distance d", draw.thresholds(methods)
+
+
+def _averages(section: Section, found: Intervals, score: ScoreColumn) -> tuple[str, Figure]:
+    methods = section.methods
+    limits = _limits(section, found, score)
+    said = draw.over_what(methods)
+    if np.isfinite(limits).any():
+        said += " with its 95 % interval"
+    values = np.array([method.result.overall[score.key] for method in methods])
+    figure = draw_intervals([method.name for method in methods], values, limits, score, said)
+    return f"{axis_label(score)}, {said}", figure
+
+
+def _limits(section: Section, found: Intervals, score: ScoreColumn) -> Floats:
+    """Return the limits (M, 2) of a score's intervals, NaN where there are none."""
+    none = [None] * len(section.methods)
+    limits = [limit or [np.nan, np.nan] for limit in found.overall.get(score.key, none)]
+    return np.array(limits, np.float64)
+
+
+def _recall(section: Section, notes: list[str]) -> Iterator[tuple[str, Figure]]:
+    try:
+        kept_ranks(section.methods[0])
+    except UsageError as error:
+        notes.append(f"no picture of recall over K for {section.first.protocol.name}: {error}")
+        return
+    yield "Recall over the number of tiles looked at", draw.recall(section.methods)
+
+
+def _errors(section: Section) -> list[ScoreColumn]:
+    errors = [score for score in section.query_scores if score.unit != "share"]
+    return errors[:_MOST_ERRORS] if section.by_query else []

@@ -1,4 +1,4 @@
-"""What a benchmark folder adds to a section: where queries are, and their pictures."""
+"""What the benchmark folder adds to a section: positions of queries, and their photos."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["Place", "find_places"]
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A scene on its map; Q queries by id, T tiles in their own order.
+    """A scene and its map, with Q queries and T tiles.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ def _matching_place(truth: MatchingTruth, benchmark: Benchmark) -> Place:
 
 
 def _footprints(truth: MatchingTruth, benchmark: Benchmark) -> Floats:
-    """Return the footprints that the retrieval track of the same folder knows, NaN elsewhere."""
+    """Return footprints from the retrieval truth in the same folder, NaN where there are none."""
     outlines = np.full((len(truth.queries), 4, 2), np.nan)
     path = benchmark.scene_folder(truth.scene) / "retrieval" / "footprints.csv"
     if not path.is_file():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,14 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.matplotlib_loader import default_style, load_matplotlib
+from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.metrics import Curve
+from airzoo_bench.reconstruction.scoring import ScoredScene
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
 
-__all__ = ["draw_curve", "draw_error_map", "error_colours"]
+__all__ = ["draw_curve", "draw_error_map", "draw_figures", "error_colours", "write_clouds"]
 
 _MAP = "viridis"  # even steps of lightness, for print and colour-blind readers
 # Percentiles of each axis between which maps reach: a few strays would make all else a dot.
@@ -132,3 +138,66 @@ def _mean_by_cell(xy: Floats, values: Floats, low: Floats, high: Floats) -> Floa
     count = np.bincount(flat, minlength=int(shape.prod()))
     mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
     return np.asarray(mean.reshape(shape[1], shape[0]), dtype=np.float64)
+
+
+_PIECE = 1 << 20
+
+
+def draw_figures(
+    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
+) -> Iterator[str]:
+    """Draw the curves of each scene, and its errors as seen from above, into ``figures``."""
+    if not wanted or out is None:
+        return
+    limit, folder, scenes = _limit(evaluation), out / "figures", _compared(evaluation)
+    for name, scene in resources.progress(scenes.items(), "figures", len(scenes)):
+        _draw_scene(folder, name, scene, limit)
+    yield f"drew {3 * len(scenes)} pictures into {folder}"
+
+
+def _draw_scene(folder: Path, name: str, scene: ScoredScene, limit: float) -> None:
+    if scene.curve is None or scene.clouds is None or scene.distances is None:
+        return
+    draw_curve(folder / f"{name}_curve.png", scene.curve, limit, name)
+    there, back = scene.distances.to_truth, scene.distances.to_prediction
+    for which, cloud, distances, what in (
+        ("precision", scene.clouds[0], there, "from predicted points to the truth"),
+        ("recall", scene.clouds[1], back, "from true points to the prediction"),
+    ):
+        points = _cloud(cloud.source).points
+        path = folder / f"{name}_{which}.png"
+        draw_error_map(path, points, distances, limit, f"{name}: {what}")
+
+
+def write_clouds(
+    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
+) -> Iterator[str]:
+    """Write prediction and truth of each scene, coloured by their errors, into ``clouds``."""
+    if not wanted or out is None:
+        return
+    limit, folder, scenes = _limit(evaluation), out / "clouds", _compared(evaluation)
+    for name, scene in resources.progress(scenes.items(), "clouds", len(scenes)):
+        if scene.clouds is None or scene.distances is None:
+            continue
+        predicted, true = (_cloud(cloud.source).points for cloud in scene.clouds)
+        for which, points, distances in (
+            ("precision", predicted, scene.distances.to_truth),
+            ("recall", true, scene.distances.to_prediction),
+        ):
+            colours = error_colours(distances, limit)
+            write_ply(folder / f"{name}_{which}.ply", Cloud(points, colours))
+    yield f"wrote {2 * len(scenes)} clouds into {folder}"
+
+
+def _limit(evaluation: Evaluation) -> float:
+    limit: float = evaluation.protocol.scores.headline_below_m
+    return limit
+
+
+def _compared(evaluation: Evaluation) -> dict[str, ScoredScene]:
+    return {name: scene for name, scene in evaluation.scored.items() if scene.distances is not None}
+
+
+def _cloud(source: CloudSource) -> Cloud:
+    pieces = [piece.points for piece in source.pieces(_PIECE)]
+    return Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))

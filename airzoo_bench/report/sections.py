@@ -51,7 +51,7 @@ class Section:
 
     @property
     def first(self) -> Result:
-        """The result that tells of protocol and truth."""
+        """The first result: protocol and truth are the same in all."""
         return self.methods[0].result
 
     @property
@@ -66,7 +66,7 @@ class Section:
 
     @property
     def headline(self) -> list[ScoreColumn]:
-        """The paper's scores that all methods have; the first ranks queries."""
+        """The headline scores that all methods have; the first one ranks queries."""
         return choose_scores(self.methods, [])
 
     @property
@@ -80,17 +80,17 @@ class Section:
 
     @property
     def query_scores(self) -> list[ScoreColumn]:
-        """The scores that are shown of each query: those of the paper, and errors."""
+        """The scores shown for each query: headline scores and errors."""
         return [score for score in self.scores if _is_shown(score)]
 
     @property
     def conditions(self) -> list[str]:
-        """Columns by which queries differ."""
+        """Columns of conditions, such as weather."""
         return condition_names(self.methods[0])
 
     @property
     def left_out(self) -> str:
-        """What was left out of the first tiles, empty where nothing was."""
+        """A note if not all first tiles are shown, else empty."""
         if self.track != "retrieval" or self.ranks == _MOST_RANKS:
             return ""
         kept = (
@@ -117,7 +117,7 @@ def _is_shown(score: ScoreColumn) -> bool:
 
 
 def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
-    """Read results with their records, and put those together that measure the same.
+    """Read results with their records, and group those that measure the same.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _key(result: Result) -> _Key:
 
 
 def _affordable_ranks(results: Sequence[Result]) -> dict[_Key, int]:
-    """Return of how many ranks the tiles are kept: all, or fewer where there are very many."""
+    """Return how many ranks of tiles are kept: fewer if there are very many queries."""
     lists = Counter[_Key]()
     for result in results:
         lists[_key(result)] += sum(counts["queries"] for counts in result.counts.values())

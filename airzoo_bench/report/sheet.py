@@ -23,7 +23,6 @@ from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import RendererAgg
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
@@ -33,8 +32,6 @@ __all__ = [
     "Sheet",
     "check_room",
     "finish",
-    "new_canvas",
-    "renderer_of",
     "slant",
     "wrapped",
 ]
@@ -94,26 +91,6 @@ class Sheet:
         return replace(self, notes=(*self.notes, *more))
 
 
-@default_style()
-def new_canvas(width_in: float, height_in: float) -> Figure:
-    """Return an empty figure, without pyplot's global state; `finish` adds to its height."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def renderer_of(figure: Figure) -> RendererAgg:
-    """Return what measures text."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas: Any = FigureCanvasAgg(figure)
-    renderer: RendererAgg = canvas.get_renderer()
-    return renderer
-
-
 def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
     """Set the size of text, and write legend, small print and title around the picture.
 
@@ -140,7 +117,7 @@ def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bo
         sheet.aside.extend(sheet.notes)
     with any_letters():
         legend = _add_legend(figure, names[:MOST_IN_LEGEND], lines, size - 1)
-        key = legend.get_window_extent(renderer_of(figure)).height / figure.dpi if legend else 0.0
+        key = legend.get_window_extent().height / figure.dpi if legend else 0.0
     below = len(notes) * small * _LINE / _POINTS + (_GAP_IN if notes else 0.0)
     title = _wrapped(figure, [sheet.title], size)
     above = (_LINE * len(title) + 0.3 * bool(title)) * size / _POINTS + 0.5 * _GAP_IN
@@ -255,7 +232,7 @@ def _fitted(figure: Figure, note: str, size: float) -> list[str]:
 def _width_in(figure: Figure, lines: Sequence[str], size: float) -> float:
     text = figure.text(0, 0, "\n".join(lines), fontsize=size)
     with any_letters():
-        width = float(text.get_window_extent(renderer_of(figure)).width / figure.dpi)
+        width = float(text.get_window_extent().width / figure.dpi)
     text.remove()
     return width
 
@@ -286,7 +263,7 @@ def _add_legend(figure: Figure, names: Sequence[str], lines: bool, size: float) 
             handlelength=2.6 if lines else 1.2,
             labelspacing=0.35,
         )
-        if columns == 1 or legend.get_window_extent(renderer_of(figure)).width <= width:
+        if columns == 1 or legend.get_window_extent().width <= width:
             return legend
         legend.remove()
     return None

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
+from airzoo_bench.report.chart import tints
+from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.best import AgainstBest, against_best
+from airzoo_bench.results.comparison import Pair, compare
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import LEVEL
+from airzoo_bench.statistics.significance import LEVEL, holm
 from airzoo_bench.tables.best_marks import best_texts
 from airzoo_bench.tables.method_table import as_shown, score_column
-from airzoo_bench.tables.model import Cell, share_to_percent
+from airzoo_bench.tables.model import Cell, share_to_percent, show_number
 from airzoo_bench.tables.reported_rows import shared_references
+from airzoo_bench.tables.verdicts import LEAST_P, sentence, verdict
+from airzoo_bench.tables.wording import score_cell, score_title
 
-__all__ = ["BEST", "TIED", "marks_of", "references", "standings", "test_plan"]
+__all__ = [
+    "BEST",
+    "TIED",
+    "compared_pairs",
+    "marks_of",
+    "references",
+    "score_texts",
+    "standings",
+    "test_plan",
+]
 
 BEST, TIED = "best", "tied"
 
@@ -41,8 +57,11 @@ def standings(section: Section) -> dict[str, Any]:
 
     Each scope is a mapping of ``values``, ``texts`` as tables show them, ``marks``: `BEST`, `TIED`
     where a paired test does not tell a method from the best, or nothing; and whether it was tested.
+    ``tints`` are of the values by scene, method and score; see `airzoo_bench.report.chart.tints`.
     """
     found, tests = _averages(section), _tests(section)
+    by_scene = np.array(found["perScene"], np.float64)
+    by_score = [tints(score, by_scene[..., n]) for n, score in enumerate(section.scores)]
     return {
         "overall": _scope(section, found["overall"], tests.overall),
         "pooled": _scope(section, found["pooled"], {}),
@@ -50,6 +69,7 @@ def standings(section: Section) -> dict[str, Any]:
             _scope(section, values, tests.scenes.get(scene, {}))
             for scene, values in zip(section.first.scenes, found["perScene"], strict=True)
         ],
+        "tints": np.stack(by_score, axis=-1),
         "note": tests.note,
     }
 
@@ -106,14 +126,23 @@ def _scope(
     ]
     return {
         "values": values,
-        "texts": [_texts(section, row) for row in values],
+        "texts": _texts(section, values),
         "marks": [list(row) for row in zip(*columns, strict=True)],
         "tested": bool(tests),
     }
 
 
-def _texts(section: Section, row: _Row) -> list[str]:
-    return [_cell(score, value).text(2) for score, value in zip(section.scores, row, strict=True)]
+def _texts(section: Section, rows: Sequence[_Row]) -> list[list[str]]:
+    columns = [
+        score_texts(score, [row[place] for row in rows])
+        for place, score in enumerate(section.scores)
+    ]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def score_texts(score: ScoreColumn, values: Iterable[float | None]) -> list[str]:
+    """Write values of a score as tables do."""
+    return [_cell(score, value).text(2) for value in values]
 
 
 def _cell(score: ScoreColumn, value: float | None) -> Cell:
@@ -144,7 +173,7 @@ def references(section: Section) -> list[dict[str, Any]]:
 
     def scope(part: Mapping[str, float]) -> dict[str, Any]:
         values = [part.get(score.key) for score in section.scores]
-        return {"values": values, "texts": _texts(section, values)}
+        return {"values": values, "texts": _texts(section, [values])[0]}
 
     return [
         {
@@ -156,3 +185,77 @@ def references(section: Section) -> list[dict[str, Any]]:
         }
         for name, reference in found.items()
     ]
+
+
+def compared_pairs(section: Section, blobs: Blobs) -> dict[str, Any] | None:
+    """Pack the paired tests of every two methods by the paper's scores; None with one method.
+
+    With very many methods and queries only the first ones, which are the best, are compared.
+
+    Returns
+    -------
+    dict or None
+        ``count``, so many of the first methods are compared; and the blob ``pairs``: of each
+        method a list of the later ones, of each of these a list of scores.
+    """
+    count = len(section.methods)
+    while count > 1 and test_plan(section, count * count) is None:
+        count -= 1
+    plan = test_plan(section, count * count)
+    if count < 2 or plan is None:
+        return None
+    found = [_later(section, count, place, plan) for place in range(count - 1)]
+    return {
+        "count": count,
+        "resamples": plan.resamples,
+        "pairs": blobs.json(_corrected(found, plan, len(section.methods))),
+    }
+
+
+def _later(section: Section, count: int, place: int, plan: ResamplingConfig) -> list[list[Pair]]:
+    """Compare a method with each one behind it: by score, then by method."""
+    methods = section.methods[place:count]
+    made = compare(methods, section.headline, reference=methods[0].name, resampling=plan)
+    step = len(methods) - 1
+    return [made.pairs[at : at + step] for at in range(0, len(made.pairs), step)]
+
+
+def _corrected(
+    found: Sequence[list[list[Pair]]], plan: ResamplingConfig, methods: int
+) -> list[Any]:
+    """Correct each pair among those of its better method, as `compare` does for the best."""
+    family = methods * (methods - 1) // 2
+    shown: list[Any] = [[[] for _ in rows[0]] for rows in found]
+    for score in range(len(found[0])):
+        p_values = np.ones((len(found) + 1, len(found) + 1))
+        for one, rows in enumerate(found):
+            for step, pair in enumerate(rows[score], one + 1):
+                p_values[one, step] = p_values[step, one] = pair.test.p_value
+        for one, rows in enumerate(found):
+            for step, pair in enumerate(rows[score], one + 1):
+                better, other = (step, one) if pair.is_better else (one, step)
+                row = holm(np.delete(p_values[better], better), family)
+                p_holm = float(row[other - (other > better)])
+                shown[one][step - one - 1].append(_shown(replace(pair, p_holm=p_holm), plan))
+    return shown
+
+
+def _shown(pair: Pair, plan: ResamplingConfig) -> dict[str, Any]:
+    score = pair.score
+    difference, low, high = pair.difference, pair.interval.low, pair.interval.high
+    limits = [] if low is None or high is None else [as_shown(score, low), as_shown(score, high)]
+    return {
+        "score": score_title(score),
+        "values": [
+            score_cell(score, value).text(2) for value in (pair.reference_value, pair.value)
+        ],
+        "difference": "–"
+        if difference is None
+        else show_number(as_shown(score, difference), 2, "+"),
+        "interval": " to ".join(show_number(limit, 2, "+") for limit in limits)
+        or f"none: {pair.interval.reason}",
+        "p": Cell(pair.test.p_value, least=LEAST_P).text(4),
+        "pHolm": Cell(pair.p_holm, least=LEAST_P).text(4),
+        "verdict": verdict(pair),
+        "sentence": sentence(pair, plan),
+    }

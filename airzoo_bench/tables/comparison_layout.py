@@ -217,11 +217,11 @@ def _patterns(comparison: Comparison) -> str:
 def _correction(comparison: Comparison) -> str:
     methods = len({comparison.other(pair) for pair in comparison.pairs}) + 1
     if comparison.family < methods:
-        return "Holm over methods, not over scores"
+        return "corrected by Holm for the number of methods, not of scores"
     return (
-        f"Holm over all {comparison.family} pairs of methods, since the "
-        f"{'method' if comparison.of_one else 'reference'} was chosen for being the best; "
-        "not over scores"
+        f"corrected by Holm for all {comparison.family} pairs of methods, since the "
+        f"{'method' if comparison.of_one else 'reference'} was chosen for being the best, "
+        "not for the number of scores"
     )
 
 

@@ -24,6 +24,7 @@ from airzoo_bench.tables.printed.table import read_published
 __all__ = [
     "PublishedTable",
     "Source",
+    "published_benchmarks",
     "published_sources",
     "published_tables",
     "read_source",
@@ -168,3 +169,10 @@ def _known(names: Mapping[str, V], name: str, what: str, where: str) -> V:
             fix="add it to the TOML file",
         )
     return names[name]
+
+
+def published_benchmarks(track: str, *, by_scene: bool = False) -> list[str]:
+    """Return the benchmarks on which something is published in a track, and by scene if asked."""
+    tables = [table for path in published_sources().values() for table in read_source(path)]
+    fitting = [t for t in tables if t.track == track and (t.has_scenes or not by_scene)]
+    return list(dict.fromkeys(table.benchmark for table in fitting))

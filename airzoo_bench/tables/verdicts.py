@@ -84,10 +84,10 @@ def disagreement(pair: Pair) -> str:
         return ""
     if pair.test.p_value <= LEVEL:
         return (
-            "the interval leaves 0 out, as p does before Holm: "
+            "the interval excludes 0, as p does before Holm's correction: "
             "intervals are not corrected for the number of methods"
         )
-    return "the interval leaves 0 out: it and the test ask different things"
+    return "the interval excludes 0: interval and test answer different questions"
 
 
 def _amount(pair: Pair) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
+from airzoo_bench.cli.built import BuiltGroup
 from airzoo_bench.cli.main import app
 from tests.support import run_main
 
@@ -17,7 +19,10 @@ SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
 def commands(group: object, *above: str) -> Iterator[tuple[str, TyperCommand]]:
     assert isinstance(group, TyperGroup)
     for name, command in group.commands.items():
-        if isinstance(command, TyperGroup):
+        if isinstance(command, BuiltGroup):
+            for built in command.list_commands(None):
+                yield f"{name} {built}", command.get_command(None, built)
+        elif isinstance(command, TyperGroup):
             yield from commands(command, *above, name)
         elif isinstance(command, TyperCommand):
             yield " ".join([*above, name]), command
@@ -39,6 +44,28 @@ def test_examples_stand_at_the_end(name: str, capsys: pytest.CaptureFixture[str]
     said = " ".join(capsys.readouterr().out.split())
     assert f"Example: airzoo-bench {name}" in said.rpartition("╯")[2]
     assert "Example:" not in said.rpartition("╯")[0]
+
+
+def shown_options(command: TyperCommand) -> list[Any]:
+    return [p for p in command.params if isinstance(p, TyperOption) and p.name != "help"]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_many_options_stand_in_panels(name: str) -> None:
+    options = shown_options(COMMANDS[name])
+    panels = {option.rich_help_panel for option in options}
+    if len(options) > 10:
+        assert None not in panels, [o.name for o in options if o.rich_help_panel is None]
+        assert len(panels) > 2
+
+
+def test_panels_of_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("table", "--help") == 0
+    said = capsys.readouterr().out
+    titles = ["Rows and columns", "Statistics", "Published numbers", "Output", "LaTeX"]
+    places = [said.index(f"─ {title} ─") for title in titles]
+    assert said.index("--siunitx") > places[4]
+    assert places[1] < said.index("--second") < places[2]
 
 
 def test_what_a_picture_needs_is_said(

@@ -43,9 +43,8 @@ def test_a_bug_keeps_its_traceback(
         (PermissionError(13, "Permission denied", "/x/y"), 2, "/x/y: Permission denied"),
         (OSError(28, "No space left on device"), 2, "a file: No space left on device"),
         (MemoryError("Unable to allocate 9 GiB"), 2, "lower --max-memory or --jobs"),
-        (KeyboardInterrupt(), 130, "stopped; nothing was left half-written"),
     ],
-    ids=["permission", "disk", "memory", "stop"],
+    ids=["permission", "disk", "memory"],
 )
 def test_what_the_machine_refuses(
     fault: BaseException,

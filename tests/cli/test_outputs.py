@@ -71,6 +71,24 @@ def test_a_report_that_cannot_be_written_costs_no_work(
     assert files_below(made.parent) == {"in", *(f"in/{path.name}" for path in made.iterdir())}
 
 
+@pytest.mark.parametrize("command", [["report"], ["plot", "scenes"]])
+def test_that_a_file_is_replaced_is_said(
+    command: list[str], made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = made.parent / ("x.html" if command == ["report"] else "x.svg")
+    for said in (False, True):
+        assert run_main(*command, made, "-o", out) == 0
+        assert (f"{out} is there already and will be replaced" in capsys.readouterr().err) is said
+
+
+def test_a_page_that_is_no_report_stays(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = made.parent / "index.html"
+    out.write_text("<!DOCTYPE html><title>Mine</title>")
+    assert run_main("report", made, "-o", out) == 2
+    assert "index.html: is there already, and is no report" in capsys.readouterr().err
+    assert "Mine" in out.read_text()
+
+
 @POSIX
 @pytest.mark.parametrize("command", [["report"], ["plot", "scenes"]])
 def test_a_pipe_stays_a_pipe(

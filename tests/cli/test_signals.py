@@ -33,7 +33,23 @@ main()
 """
 # LAPACK takes minutes for this, and does not return to the interpreter at a signal.
 _DEEP = "import numpy as np; np.linalg.eigvals(np.random.default_rng(0).random((6000, 6000)))"
-
+_SLEEP = "import time; time.sleep(600)"
+# Unwinds for longer than is waited for, and has a process that must be killed.
+_SLOW_TO_STOP = """
+        import time, signal
+        from multiprocessing import Process
+        import multiprocessing
+        multiprocessing.set_start_method("fork")
+        def stay():
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            time.sleep(60)
+        Process(target=stay).start()
+        try:
+            time.sleep(600)
+        finally:
+            time.sleep(0.8)
+"""
 
 _SOLVED = """
 import signal, sys
@@ -54,7 +70,7 @@ def test_solving_leaves_sigterm_to_the_command() -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("wait", ["import time; time.sleep(600)", _DEEP])
+@pytest.mark.parametrize("wait", [_SLEEP, _DEEP, _SLOW_TO_STOP])
 def test_a_command_ends_in_time(wait: str, number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", _STUCK.replace("{wait}", wait), str(tmp_path)],
@@ -69,5 +85,5 @@ def test_a_command_ends_in_time(wait: str, number: int, code: int, tmp_path: Pat
     # Of a hang, not of speed: the library would take minutes.
     _, message = process.communicate(timeout=30)
     assert process.returncode == code
-    assert b"stopped; nothing was left half-written" in message
+    assert message == b"airzoo-bench: stopped; nothing was left half-written\n"
     assert list(tmp_path.iterdir()) == []

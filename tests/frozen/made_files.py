@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.cli.test_bad_input import CASES, prediction_file
+from tests.cli.test_bad_predictions import CASES, prediction_file
 from tests.support import (
     NORTH_WEST,
     PLACE_CRS,
@@ -28,7 +28,7 @@ def make(what: str, *rest: str) -> None:
 
     place                      the sources of `prepare photos`
     benchmark                  a benchmark folder, and predictions that are perfect
-    mistakes                   the files of tests/cli/test_bad_input
+    mistakes                   the files of tests/cli/test_bad_predictions
     text PATH CONTENT          a text
     npz NEW OLD FIELD=CODE ... a copy with fields changed (``a`` is the old array) or left out
     """

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
+from airzoo_bench.cli.plot import parse_length
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.report import draw
 from airzoo_bench.report.curves import error_shares, longest_list, recall_curve
@@ -23,7 +24,6 @@ from airzoo_bench.report.figures import (
     series_style,
 )
 from airzoo_bench.report.labels import axis_label
-from airzoo_bench.report.lengths import parse_length
 from airzoo_bench.report.sheet import Sheet, check_room
 from airzoo_bench.results.records import Scored
 from tests.report.made import HOSTILE, reconstruction_method, retrieval_method, run, write_methods

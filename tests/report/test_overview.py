@@ -15,7 +15,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.report import draw
 from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.figures import figure_bytes
-from airzoo_bench.report.marks import take_turns
+from airzoo_bench.report.markers import take_turns
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, check_room
 from airzoo_bench.statistics.samples import ResamplingConfig

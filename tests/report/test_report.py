@@ -23,8 +23,8 @@ from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
-from airzoo_bench.report.glossary import meaning
 from airzoo_bench.report.hardest import hardest_rows, order_said
+from airzoo_bench.report.labels import meaning
 from airzoo_bench.report.packing import Blobs, json_value, page_json, rounded
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.records import Scored, read_scored
@@ -103,12 +103,12 @@ def test_breakdowns_are_of_all_scenes_and_of_each(tmp_path: Path) -> None:
     method = retrieval_method("a", 0)
     page = made_page(tmp_path, *write_methods(tmp_path, [method]))
     weather = next(found for found in page.sections[0]["breakdowns"] if found["by"] == "weather")
-    values = page.unpack(weather["values"])
+    views = page.unpack(weather["views"])
     for scope, scene in enumerate((None, "east", "west")):
         rows = method.records if scene is None else method.records.query("scene == @scene")
         group = rows[rows["weather"] == weather["labels"][0]]
         assert weather["counts"][scope][0] == len(group)
-        assert values[scope][0][0][0] == pytest.approx(group["recall@1"].mean())
+        assert views[scope][0]["values"][0][0] == pytest.approx(group["recall@1"].mean())
 
 
 def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
@@ -119,10 +119,13 @@ def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
     [part] = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
     for place, method in enumerate(methods):
         found = score_intervals(method, method.result.columns[:1], ResamplingConfig())
-        limits = part["intervals"]["overall"]["recall@1"][place]
-        assert limits == pytest.approx([found.overall[0].low, found.overall[0].high])
-        west = part["intervals"]["scenes"]["west"]["recall@1"][place]
-        assert west == pytest.approx([found.groups["west"][0].low, found.groups["west"][0].high])
+        shown = part["intervals"]
+        assert shown["overall"]["recall@1"][place] == limits_of(found.overall[0])
+        assert shown["scenes"]["west"]["recall@1"][place] == limits_of(found.groups["west"][0])
+
+
+def limits_of(interval: Any) -> str:
+    return f"{100 * interval.low:.2f} to {100 * interval.high:.2f}"
 
 
 def test_other_protocols_are_parts_of_their_own_benchmark_by_benchmark(tmp_path: Path) -> None:
@@ -542,9 +545,11 @@ def test_many_values_are_packed_in_few_bytes() -> None:
     blobs = Blobs()
     values = np.random.default_rng(0).exponential(60, 200_000)
     values[:3] = (np.inf, np.nan, 0.0)
-    packed = blobs.numbers(values)
+    packed = blobs.numbers(values, lambda different: [str(value) for value in different])
     assert packed["codes"]["type"] == "<u2"
-    codes = np.frombuffer(zlib.decompress(base64.b64decode(blobs.texts[0])), "<u2")
+    codes = np.frombuffer(
+        zlib.decompress(base64.b64decode(blobs.texts[packed["codes"]["blob"]])), "<u2"
+    )
     found = np.array(packed["values"])[codes]
     np.testing.assert_allclose(found[2:], values[2:], rtol=5.01e-4)
     assert found[0] == np.inf

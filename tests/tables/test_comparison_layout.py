@@ -150,9 +150,9 @@ class TestVerdict:
             ((0.0, 0.2), 0.01, 0.02, "the interval holds 0"),
             ((0.01, 0.2), 0.01, 0.02, ""),
             ((-0.01, 0.2), 0.06, 0.06, ""),
-            ((0.01, 0.2), 0.06, 0.06, "the interval leaves 0 out: it and the test ask"),
-            ((-0.2, -0.01), 0.06, 0.06, "the interval leaves 0 out: it and the test ask"),
-            ((0.01, 0.2), 0.04, 0.08, "the interval leaves 0 out, as p does before Holm"),
+            ((0.01, 0.2), 0.06, 0.06, "the interval excludes 0: interval and test"),
+            ((-0.2, -0.01), 0.06, 0.06, "the interval excludes 0: interval and test"),
+            ((0.01, 0.2), 0.04, 0.08, "the interval excludes 0, as p does before Holm"),
             ((None, None), 0.04, 0.08, ""),
         ],
     )
@@ -254,8 +254,8 @@ class TestTable:
         notes = comparison_table(replace(found, pairs=pairs)).notes
         assert notes[1:3] == (
             "R@1 of method02: better, but the interval holds 0",
-            "R@1 of method01: unclear, but the interval leaves 0 out, as p does before Holm: "
-            "intervals are not corrected for the number of methods",
+            "R@1 of method01: unclear, but the interval excludes 0, as p does before Holm's "
+            "correction: intervals are not corrected for the number of methods",
         )
         alone = replace(found, pairs=pairs[1:])
         assert sum("holds 0" in note for note in comparison_table(alone).notes) == 1
@@ -267,8 +267,10 @@ class TestTable:
             comparison_table(compare(methods, scores, reference=name, resampling=FAST)).notes[-1]
             for name in (None, "best")
         )
-        assert "; Holm over methods, not over scores; McNemar" in named
-        assert "; Holm over all 3 pairs of methods, since the reference was chosen" in best
+        assert "; corrected by Holm for the number of methods, not of scores; McNemar" in named
+        assert (
+            "; corrected by Holm for all 3 pairs of methods, since the reference was chosen" in best
+        )
         two = compare(methods[:2], scores, reference="best", resampling=FAST)
         assert "pairs of methods" not in comparison_table(two).notes[-1]
 

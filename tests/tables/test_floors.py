@@ -48,6 +48,15 @@ def files(tmp_path: Path) -> list[Path]:
     return paths
 
 
+def test_one_result_says_how_to_get_them(
+    files: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("table", files[0]) == 0
+    assert f"not shown: {NAME}; --floors adds it" in capsys.readouterr().out
+    assert run_main("table", files[0], "--floors") == 0
+    assert "--floors" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("form", FORMATS)
 def test_every_format_shows_them(
     form: str, files: list[Path], capsys: pytest.CaptureFixture[str]

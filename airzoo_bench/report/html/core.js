@@ -1,6 +1,4 @@
 const page = JSON.parse(document.getElementById("page-data").textContent);
-const UNITS = { share: "%", m: "m", deg: "°" };
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "currentColor"];
 const ARRAYS = { "<u1": Uint8Array, "<u2": Uint16Array, "<i2": Int16Array, "<i4": Int32Array };
 const COLLATOR = new Intl.Collator("en", { numeric: true });
 const SPOKEN = { best: " (best)", tied: " (cannot be told from the best)" };
@@ -32,52 +30,14 @@ function number(value) {
   return value === "inf" ? Infinity : value === "-inf" ? -Infinity : value;
 }
 
-// As the tables print: ties go to the even digit, and from 1e9 on the width is bounded.
-function digits(value, count) {
-  if (Number.isNaN(value)) return "–";
-  if (!Number.isFinite(value)) return value > 0 ? "inf" : "-inf";
-  if (Math.abs(value) >= 1e9) return value.toExponential(count).replace(/e\+(\d)$/, "e+0$1");
-  const text = toEven(value, count).toFixed(count);
-  return Number(text) === 0 ? text.replace("-", "") : text;
-}
-
-// A value halfway between two decimals is an odd number of halves of a power of two, exactly.
-function toEven(value, count) {
-  const size = Math.abs(value);
-  if ((size * 2 ** (count + 1)) % 2 !== 1) return value;
-  const below = Math.floor(size * 10 ** count);
-  return (Math.sign(value) * (below + (below % 2))) / 10 ** count;
-}
-
-function shown(score, value) {
-  return digits(score.unit === "share" ? 100 * value : value, 2);
-}
-
-// As many decimals as the size of a column's values asks for; counts and such have none.
-function decimalsOf(values) {
-  const finite = values.filter(Number.isFinite);
-  if (finite.every(Number.isInteger)) return 0;
-  const most = Math.max(...finite.map(Math.abs));
-  return most >= 1000 ? 0 : most >= 100 ? 1 : most >= 1 ? 2 : 4;
-}
-
-function spansDecades(score, finite) {
-  const [low, high] = [Math.min(...finite), Math.max(...finite)];
-  return score.unit !== "share" && low > 0 && high / low >= 30;
+// A light tint of a cell, as strong as Python says: print and black text stay readable.
+function tinted(strength) {
+  return strength ? `rgba(0, 114, 178, ${strength})` : "";
 }
 
 // For screen readers alone.
 function spoken(text) {
   return el("span", { class: "sr" }, text);
-}
-
-function heading(score) {
-  return `${score.title} [${UNITS[score.unit]}] ${score.higher ? "↑" : "↓"}`;
-}
-
-// What one query has: an error, where a scene has the median of errors.
-function headingOfOne(score) {
-  return `${score.ofOne} ${score.higher ? "↑" : "↓"}`;
 }
 
 // Fetches what a blob holds, once.
@@ -170,19 +130,6 @@ function sortableTable(caption, columns, rows, none = "nothing matches") {
 
   draw();
   return { node, rows, update(newRows) { state.rows = newRows; draw(); } };
-}
-
-// A light tint, stronger where a value is better; print and black text stay readable.
-function tintOf(score, values) {
-  const finite = values.filter((value) => Number.isFinite(value));
-  const [low, high] = [Math.min(...finite), Math.max(...finite)];
-  // As on the chart's axis: where errors span decades, one that is large must not hide the rest.
-  const spread = spansDecades(score, finite) ? Math.log : (value) => value;
-  return (value) => {
-    if (!Number.isFinite(value) || high === low) return "";
-    const level = (spread(value) - spread(low)) / (spread(high) - spread(low));
-    return `rgba(0, 114, 178, ${(0.42 * (score.higher ? level : 1 - level)).toFixed(3)})`;
-  };
 }
 
 function panel(section, name, title, ...children) {

@@ -3,20 +3,13 @@ async function queryDetail(section, row) {
   const loaded = await loadQueries(section);
   const columns = await Promise.all(section.queryScores.map((score) => loadScore(section, score)));
   const facts = Object.fromEntries([["Scene", section.scenes[loaded.scene[row]].title],
-    ...loaded.conditions.map((column) => [column.title, saidCondition(column, row)])]);
+    ...loaded.conditions.map((column) => [column.title, column.texts[column.codes[row]]])]);
   const scores = section.queryScores.map((score, place) => {
     const value = (found) => valueOf(section, columns[place], found.index, row);
-    return { title: headingOfOne(score), value, show: (found) => shown(score, value(found)), bestFirst: score.higher ? "descending" : "ascending", hint: score.meaning };
+    return { title: score.headingOfOne, value, show: (found) => textOf(section, columns[place], found.index, row), bestFirst: score.higher ? "descending" : "ascending", hint: score.meaning };
   });
   const table = sortableTable("Scores of this query", [methodColumn(), ...scores], methodRows(section));
   return [keyList(facts), table.node];
-}
-
-function saidCondition(column, row) {
-  const value = column.values[column.codes[row]];
-  if (!column.numeric) return value === "" ? "unknown" : value;
-  if (column.decimals === undefined) column.decimals = decimalsOf(column.values);
-  return digits(value, column.decimals);
 }
 
 function mapButton(section, row) {
@@ -41,10 +34,11 @@ function hardestView(section) {
   const first = section.queryScores[0];
 
   function values(column, row) {
-    const found = section.methods.map((method, number) => [method.name, valueOf(section, column, number, row)]);
-    const said = found.map(([name, value]) => el("li", {}, el("span", {}, name), el("b", {}, first.isHit ? saidHit(value) : shown(first, value))));
-    const head = first.isHit ? `${first.title}: hit by ${found.filter(([, value]) => value === 1).length} of ${found.length} methods` : headingOfOne(first);
-    return [el("p", {}, head), folded(found.length, 6, `Each of ${found.length} methods`, el("ul", { class: "values" }, said))];
+    const { methods } = section;
+    const said = methods.map((method, number) => el("li", {}, el("span", {}, method.name), el("b", {}, textOf(section, column, number, row))));
+    const hits = methods.filter((_, number) => valueOf(section, column, number, row) === 1).length;
+    const head = first.isHit ? `${first.title}: hit by ${hits} of ${methods.length} methods` : first.headingOfOne;
+    return [el("p", {}, head), folded(methods.length, 6, `Each of ${methods.length} methods`, el("ul", { class: "values" }, said))];
   }
 
   drawn.push((async () => {

@@ -22,7 +22,7 @@ function bestOverall(section) {
   const [first, ...more] = marked("best").length ? marked("best") : [0];
   const others = [more.length ? ` and ${more.length} more` : "", marked("tied").length ? `; ${marked("tied").length} ${marked("tied").length === 1 ? "other" : "others"} cannot be told from it` : ""];
   return { score, value: texts[first][index], name: `${section.methods[first].name}${others.join("")}`,
-    limits: interval(score, (section.intervals.overall[score.key] || [])[first]) };
+    limits: interval((section.intervals.overall[score.key] || [])[first]) };
 }
 
 function overviewTable() {
@@ -33,7 +33,7 @@ function overviewTable() {
       el("th", { scope: "row" }, el("a", { href: `#${section.id}`, onclick: follow }, partName(section))),
       el("td", { class: "roomy" }, String(section.methods.length)),
       el("td", { class: "roomy" }, section.byQuery ? queryCount(section).toLocaleString("en") : "–"),
-      el("td", { class: "text", title: best.score.meaning || null }, heading(best.score)),
+      el("td", { class: "text", title: best.score.meaning || null }, best.score.heading),
       el("td", {}, best.value, best.limits),
       el("td", { class: "text" }, best.name));
   });

@@ -14,7 +14,7 @@ async function loadQueries(section) {
 
 async function loadColumn(packed) {
   const values = packed.numeric === false ? packed.values : packed.values.map(number);
-  return { ...packed, values, codes: await unpack(packed.codes) };
+  return { ...packed, values, texts: packed.texts ? await unpack(packed.texts) : values, codes: await unpack(packed.codes) };
 }
 
 async function loadScore(section, score) {
@@ -25,6 +25,11 @@ async function loadScore(section, score) {
 
 function valueOf(section, column, method, row) {
   return column.values[column.codes[method * section.queries.count + row]];
+}
+
+// The same as it is written.
+function textOf(section, column, method, row) {
+  return column.texts[column.codes[method * section.queries.count + row]];
 }
 
 function queriesView(section) {
@@ -42,7 +47,7 @@ function queriesView(section) {
   const scores = section.queryScores;
   const hitScore = scores.find((score) => score.isHit);
   const shows = [
-    ...(section.methods.length > 1 ? scores.map((score, index) => [`s${index}`, `${headingOfOne(score)} of all methods`]) : []),
+    ...(section.methods.length > 1 ? scores.map((score, index) => [`s${index}`, `${score.headingOfOne} of all methods`]) : []),
     ...section.methods.map((method, index) => [`m${index}`, `All scores of ${method.name}`]),
   ];
   state.show = shows[0][0];
@@ -89,7 +94,7 @@ function queriesView(section) {
         return made.node;
       });
     }
-    const options = [["", "All"], ...column.values.map((value, code) => [code, value === "" ? "unknown" : value])];
+    const options = [["", "All"], ...column.values.map((value, code) => [code, value])];
     return [choice(column.title, options, (value) => { state.limits.set(column.name, value === "" ? null : Number(value)); refresh(); }).node];
   }
 
@@ -131,17 +136,17 @@ function queriesView(section) {
     const made = [{ title: "Query", width: `min(var(--most-id), ${Math.max(8, 0.56 * longest + 1.6)}rem)`, value: (row) => row, show: (row) => loaded.ids[row] }];
     const index = Number(state.show.slice(1));
     const pairs = state.show[0] === "s" ? section.methods.map((method, number) => [method.name, scores[index], number])
-      : scores.map((score) => [headingOfOne(score), score, index]);
+      : scores.map((score) => [score.headingOfOne, score, index]);
     for (const [title, score, method] of pairs) {
       const column = await loadScore(section, score);
       made.push({ title, width: widthOf(title, 8), number: true, bestFirst: score.higher, value: (row) => valueOf(section, column, method, row),
-        show: (row) => (score.isHit ? saidHit(valueOf(section, column, method, row)) : shown(score, valueOf(section, column, method, row))) });
+        show: (row) => textOf(section, column, method, row) });
     }
     for (const column of loaded.conditions) {
       const longest = column.numeric ? 7 : Math.max(...column.values.map((value) => value.length), 0);
       made.push({ title: column.title, width: widthOf(column.title, longest), number: column.numeric,
         value: (row) => (column.numeric ? column.values[column.codes[row]] : column.codes[row]),
-        show: (row) => saidCondition(column, row) });
+        show: (row) => column.texts[column.codes[row]] });
     }
     return made;
   }

@@ -20,9 +20,9 @@ function scoreColumns(section, wanted, scope, limits) {
   return wanted.map((index) => {
     const score = section.scores[index];
     return {
-      title: heading(score),
+      title: score.heading,
       value: (row) => number(row.floor ? floorAt(row, "values", index) : values[row.index][index]),
-      show: (row) => (row.floor ? floorAt(row, "texts", index) : [texts[row.index][index], interval(score, (limits[score.key] || [])[row.index])]),
+      show: (row) => (row.floor ? floorAt(row, "texts", index) : [texts[row.index][index], interval((limits[score.key] || [])[row.index])]),
       mark: (row) => (row.floor ? "" : marks[row.index][index]),
       bestFirst: score.higher ? "descending" : "ascending",
       hint: score.meaning,
@@ -30,10 +30,8 @@ function scoreColumns(section, wanted, scope, limits) {
   });
 }
 
-function interval(score, found) {
-  if (!found) return null;
-  const [low, high] = found.map((limit) => shown(score, number(limit)));
-  return el("span", { class: "interval", title: "95 % interval" }, `${low} to ${high}`);
+function interval(text) {
+  return text ? el("span", { class: "interval", title: "95 % interval" }, text) : null;
 }
 
 function scopeOf(holder, scope) {
@@ -111,7 +109,7 @@ function notesView(section) {
 }
 
 function scoreChoice(section, scores, onchange) {
-  return choice("Score", scores.map((score) => [score.key, heading(score)]), onchange);
+  return choice("Score", scores.map((score) => [score.key, score.heading]), onchange);
 }
 
 function scenesView(section) {
@@ -126,8 +124,6 @@ function scenesView(section) {
     const score = section.scores[index];
     const at = (part, scene, method) => section.standings.perScene[scene][part][method][index];
     const value = (scene, method) => number(at("values", scene, method));
-    const all = section.scenes.flatMap((_, scene) => section.methods.map((_, method) => value(scene, method)));
-    const tint = tintOf(score, all);
     const rows = section.scenes.map((scene, place) => ({ scene, place }));
     const columns = [
       { title: "Scene", text: true, value: (row) => row.scene.title,
@@ -135,11 +131,11 @@ function scenesView(section) {
       ...(section.byQuery ? [{ title: "Queries", value: (row) => row.scene.queries, show: (row) => String(row.scene.queries), bestFirst: "descending" }] : []),
       ...section.methods.map((method, number) => ({
         title: method.name, value: (row) => value(row.place, number), show: (row) => at("texts", row.place, number),
-        tint: (row) => tint(value(row.place, number)), bestFirst: score.higher ? "descending" : "ascending",
+        tint: (row) => tinted(section.standings.tints[row.place][number][index]), bestFirst: score.higher ? "descending" : "ascending",
         mark: (row) => at("marks", row.place, number),
       })),
     ];
-    holder.replaceChildren(sortableTable(`${heading(score)} by scene and method; darker is better${markLegend(section, ...section.scenes.keys())}; a scene's name opens it`, columns, rows).node);
+    holder.replaceChildren(sortableTable(`${score.heading} by scene and method; darker is better${markLegend(section, ...section.scenes.keys())}; a scene's name opens it`, columns, rows).node);
   }
 
   function open(id) {
@@ -201,29 +197,26 @@ function conditionPicker(section, fixed) {
   async function draw() {
     const found = section.breakdowns[state.condition];
     const score = section.queryScores[state.score];
-    const values = (await unpack(found.values))[state.scope][state.score];
-    const marks = (await unpack(found.marks))[state.scope][state.score];
+    const view = (await unpack(found.views))[state.scope][state.score];
     const counts = found.counts[state.scope];
     const groups = found.labels.map((label, index) => ({ label, index })).filter((row) => counts[row.index] > 0);
-    const at = (row, method) => number(values[method][row.index]);
-    const tint = tintOf(score, groups.flatMap((row) => section.methods.map((_, method) => at(row, method))));
     const columns = [
       { title: found.title, text: true, value: (row) => row.index, show: (row) => row.label },
       { title: "Queries", value: (row) => counts[row.index], show: (row) => String(counts[row.index]), bestFirst: "descending" },
-      ...section.methods.map((method, number) => ({
-        title: method.name, value: (row) => at(row, number), show: (row) => shown(score, at(row, number)),
-        tint: (row) => tint(at(row, number)), bestFirst: score.higher ? "descending" : "ascending",
-        mark: (row) => marks[row.index][number],
+      ...section.methods.map((method, place) => ({
+        title: method.name, value: (row) => number(view.values[place][row.index]), show: (row) => view.texts[place][row.index],
+        tint: (row) => tinted(view.tints[place][row.index]), bestFirst: score.higher ? "descending" : "ascending",
+        mark: (row) => view.marks[place][row.index],
       })),
     ];
     const where = state.scope ? section.scenes[state.scope - 1].title : "all scenes";
-    const caption = `${heading(score)} by ${found.title}, ${where}: over all queries of each group${markLegend(section)}`;
-    holder.replaceChildren(conditionChart(section, score, found, groups, counts, at), sortableTable(caption, columns, groups).node);
+    const caption = `${score.heading} by ${found.title}, ${where}: over all queries of each group${markLegend(section)}`;
+    holder.replaceChildren(conditionChart(section, score, found, groups, counts, view), sortableTable(caption, columns, groups).node);
   }
 
   const picks = [
     choice("Condition", section.breakdowns.map((found, index) => [index, found.title]), (value) => { state.condition = Number(value); draw(); }),
-    choice("Score", section.queryScores.map((score, index) => [index, heading(score)]), (value) => { state.score = Number(value); draw(); }),
+    choice("Score", section.queryScores.map((score, index) => [index, score.heading]), (value) => { state.score = Number(value); draw(); }),
   ];
   if (fixed === null && section.scenes.length > 1) {
     const scenes = [[0, "All scenes"], ...section.scenes.map((scene, index) => [index + 1, scene.title])];

@@ -1,4 +1,4 @@
-"""Marks of many methods in one picture: by turns where they meet, and what is infinite."""
+"""Markers of many methods in one picture: alternating where they overlap; infinite values."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BREAK: Any = {
 
 
 def take_turns(values: Floats, near: float) -> NDArray[np.bool_]:
-    """Choose which marks are drawn where marks would cover each other.
+    """Choose which markers are drawn where several would overlap.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def take_turns(values: Floats, near: float) -> NDArray[np.bool_]:
 def draw_lines(
     axes: Axes, xs: Sequence[Floats], ys: Sequence[Floats], *, steps: bool = False
 ) -> None:
-    """Draw a line a method; one that others follow exactly is wider, so that it shows beneath."""
+    """Draw one line per method, wider where later ones cover it, so that it stays visible."""
     drawn: Any = {"drawstyle": "steps-mid" if steps else "default", "zorder": 2}
     for number, (x, y) in enumerate(zip(xs, ys, strict=True)):
         style = series_style(number) | {"marker": "none"}
@@ -69,7 +69,7 @@ def _follows(one: Floats, other: Floats) -> bool:
 
 
 def draw_markers(axes: Axes, x: Floats, values: Floats, *, near: float, size: float = 4.5) -> None:
-    """Draw markers of methods at places of the x-axis, each exactly at its place.
+    """Draw the markers of methods at given positions of the x-axis.
 
     Where markers would cover each other, methods take turns; a method that has no turn at all is a
     ring around another's marker.
@@ -104,7 +104,7 @@ def _draw_marks(
 
 
 def add_band(figure: Figure, side: Literal["top", "right"] | None) -> tuple[Axes, Axes | None]:
-    """Add axes, and beyond a break of them a band for what is infinite.
+    """Add axes and, beyond a break, a band for infinite values.
 
     Parameters
     ----------
@@ -123,25 +123,22 @@ def add_band(figure: Figure, side: Literal["top", "right"] | None) -> tuple[Axes
     engine: Any = figure.get_layout_engine()
     if side == "top":
         engine.set(h_pad=0.03, hspace=0.0)
-        height = figure.get_figheight()
-        grid = figure.add_gridspec(2, 1, height_ratios=[0.34, max(height - 0.9, 1.0)])
+        grid = figure.add_gridspec(2, 1, height_ratios=[0.34, max(figure.get_figheight() - 0.9, 1)])
         axes = figure.add_subplot(grid[1])
         band = figure.add_subplot(grid[0], sharex=axes)
         band.set(ylim=(-1, 1), yticks=[0], yticklabels=["infinite"])
-        band.tick_params(bottom=False, labelbottom=False)
-        band.spines["bottom"].set_visible(False)
-        axes.spines["top"].set_visible(False)
-        axes.plot([0, 1], [1, 1], transform=axes.transAxes, **_BREAK)
-        band.plot([0, 1], [0, 0], transform=band.transAxes, **_BREAK)
-        return axes, band
-    engine.set(w_pad=0.03, wspace=0.0)
-    grid = figure.add_gridspec(1, 2, width_ratios=[max(figure.get_figwidth() - 2.2, 1.0), 0.55])
-    axes = figure.add_subplot(grid[0])
-    band = figure.add_subplot(grid[1], sharey=axes)
-    band.set(xlim=(-1, 1), xticks=[0], xticklabels=["infinite"])
-    band.tick_params(left=False, labelleft=False)
-    band.spines["left"].set_visible(False)
-    axes.spines["right"].set_visible(False)
-    axes.plot([1, 1], [0, 1], transform=axes.transAxes, **_BREAK)
-    band.plot([0, 0], [0, 1], transform=band.transAxes, **_BREAK)
+        ends, inner = ([0, 1], [1, 1], [0, 1], [0, 0]), "bottom"
+    else:
+        engine.set(w_pad=0.03, wspace=0.0)
+        grid = figure.add_gridspec(1, 2, width_ratios=[max(figure.get_figwidth() - 2.2, 1), 0.55])
+        axes = figure.add_subplot(grid[0])
+        band = figure.add_subplot(grid[1], sharey=axes)
+        band.set(xlim=(-1, 1), xticks=[0], xticklabels=["infinite"])
+        ends, inner = ([1, 1], [0, 1], [0, 0], [0, 1]), "left"
+    hidden: dict[str, Any] = {inner: False, f"label{inner}": False}
+    band.tick_params(**hidden)
+    band.spines[inner].set_visible(False)
+    axes.spines[side].set_visible(False)
+    axes.plot(*ends[:2], transform=axes.transAxes, **_BREAK)
+    band.plot(*ends[2:], transform=band.transAxes, **_BREAK)
     return axes, band

@@ -1,0 +1,158 @@
+"""``check``: everything that is wrong with predictions, and exit codes that tell how."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.test_bad_predictions import (
+    CASES,
+    Arrays,
+    changed,
+    described,
+    parquet,
+    prediction_file,
+    with_nan,
+)
+from tests.support import run_main, write_predictions
+
+
+def test_check_lists_everything_and_exits_1(
+    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ids = np.array(arrays["query_ids"])
+    ids[1] = ids[0]
+    ranked = np.array(arrays["ranked_ids"])[:, :4]
+    ranked[2, 0] = ranked[2, 1]
+    ranked[3, 0] = "west/t00000"
+    ranked[4, 2] = ""
+    scores = np.tile([4.0, 3, 2, 1], (10, 1))
+    scores[5] = scores[5, ::-1]
+    scores[6, 1] = np.inf
+    path = tmp_path / "p.npz"
+    changed(query_ids=ids, ranked_ids=ranked, scores=scores)(path, {})
+    assert run_main("check", path) == 1
+    out, message = capsys.readouterr()
+    assert out == ""
+    for finding in (
+        "ids more than once",
+        "ranks only 4 tiles",
+        "an empty id before a tile",
+        "a tile is ranked more than once",
+        "tiles of another scene are ranked for 1 of 10 queries (east/q00003); the first is",
+        "NaN or infinite scores",
+        "scores are not in order for 2 of 10 queries (east/q00005",
+    ):
+        assert message.count(finding) == 1, finding
+
+
+def test_check_names_descriptors_that_are_not_finite(
+    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make = described(
+        query_descriptors=with_nan(10, [1]), gallery_descriptors=with_nan(20, [0, 13], np.inf)
+    )
+    assert run_main("check", prediction_file(tmp_path, make, arrays)) == 1
+    message = capsys.readouterr().err
+    assert "field 'query_descriptors': NaN or infinite descriptors: 1 of 10 (east/q00001)" in (
+        message
+    )
+    assert "descriptors: 2 of 20 (east/t00000, west/t00001)" in message
+
+
+@pytest.mark.parametrize(
+    ("case", "code"),
+    [
+        *[(case, 2) for case in ("not there", "empty", "a csv", "a pickle", "truncated")],
+        *[(case, 1) for case in ("K too small", "repeated queries", "control characters")],
+    ],
+)
+def test_check_tells_what_is_wrong_from_what_is_no_prediction(
+    case: str, code: int, data: Path, tmp_path: Path, arrays: Arrays
+) -> None:
+    assert run_main("check", prediction_file(tmp_path, CASES[case][0], arrays)) == code
+
+
+@pytest.mark.parametrize(
+    ("fields", "options", "code"),
+    [
+        ({}, [], 0),
+        ({"centers": np.zeros(3)}, [], 1),
+        ({"ranked_ids": "east/t00000"}, [], 1),
+        ({"ranked_ids": np.zeros((10, 8))}, [], 1),
+        ({"query_ids": None}, [], 1),
+        ({"protocol": np.zeros(3)}, [], 1),
+        ({"protocol": "a/b.toml"}, [], 1),
+        ({"protocol": "unknown"}, [], 2),
+        ({"protocol": None}, [], 2),
+        ({}, ["--protocol", "unknown"], 2),
+        ({}, ["--protocol", "airzoo-mini-matching"], 1),
+        ({}, ["--data", "nowhere"], 2),
+        ({}, ["--max-memory", "much"], 2),
+    ],
+)
+def test_exit_codes_of_check(
+    fields: Arrays, options: list[str], code: int, data: Path, tmp_path: Path, arrays: Arrays
+) -> None:
+    path = prediction_file(tmp_path, changed(**fields), arrays)
+    assert run_main("check", path, *options) == code
+
+
+def test_check_of_a_good_file_exits_0(
+    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for make in (changed(), described(), parquet(protocol="made-retrieval")):
+        assert run_main("check", prediction_file(tmp_path, make, arrays)) == 0
+    changed()(tmp_path / "p.npz", {k: arrays[k] for k in ("query_ids", "ranked_ids")})
+    assert run_main("check", tmp_path / "p.npz") == 0
+    assert "nothing wrong was found" in capsys.readouterr().out
+
+
+def test_check_says_which_benchmark_the_ids_look_like(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ids = [f"City/{i}" for i in range(3)]
+    ranked = [[f"City/t{k}" for k in range(5)]] * 3
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked)
+    assert run_main("check", path) == 1
+    assert "they look like those of airzoo-real-" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ids", [["east/nobody"], ["east/q00000.JPG"]])
+def test_check_refuses_what_eval_refuses(
+    ids: list[str], data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ranked = [[f"east/t{k:05d}" for k in range(5)]]
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked)
+    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
+        assert run_main(*command, path) == code
+        message = capsys.readouterr().err
+        assert "none of its query ids belongs to made" in message
+        assert ("leave out the file's ending" in message) == ids[0].endswith(".JPG")
+
+
+def test_check_refuses_tiles_that_are_not_in_the_gallery(
+    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ranked = np.array(arrays["ranked_ids"])
+    ranked[0, 0] = "east/t99999"
+    given = {"query_ids": arrays["query_ids"], "ranked_ids": ranked}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
+    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
+        assert run_main(*command, path) == code
+        assert "the first is 'east/t99999'" in capsys.readouterr().err
+
+
+def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
+    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {key: arrays[key][:3] for key in ("query_ids", "ranked_ids")}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
+    assert run_main("check", path) == 0
+    message = capsys.readouterr().err
+    assert "queries that the predictions lack, scored at their worst: 7 of 10 (first 3: " in message
+    protocol = data / "made" / "protocols" / "made-retrieval.toml"
+    assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
+    assert "predictions were not compared with the benchmark" in capsys.readouterr().err
