@@ -16,11 +16,13 @@ from airzoo_bench.api.arrays import (
     pose_rows,
     positive,
     refused,
+    same_index,
     whole,
 )
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.poses import FARTHEST
 from airzoo_bench.reconstruction.alignment.consensus import (
     LEAST_CAMERAS,
     PosedCameras,
@@ -147,6 +149,7 @@ def align_cameras(
       rms_of_inliers     0.0000
       used_orientations  False
     """
+    same_index({"predicted": predicted, "true": true})
     given, known = _cameras("predicted", predicted, missing=True), _cameras("true", true)
     if len(given.names) != len(known.names):
         raise ArgumentError(
@@ -191,7 +194,7 @@ def _cameras(name: str, values: ArrayLike, *, missing: bool = False) -> PosedCam
         centres, rotation = poses.centres, poses.rotation
     elif missing:
         centres, rotation = floats(name, values, (None, 3)), None
-        finite(name, centres[~np.isnan(centres).all(axis=1)])
+        finite(name, centres[~np.isnan(centres).all(axis=1)], FARTHEST)
     else:
         centres, rotation = coordinates(name, values), None
     return PosedCameras(tuple(map(str, range(len(centres)))), centres, rotation)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
+from itertools import combinations
 from numbers import Integral, Real
 from typing import Any
 
@@ -25,6 +26,7 @@ __all__ = [
     "pose_rows",
     "positive",
     "refused",
+    "same_index",
     "whole",
 ]
 
@@ -97,6 +99,25 @@ def in_order(name: str, values: Any) -> Any:
     return values
 
 
+def same_index(arguments: Mapping[str, Any]) -> None:
+    """Refuse arguments of pandas, by name, whose rows are pairs but whose labels differ.
+
+    Raises
+    ------
+    ArgumentError
+        Two of one length have different indexes, or the same in another order.
+    """
+    labels = {name: rows.index for name, rows in arguments.items() if hasattr(rows, "iloc")}
+    for (name, index), (other, second) in combinations(labels.items(), 2):
+        if len(index) == len(second) and not index.equals(second):
+            raise ArgumentError(
+                "have different indexes, and rows would be paired by position",
+                where=f"{name}, {other}",
+                expected="the same labels in the same order",
+                fix="give one the index of the other: b.reindex(a.index), or pass .to_numpy()",
+            )
+
+
 def _array(name: str, values: Any, expected: str) -> np.ndarray[Any, Any]:
     try:
         return np.asarray(in_order(name, values))
@@ -113,14 +134,18 @@ def _written(shape: tuple[int | None, ...]) -> str:
     return f"({', '.join(lengths)}{',' if len(lengths) == 1 else ''})"
 
 
-def finite(name: str, values: Floats) -> Floats:
-    """Refuse rows that hold NaN or infinity."""
+def finite(name: str, values: Floats, most: float = np.inf) -> Floats:
+    """Refuse rows that hold NaN, infinity or what is beyond a limit."""
     bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, values.ndim))))
     if bad.size:
         raise ArgumentError(
             f"holds NaN or infinity in rows {first_of(bad.tolist(), len(values))}",
             where=name,
             expected="finite numbers",
+        )
+    if np.abs(values).max(initial=0.0) > most:
+        raise ArgumentError(
+            f"holds numbers beyond {most:g}", where=name, expected=f"at most {most:g}"
         )
     return values
 
@@ -134,7 +159,7 @@ def coordinates(name: str, values: Any) -> Floats:
         Also for coordinates that went through a type that does not keep centimetres of them, as
         float32 does not of projected coordinates.
     """
-    points = finite(name, floats(name, values, (None, 3)))
+    points = finite(name, floats(name, values, (None, 3)), FARTHEST)
     given = np.asarray(in_order(name, values)).dtype
     is_narrow = given.kind == "f" and given.itemsize < _DOUBLE
     kind = given.type if is_narrow else narrow_type(points[:, :2])
@@ -233,7 +258,9 @@ def listed(name: str, values: Any) -> list[Any]:
     """Return what can be iterated over as a list."""
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
         raise ArgumentError(f"is {values!r}", where=name, expected=f"several, such as [{values!r}]")
-    return list(in_order(name, values))
+    values = in_order(name, values)
+    # A DataFrame would give the names of its columns.
+    return list(np.asarray(values) if hasattr(values, "__array__") else values)
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:

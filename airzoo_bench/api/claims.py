@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import PurePosixPath
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.api.arrays import in_order
-from airzoo_bench.core.errors import ArgumentError, PredictionError
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.precision import COARSEST_M
 
@@ -54,18 +56,20 @@ def index_of(name: str, known: Mapping[str, int], what: str) -> int:
     if name in known:
         return known[name]
     shown = str(name)[:80]
+    meant = _without_ending(shown, known)
     raise PredictionError(
-        f"{shown!r} is no {what}{nearest(shown, list(known))}",
+        f"{shown!r} is no {what}{'' if meant else nearest(shown, list(known))}",
         expected=f"an id such as {next(iter(known), 'scene/name')}",
+        fix=repr(meant) if meant else None,
     )
 
 
-def kept_in_order(field: str, values: Any) -> Any:
-    """Refuse sets, dicts and masks; see `arrays.in_order`."""
-    try:
-        return in_order(field, values)
-    except ArgumentError as error:
-        raise PredictionError(error.what, where=field, expected=error.expected) from error
+def _without_ending(name: str, known: Mapping[str, int]) -> str | None:
+    """Return the one id that is meant by the name of a file, with or without its scene."""
+    path = PurePosixPath(name)
+    stem = str(path.with_suffix("")) if path.suffix.lower() in IMAGE_SUFFIXES else name
+    meant = [one for one in known if one == stem or one.endswith(f"/{stem}")]
+    return meant[0] if stem and len(meant) == 1 else None
 
 
 def coordinates(field: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[Any]:
@@ -76,7 +80,7 @@ def coordinates(field: str, values: ArrayLike, shape: tuple[int | None, ...]) ->
     PredictionError
         They are no numbers, or of another shape.
     """
-    array = np.asarray(kept_in_order(field, values))
+    array = np.asarray(in_order(field, values))
     fits = array.ndim == len(shape) and all(
         want in (None, have) for want, have in zip(shape, array.shape, strict=True)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-__all__ = ["DESCRIBED", "KINDS", "MATCHES", "PAIRS", "POSES", "RANKED", "Kind"]
+__all__ = ["DESCRIBED", "FIELDS", "KINDS", "MATCHES", "PAIRS", "POSES", "RANKED", "Kind"]
 
 
 @dataclass(frozen=True)
@@ -34,3 +34,4 @@ CLOUD = Kind("reconstruction", ("points",), ("colours",))
 CAMERA = Kind("reconstruction", ("rotation", "centre"))
 DEPTH = Kind("reconstruction", ("depth", "intrinsics", "rotation", "centre"), ("confidence",))
 KINDS = (RANKED, DESCRIBED, MATCHES, PAIRS, POSES, CLOUD, CAMERA, DEPTH)
+FIELDS = dict.fromkeys(name for kind in KINDS for name in (*kind.needed, *kind.optional))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.api.arrays import same_index
 from airzoo_bench.api.benchmark import BlindScene
 from airzoo_bench.api.claims import Fields, index_of, precise
 from airzoo_bench.api.photos import Photo
@@ -39,6 +40,7 @@ class MatchClaims:
     def add(self, name: str, fields: Fields) -> None:
         """Check and keep the matches of a query; see `Claims.add`."""
         row = index_of(name, self._queries, "query of the benchmark")
+        same_index(fields)
         query_xy = precise("query_xy", fields["query_xy"], (None, 2))
         _refuse_outside(query_xy, self._photos[row])
         there = precise(self._target, fields[self._target], (None, self._axes))

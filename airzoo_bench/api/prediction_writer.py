@@ -7,27 +7,22 @@ from collections.abc import Collection
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Never, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.api.claims import Claims
-from airzoo_bench.api.kinds import DESCRIBED, KINDS, MATCHES, PAIRS, POSES, RANKED, Kind
+from airzoo_bench.api.kinds import DESCRIBED, FIELDS, KINDS, MATCHES, PAIRS, POSES, RANKED, Kind
 from airzoo_bench.api.matching_claims import MatchClaims, PoseClaims
 from airzoo_bench.api.reconstruction_claims import ReconstructionClaims, entries_of
 from airzoo_bench.api.retrieval_claims import DescribedClaims, RankedClaims
 from airzoo_bench.benchmark.folder import data_root
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError
-from airzoo_bench.core.files import (
-    atomic_entries,
-    atomic_write,
-    check_output_file,
-    check_output_folder,
-    write_npz,
-)
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.files import atomic_entries, check_output_file, check_output_folder
+from airzoo_bench.core.output_places import cannot_write
+from airzoo_bench.core.temporaries import only_writer, temporary_folder
+from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
@@ -55,8 +50,8 @@ class PredictionWriter:
     Raises
     ------
     UserError
-        The protocol or its benchmark is not there, they do not belong together, or nothing can be
-        written to `path`.
+        The protocol or its benchmark is not there, they do not belong together, nothing can be
+        written to `path`, or another writer is at it.
 
     Examples
     --------
@@ -80,6 +75,7 @@ class PredictionWriter:
         self._added: set[str] = set()
         self._closed = False
         self._stack = ExitStack()
+        self._hold()
 
     def add(
         self,
@@ -98,6 +94,7 @@ class PredictionWriter:
         depth: ArrayLike | None = None,
         intrinsics: ArrayLike | None = None,
         confidence: ArrayLike | None = None,
+        **unknown: Never,
     ) -> None:
         """Add the answer to one query, or what is found of one tile, photo or scene.
 
@@ -152,8 +149,8 @@ class PredictionWriter:
             The id is none of the benchmark's or was added before; fields are missing, do not
             belong together, or have a wrong shape or impossible values. Nothing of it is kept.
         """
-        given = {key: value for key, value in locals().items() if key not in ("self", "name")}
-        fields = {key: value for key, value in given.items() if value is not None}
+        given = {key: value for key, value in locals().items() if value is not None}
+        fields = {key: given[key] for key in FIELDS if key in given} | unknown
         try:
             self._claims_for(fields).add(name, self._once(name, fields))
         except UserError as error:
@@ -249,10 +246,23 @@ class PredictionWriter:
             return PoseClaims(self._scenes)
         return ReconstructionClaims(self._scenes, self._staging())
 
+    def _hold(self) -> None:
+        """Refuse a path that another writer has: of two the last to end would lose the other's."""
+        try:
+            self._path.absolute().parent.mkdir(parents=True, exist_ok=True)
+            self._stack.enter_context(only_writer(self._path))
+        except BlockingIOError as error:
+            raise UsageError(
+                "is being written by another PredictionWriter",
+                where=self._path,
+                fix="name another file, or end the other first: its with block, or close()",
+            ) from error
+        except OSError as error:
+            raise cannot_write(self._path, error) from error
+
     def _staging(self) -> Path:
         """Return a folder beside the file, which is gone when the writer is closed."""
         parent = self._path.absolute().parent
-        parent.mkdir(parents=True, exist_ok=True)
         return self._stack.enter_context(temporary_folder(parent, self._path.name))
 
     def _write(self, claims: Claims | ReconstructionClaims) -> None:
@@ -263,8 +273,7 @@ class PredictionWriter:
                     shutil.move(entry, folder / entry.name)
                 (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
             return
-        with atomic_write(self._path) as stream:
-            write_npz(stream, {"protocol": np.array(self._protocol.name), **claims.arrays()})
+        write_predictions(self._path, self._protocol.name, claims.arrays())
 
 
 def _check_name(protocol: Protocol, benchmark: BlindBenchmark) -> None:
@@ -280,6 +289,5 @@ def _check_place(path: Path, protocol: Protocol) -> None:
     if isinstance(protocol, ReconstructionProtocol):
         check_output_folder(path, ("protocol.txt",))
         return
-    if path.suffix != ".npz":
-        raise UsageError("predictions are written as .npz", where=path, fix=f"name it {path}.npz")
+    check_npz(path)
     check_output_file(path)

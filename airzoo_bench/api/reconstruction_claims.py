@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airzoo_bench.api.arrays import same_index
 from airzoo_bench.api.benchmark import BlindScene
 from airzoo_bench.api.claims import Fields, coordinates, index_of, precise
 from airzoo_bench.api.row_file import RowFile
@@ -61,6 +62,7 @@ class ReconstructionClaims:
         self._scenes[scene].add(row, name, fields)
 
     def _add_cloud(self, scene: str, fields: Fields) -> None:
+        same_index(fields)
         points = precise("points", fields["points"], (None, 3))
         colours = fields.get("colours")
         if colours is not None:

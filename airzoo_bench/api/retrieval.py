@@ -8,8 +8,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.api.arrays import choice, finite, floats, refused, whole
-from airzoo_bench.api.ids import id_row, id_rows, indexed_lists, paired_queries
+from airzoo_bench.api.arrays import choice, finite, floats, refused, same_index, whole
+from airzoo_bench.api.ids import Ids, id_row, id_rows, indexed_lists, paired_queries
 from airzoo_bench.api.ranked import Asked, WithoutPositive, gallery_row, rank_scores, score_rows
 from airzoo_bench.api.scores import QueryScores
 from airzoo_bench.core.errors import ArgumentError
@@ -90,6 +90,7 @@ def retrieval_scores(
       ndcg@1            0.5000
       ndcg@3            0.8467
     """
+    same_index({"ranked_ids": ranked_ids, "positives": positives, "scores": scores})
     names, lists, right = paired_queries(ranked_ids, positives)
     asked = Asked.checked(ks, ap, without_positive)
     gallery = None if gallery_ids is None else id_row("gallery_ids", gallery_ids)
@@ -159,8 +160,10 @@ def similarity_scores(
     >>> found["recall@1"], found.counts["tie_dependent"]
     (0.5, 1)
     """
+    same_index({"similarity": similarity, "positives": positives})
     values = finite("similarity", floats("similarity", similarity, (None, None)))
     columns = gallery_row(gallery_ids, values.shape[1])
+    _check_columns(similarity, columns, gallery_ids is None)
     order = np.argsort(-values, axis=1, kind="stable")
     return retrieval_scores(
         columns[order],
@@ -222,6 +225,8 @@ def descriptor_scores(
     1.0
     """
     choice("metric", metric, get_args(Metric))
+    same_index({"queries": queries, "positives": positives})
+    same_index({"gallery": gallery, "gallery_ids": gallery_ids})
     asked = Asked.checked(ks, ap, without_positive)
     given, tiles = _descriptors("queries", queries), _descriptors("gallery", gallery)
     ids = gallery_row(gallery_ids, len(tiles))
@@ -240,6 +245,18 @@ def descriptor_scores(
     answered = np.ones(len(given), np.bool_)
     names = list(range(len(given)))
     return rank_scores(names, ranking, found.positives, answered, len(tiles), asked)
+
+
+def _check_columns(similarity: Any, ids: Ids, are_numbers: bool) -> None:
+    """Refuse a DataFrame whose columns are called otherwise than the gallery."""
+    names = list(getattr(similarity, "columns", range(len(ids))))
+    if names not in ([*range(len(ids))], ids.tolist()):
+        raise ArgumentError(
+            "has columns that are called otherwise than the gallery",
+            where="similarity",
+            expected="columns in the order of gallery_ids, which are 0, 1, 2 ... where left out",
+            fix="gallery_ids=similarity.columns" if are_numbers else "similarity[gallery_ids]",
+        )
 
 
 def _descriptors(name: str, values: ArrayLike) -> NDArray[Any]:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airzoo_bench.api.arrays import in_order, same_index
 from airzoo_bench.api.benchmark import BlindScene
-from airzoo_bench.api.claims import Fields, coordinates, index_of, kept_in_order
+from airzoo_bench.api.claims import Fields, coordinates, index_of
 from airzoo_bench.api.row_file import RowFile
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.retrieval.predictions import (
@@ -46,7 +47,8 @@ class RankedClaims:
     def add(self, name: str, fields: Fields) -> None:
         """Check and keep a list; see `Claims.add`."""
         row = index_of(name, self._queries, "query of the benchmark")
-        ids = [str(tile) for tile in kept_in_order("ranked_ids", fields["ranked_ids"])]
+        same_index(fields)
+        ids = [str(tile) for tile in in_order("ranked_ids", fields["ranked_ids"])]
         tiles = [index_of(tile, self._tiles, "tile of the gallery") for tile in ids]
         scores = self._scores(fields.get("scores"), len(ids))
         _refuse_faults(name, ids, scores)

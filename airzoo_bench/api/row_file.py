@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airzoo_bench.api.arrays import in_order
 from airzoo_bench.core.errors import PredictionError
 
 __all__ = ["RowFile"]
@@ -44,14 +45,12 @@ class RowFile:
 
         Raises
         ------
+        ArgumentError
+            It has no order, or masked entries.
         PredictionError
             It is of another shape, is empty, or has no floating-point numbers.
         """
-        row = np.asarray(values)
-        if np.ma.is_masked(values):
-            raise PredictionError(
-                f"{self._field} has masked entries", expected="an array without a mask"
-            )
+        row = np.asarray(in_order(self._field, values))
         if row.dtype.name not in _KINDS or row.ndim != self._axes or not row.size:
             raise PredictionError(
                 f"{self._field} is {row.dtype} of shape {row.shape}",

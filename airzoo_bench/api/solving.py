@@ -7,7 +7,16 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, coordinates, finite, floats, positive, refused, whole
+from airzoo_bench.api.arrays import (
+    choice,
+    coordinates,
+    finite,
+    floats,
+    positive,
+    refused,
+    same_index,
+    whole,
+)
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import pose
@@ -91,6 +100,7 @@ def solve_pose(
     ('solved', 6, True)
     """
     choice("solver", solver, get_args(Solver))
+    same_index({"pixels": pixels, "points3d": points3d})
     at = finite("pixels", floats("pixels", pixels, (None, 2)))
     points = coordinates("points3d", points3d)
     if len(at) != len(points):

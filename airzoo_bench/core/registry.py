@@ -1,7 +1,8 @@
 """What can be added without touching the suite: tracks and datasets.
 
 Built-in ones are named here and imported when they are asked for; another package adds its own by
-an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``.
+an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``. A name is
+one thing's: a package that uses one that is taken is refused by name.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
+
+from airzoo_bench.core.errors import UsageError
 
 __all__ = ["DATASETS", "TRACKS", "Registry", "resolve"]
 
@@ -53,8 +56,14 @@ class Registry:
         del self._added[name]
 
     def names(self) -> list[str]:
-        """Return all names: built-in first, in their own order, then others by name."""
-        return [*self._places, *sorted({*self._installed(), *self._added} - {*self._places})]
+        """Return all names: built-in first, in their own order, then others by name.
+
+        Raises
+        ------
+        UsageError
+            An installed package uses a name that is taken.
+        """
+        return [*self._places, *sorted({*self._installed(), *self._added})]
 
     def get(self, name: str) -> Any:
         """Return a thing.
@@ -71,7 +80,23 @@ class Registry:
         return self._installed()[name].load()
 
     def _installed(self) -> dict[str, EntryPoint]:
-        return {point.name: point for point in entry_points(group=self.group)}
+        found: dict[str, EntryPoint] = {}
+        for point in entry_points(group=self.group):
+            if point.name in self._places or point.name in found:
+                other = found.get(point.name)
+                raise UsageError(
+                    f"package {_package(point)} adds {point.name!r}, which "
+                    f"{_package(other) if other else 'airzoo-bench'} has already",
+                    where=f"entry points {self.group}",
+                    expected="each name once",
+                    fix=f"uninstall {_package(point)}, or rename its entry point",
+                )
+            found[point.name] = point
+        return found
+
+
+def _package(point: EntryPoint) -> str:
+    return point.dist.name if point.dist else point.value
 
 
 TRACKS = Registry(

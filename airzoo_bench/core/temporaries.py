@@ -6,10 +6,12 @@ what nobody holds any more is abandoned. On disks and systems without locks noth
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -18,6 +20,7 @@ from pathlib import Path
 __all__ = [
     "PART",
     "clear_abandoned",
+    "only_writer",
     "remove_own",
     "set_aside",
     "temporary_file",
@@ -30,6 +33,7 @@ _ASIDE = ".airzoo-aside"
 _TAKEN = ".airzoo-names"
 # Of a name, in that of the file or folder beside it: systems allow 255 bytes, with what is added.
 _KEPT_LETTERS = 40
+_TRIES, _PAUSE_S = 5, 0.02
 
 _own: set[Path] = set()
 
@@ -74,6 +78,31 @@ def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
             yield path
         finally:
             _own.discard(path)
+
+
+@contextmanager
+def only_writer(target: Path) -> Iterator[None]:
+    """Hold a file or folder that is to be written, so that nobody else begins to.
+
+    On disks and systems without locks nobody is kept from it.
+
+    Raises
+    ------
+    BlockingIOError
+        Another holds it, in this process or in another.
+    """
+    target = Path(os.path.realpath(target))
+    clear_abandoned(target.parent)
+    digest = hashlib.sha256(target.name.encode()).hexdigest()[:8]  # long names are cut
+    path = target.parent / f"{_prefix(target)}{digest}{PART}"
+    lock = _lock_at(path)
+    _own.add(path)
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        _own.discard(path)
+        os.close(lock)
 
 
 @contextmanager
@@ -175,6 +204,9 @@ if sys.platform == "win32":
         handle, path = make()
         return handle, Path(path)
 
+    def _lock_at(path: Path) -> int:
+        return os.open(path, os.O_CREAT | os.O_RDWR)
+
     def _is_abandoned(path: Path) -> bool:
         del path
         return False
@@ -191,6 +223,24 @@ else:
             if Path(path).exists():
                 return handle, Path(path)
             os.close(handle)
+
+    def _lock_at(path: Path) -> int:
+        """Make and lock a file of this name, and again where another run was quick to clear it."""
+        for _ in range(_TRIES):
+            handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(handle)
+                time.sleep(_PAUSE_S)  # who looks for what is abandoned holds it for a moment
+                continue
+            except OSError:  # a disk without locks
+                return handle
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), path.stat()):
+                    return handle
+            os.close(handle)
+        raise BlockingIOError(f"{path} is locked")
 
     def _is_abandoned(path: Path) -> bool:
         try:

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
@@ -215,6 +218,12 @@ TILES = [f"{NAME}/160_00000_0000{n}" for n in range(6)]
     ("protocol", "name", "fields", "message"),
     [
         (RETRIEVAL, f"{NAME}/aa", {"ranked_ids": TILES}, "is no query of the benchmark.*did you"),
+        (RETRIEVAL, f"{A}.PNG", {"ranked_ids": TILES}, "(?s)is no query.*fix: +'field/a'$"),
+        (RETRIEVAL, "a", {"ranked_ids": TILES}, "(?s)is no query.*fix: +'field/a'$"),
+        (RETRIEVAL, "c.png", {"ranked_ids": TILES}, "(?s)is no query.*fix: +'field/sub/c'$"),
+        (RETRIEVAL, A, {"ranked_ids": [f"{TILES[0]}.png"]}, "(?s)is no tile.*fix: +'field/160_0"),
+        (RETRIEVAL, A, {"ranks": TILES}, "(?s)ranks is no answer.*ranked_ids and perhaps scores"),
+        (RETRIEVAL, A, {"ranked_ids": TILES, "colour": None}, "ranked_ids and colour is no answer"),
         (RETRIEVAL, A, {"ranked_ids": [*TILES, "field/9"]}, "'field/9' is no tile of the gallery"),
         (RETRIEVAL, A, {"ranked_ids": [TILES[0], TILES[0]]}, "ranked more than once"),
         (RETRIEVAL, A, {"ranked_ids": TILES, "scores": [1, 2]}, r"int64 of shape \(2,\)"),
@@ -226,6 +235,20 @@ TILES = [f"{NAME}/160_00000_0000{n}" for n in range(6)]
         (RETRIEVAL, A, {}, "nothing is no answer"),
         (RETRIEVAL, TILES[0], {"descriptor": np.ones((2, 2))}, r"float64 of shape \(2, 2\)"),
         (RETRIEVAL, TILES[0], {"descriptor": [1, 2]}, "descriptor is int64"),
+        (RETRIEVAL, A, {"descriptor": np.ma.masked_equal([1.0, 2], 2)}, "has masked entries"),
+        (RETRIEVAL, A, {"descriptor": {1.0: 2}}, "descriptor: is a dict"),
+        (
+            RETRIEVAL,
+            A,
+            {"ranked_ids": pd.Series(TILES[:2]), "scores": pd.Series([2, 1], [1, 0])},
+            "ranked_ids, scores: have different indexes",
+        ),
+        (
+            MATCHING,
+            A,
+            {"query_xy": pd.DataFrame(XY), "map_xy": pd.DataFrame(XY, [1, 0])},
+            "query_xy, map_xy: have different indexes",
+        ),
         (RETRIEVAL, A, {"descriptor": [1.0, np.inf]}, "NaN or infinite descriptors"),
         (RETRIEVAL, "elsewhere/a", {"descriptor": [1.0]}, "no query or tile of the benchmark"),
         (MATCHING, f"{NAME}/x", {"query_xy": XY, "map_xy": XY}, "is no query"),
@@ -370,6 +393,35 @@ def test_a_tile_without_a_descriptor_is_refused_at_the_end(
     with pytest.raises(UserError, match=f"no descriptor of tiles: 1 of 274 .{tiles[9].id}"):
         writer.close()
     assert files_below(tmp_path) == set()
+
+
+def test_a_second_writer_of_a_file_is_refused_before_any_work(
+    root: Path, field: BlindBenchmark, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "mine.npz"
+    with PredictionWriter(out, RETRIEVAL, field) as writer:
+        writer.add(A, ranked_ids=TILES)
+        with pytest.raises(UserError, match="is being written by another PredictionWriter"):
+            PredictionWriter("mine.npz", RETRIEVAL, field)
+        run = subprocess.run([sys.executable, "-c", OPEN, str(field.folder)], check=False)
+        assert run.returncode == 5
+        with PredictionWriter("other.npz", RETRIEVAL, field) as other:
+            other.add(A, ranked_ids=TILES[:2])
+    assert files_below(tmp_path) >= {"mine.npz", "other.npz"}
+    assert not list(tmp_path.glob(".*"))
+    with PredictionWriter(out, RETRIEVAL, field) as again:
+        again.add(A, ranked_ids=TILES)
+
+
+OPEN = f"""
+import sys
+import airzoo_bench as ab
+try:
+    ab.PredictionWriter("mine.npz", "{RETRIEVAL}", ab.load_benchmark(sys.argv[1]))
+except ab.UserError as error:
+    sys.exit(5 if "is being written" in str(error) else 6)
+"""
 
 
 def test_places_and_protocols(
