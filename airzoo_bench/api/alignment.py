@@ -75,7 +75,18 @@ class CameraAlignment(Shown):
         return self.transform.matrix
 
     def apply(self, points: ArrayLike) -> Floats:
-        """Move points (N, 3) into the frame of the truth."""
+        """Move points (N, 3) into the frame of the truth.
+
+        Parameters
+        ----------
+        points : (N, 3) array-like
+            In the frame of the prediction.
+
+        Returns
+        -------
+        (N, 3) float64 array
+            In the frame of the truth.
+        """
         return self.transform.apply(floats("points", points, (None, 3)))
 
     def _shown(self) -> Mapping[str, object]:
@@ -123,6 +134,7 @@ def align_cameras(
     Returns
     -------
     CameraAlignment
+        The transform, inliers and residuals.
 
     Raises
     ------

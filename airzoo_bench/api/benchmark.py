@@ -40,6 +40,7 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     Returns
     -------
     BlindBenchmark
+        Scenes, photos, tiles, crops.
 
     Raises
     ------
@@ -74,7 +75,18 @@ class BlindBenchmark:
 
     @classmethod
     def of(cls, benchmark: Benchmark) -> BlindBenchmark:
-        """Leave the truth out of an opened benchmark folder."""
+        """Leave the truth out of an opened benchmark folder.
+
+        Parameters
+        ----------
+        benchmark : Benchmark
+            With its truth.
+
+        Returns
+        -------
+        BlindBenchmark
+            Which leads to nothing of it.
+        """
         return cls(_without_truth(benchmark))
 
     @property
@@ -100,6 +112,16 @@ class BlindBenchmark:
     def scene(self, scene_id: str) -> BlindScene:
         """Return a scene by its id.
 
+        Parameters
+        ----------
+        scene_id : str
+            Such as "city".
+
+        Returns
+        -------
+        BlindScene
+            Without its truth.
+
         Raises
         ------
         BenchmarkError
@@ -116,6 +138,16 @@ class BlindBenchmark:
 
     def scenes_of(self, protocol: TruthWanted) -> tuple[BlindScene, ...]:
         """Return the scenes of a protocol.
+
+        Parameters
+        ----------
+        protocol : Protocol
+            Of this benchmark.
+
+        Returns
+        -------
+        tuple of BlindScene
+            In the protocol's order.
 
         Raises
         ------

@@ -94,6 +94,7 @@ def cloud_scores(
         In the frame of the truth. Points that are NaN or infinite are left out and counted; an
         empty cloud scores 0.
     true : (T, 3) array-like
+        In units of the threshold.
     threshold : float
         A point counts as right nearer than this, strictly; in units of the clouds.
     voxel : float, "auto" or None

@@ -122,7 +122,7 @@ def check(
 
     Parameters
     ----------
-    predictions, protocol, data, max_memory
+    predictions, protocol, data, max_memory : optional
         See `evaluate`. Without the benchmark folder all is done that can be.
 
     Returns

@@ -96,6 +96,7 @@ def bootstrap_ci(
     resamples : int
         100 to 1,000,000.
     seed : int
+        Of the resamples.
 
     Returns
     -------

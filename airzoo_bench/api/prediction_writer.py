@@ -136,12 +136,16 @@ class PredictionWriter:
         points : (M, 3) float64 array
             The cloud of a scene, in any frame that its cameras are in.
         colours : (M, 3) uint8 array, optional
+            Red, green, blue of each point.
         depth : (H, W) float array
             Along the camera's z axis, in the units of `centre`; 0 and NaN are no surface. Of one
             size in all photos of a scene.
         intrinsics : (3, 3) array
             K at the size of the depth map, such as ``photo.camera.scaled(W, H).K``.
         confidence : (H, W) float array, optional
+            Larger is surer; of the size of the depth map.
+        **unknown
+            Fields of no track; refused.
 
         Raises
         ------
@@ -163,6 +167,11 @@ class PredictionWriter:
 
     def missing(self) -> tuple[str, ...]:
         """Return the ids that have no answer: of queries (and tiles) or scenes.
+
+        Returns
+        -------
+        tuple of str
+            In the order of the benchmark.
 
         Raises
         ------

@@ -44,6 +44,7 @@ def retrieval_scores(
         Ids that answer each query. Queries of a mapping that `ranked_ids` lacks have no answer,
         and score 0.
     ks : iterable of int
+        Ranks, each at least 1.
     scores : (Q, K) array-like, optional
         Similarities or distances of the ranked ids. Ties are broken against the method: of equal
         scores those that are no positives come first. Needs `gallery_ids`, since the last ids of
@@ -138,14 +139,16 @@ def similarity_scores(
     positives : sequence of Q sets or lists
         Columns that answer each query, or their ids.
     ks : iterable of int
+        Ranks, each at least 1.
     gallery_ids : (G,) array-like, optional
         Ids of the columns; their numbers from 0 where left out.
-    ap, without_positive
+    ap, without_positive : str
         See `retrieval_scores`.
 
     Returns
     -------
     QueryScores
+        See `retrieval_scores`.
 
     Raises
     ------
@@ -199,18 +202,20 @@ def descriptor_scores(
     positives : sequence of Q sets or lists
         Rows of the gallery that answer each query, or their ids.
     ks : iterable of int
+        Ranks, each at least 1.
     metric : {"l2", "cosine", "inner_product"}
     gallery_ids : (G,) array-like, optional
         Ids of the gallery's rows; their numbers from 0 where left out.
     ranks_kept : int
         How deep to rank, at least the largest k: what mAP and MRR look at, 100 in the shipped
         protocols.
-    ap, without_positive
+    ap, without_positive : str
         See `retrieval_scores`.
 
     Returns
     -------
     QueryScores
+        See `retrieval_scores`.
 
     Raises
     ------

@@ -63,6 +63,7 @@ def solve_pose(
     min_inlier_ratio : float
         Caps the number of trials, for COLMAP.
     min_trials, max_trials : int
+        Samples that are drawn at least, and at most.
     confidence : float
         Trials end when a sample without outliers was drawn with this probability.
     seed : int

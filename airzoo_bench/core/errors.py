@@ -57,7 +57,18 @@ class UserError(Exception):
         super().__init__(str(self))
 
     def inside(self, place: object) -> Self:
-        """Return the same fault with the place it is in before its own."""
+        """Return the same fault with the place it is in before its own.
+
+        Parameters
+        ----------
+        place : object
+            Such as the file that holds `where`.
+
+        Returns
+        -------
+        UserError
+            Of the same class.
+        """
         where = str(place) if self.where is None else f"{place}, {self.where}"
         return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
 

@@ -18,7 +18,18 @@ __all__ = ["DATASETS", "TRACKS", "Registry", "resolve"]
 
 
 def resolve(place: str) -> Any:
-    """Import ``module:name``."""
+    """Import ``module:name``.
+
+    Parameters
+    ----------
+    place : str
+        Such as "airzoo_bench.retrieval.track:TRACK".
+
+    Returns
+    -------
+    Any
+        What stands there.
+    """
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
@@ -42,6 +53,13 @@ class Registry:
     def add(self, name: str, thing: Any) -> None:
         """Add a thing for the rest of this process.
 
+        Parameters
+        ----------
+        name : str
+            Not taken.
+        thing : Any
+            What `get` returns.
+
         Raises
         ------
         ValueError
@@ -52,11 +70,22 @@ class Registry:
         self._added[name] = thing
 
     def remove(self, name: str) -> None:
-        """Take back what `add` added."""
+        """Take back what `add` added.
+
+        Parameters
+        ----------
+        name : str
+            Of what was added.
+        """
         del self._added[name]
 
     def names(self) -> list[str]:
         """Return all names: built-in first, in their own order, then others by name.
+
+        Returns
+        -------
+        list of str
+            Each once.
 
         Raises
         ------
@@ -67,6 +96,16 @@ class Registry:
 
     def get(self, name: str) -> Any:
         """Return a thing.
+
+        Parameters
+        ----------
+        name : str
+            One of `names`.
+
+        Returns
+        -------
+        Any
+            Imported when it is first asked for.
 
         Raises
         ------

@@ -44,12 +44,10 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
 
         Parameters
         ----------
-        predictions : QueryPredictions
-        truth : HasQueries
+        predictions, truth, protocol, resources
+            See `Track`.
         rows : (Q,) int
             The row that answers each query, -1 where there is none.
-        protocol : Protocol
-        resources : Resources
 
         Raises
         ------

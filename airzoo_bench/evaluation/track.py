@@ -69,6 +69,35 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         What templates can hold, the default first; empty where there is no choice.
     template_out : str
         What a template is called where nobody says.
+
+    Notes
+    -----
+    What its methods take:
+
+    path, out : Path
+        Of predictions; of a template.
+    memory_bytes : int
+        The most that reading may hold.
+    benchmark, data : Benchmark, Path
+        The benchmark folder, opened; the folder that holds it.
+    scene : str
+        Its id.
+    protocol : Protocol
+        Of the class `protocol`.
+    predictions, assigned : R, A
+        From `read` and `assign`.
+    truth, truths : T, sequence of T
+        From `read_truth`: of a scene, and of all scenes in the protocol's order.
+    claim, claims : C, sequence of C
+        From `claims`: of a scene, and of all scenes.
+    scored : sequence of S
+        From `score`, of all scenes.
+    resources : Resources
+        Memory and threads that may be used; no number depends on them.
+    thorough, force : bool
+        Whether to look for what takes time to find; whether a file is replaced.
+    kind, seed : str, int
+        Of a template: one of `template_kinds`, and what its random answers come from.
     """
 
     name: ClassVar[str]

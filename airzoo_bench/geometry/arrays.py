@@ -26,12 +26,14 @@ def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
     Parameters
     ----------
     matrix : (..., 3, 3) array
+        What the vectors are multiplied by.
     vectors : (..., 3) array
         Leading dimensions broadcast against those of `matrix`.
 
     Returns
     -------
     (..., 3) array
+        matrix @ vector, of the broadcast shape.
     """
     x, y, z = (vectors[..., axis, None] for axis in range(3))
     product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z
@@ -49,6 +51,7 @@ def multiply(a: Floats, b: Floats) -> Floats:
     Returns
     -------
     (..., 3, 3) array
+        a @ b, of the broadcast shape.
     """
     columns = apply_matrix(a[..., None, :, :], np.swapaxes(b, -1, -2))
     return np.swapaxes(columns, -1, -2)
@@ -69,12 +72,15 @@ def refuse_cameras(
     Parameters
     ----------
     bad : (N,) bool array
+        Which cameras are bad; a scalar for one.
     what : str
         What is wrong, to be followed by the count.
     names : sequence of N, optional
         Names of the cameras; their indices where left out.
     details : sequence of N str, optional
         Put in brackets behind each name.
+    where, expected, fix : optional
+        See `UserError`.
 
     Raises
     ------

@@ -98,6 +98,7 @@ def rotations_to_angles(R: ArrayLike, *, convergence_deg: ArrayLike) -> Floats:
     Parameters
     ----------
     R : (..., 3, 3) array
+        World-to-camera, OpenCV axes, the world in projected coordinates with z up.
     convergence_deg : (...) array or scalar
         See `grid_convergence_deg`.
 

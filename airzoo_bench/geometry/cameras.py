@@ -102,7 +102,18 @@ class Cameras:
 
     @classmethod
     def joined(cls, parts: Sequence[Cameras]) -> Cameras:
-        """Return the cameras of some batches, one after the other; at least one batch."""
+        """Return the cameras of some batches, one after the other; at least one batch.
+
+        Parameters
+        ----------
+        parts : sequence of Cameras
+            At least one.
+
+        Returns
+        -------
+        Cameras
+            In their order.
+        """
         names = ("width", "height", "focal", "principal_point", "distortion")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
@@ -118,7 +129,18 @@ class Cameras:
         return matrices
 
     def take(self, index: Any) -> Cameras:
-        """Return the cameras at an integer, index array, mask or slice, as Cameras."""
+        """Return the cameras at an integer, index array, mask or slice, as Cameras.
+
+        Parameters
+        ----------
+        index : int, slice or array
+            Of integers, or a mask (N,).
+
+        Returns
+        -------
+        Cameras
+            One for an integer.
+        """
         rows = np.atleast_1d(np.arange(len(self))[index])
         return Cameras(
             width=self.width[rows],
@@ -137,6 +159,12 @@ class Cameras:
         Parameters
         ----------
         width, height : (N,) array or scalar
+            In pixels.
+
+        Returns
+        -------
+        Cameras
+            Focal length and principal point in the new pixels.
 
         Raises
         ------
@@ -163,6 +191,7 @@ def project(cameras: Cameras, points_cam: Floats) -> Floats:
     cameras : Cameras
         N cameras; one broadcasts over all points.
     points_cam : (N, M, 3) array
+        x right, y down, z forward.
 
     Returns
     -------
@@ -187,6 +216,7 @@ def back_project(cameras: Cameras, pixels: Floats) -> Floats:
     cameras : Cameras
         N cameras; one broadcasts over all pixels.
     pixels : (N, M, 2) array
+        The image's corner is (0, 0).
 
     Returns
     -------
@@ -206,6 +236,7 @@ def anchor_pixels(cameras: Cameras, inset: float = 1 / 16) -> Floats:
     Parameters
     ----------
     cameras : Cameras
+        N cameras.
     inset : float
         Distance from the border as a share of width and height, 0 <= inset < 0.5; 0 gives the
         image's corners.

@@ -25,6 +25,7 @@ def first_in_cell(heights: Floats, start: Floats, way: Floats, z: Floats, drop: 
     heights : (P, 4) array
         Of the cell's corners; NaN where there is none.
     start, way : (P, 2) array
+        Start of the ray in the cell and its way through it, in cells.
     z, drop : (P,) array
         drop <= 0.
 

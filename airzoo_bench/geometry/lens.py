@@ -39,6 +39,7 @@ def distort(xy: Floats, distortion: Floats) -> Floats:
     Returns
     -------
     (N, M, 2) array
+        Points on the same plane, where the lens puts them.
     """
     return np.stack(_model(xy[..., 0], xy[..., 1], _columns(distortion)), axis=-1)
 
@@ -49,7 +50,9 @@ def in_range(xy: Floats, distortion: Floats) -> Bools:
     Parameters
     ----------
     xy : (N, M, 2) array
+        Points on the plane z = 1 of the camera frame.
     distortion : (N, 5) array
+        k1 k2 p1 p2 k3.
 
     Returns
     -------

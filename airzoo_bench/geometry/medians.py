@@ -30,6 +30,16 @@ def median_height(path: str | Path) -> float:
     for an even count it is the mean of the two middle heights. Memory holds some windows of 4
     million pixels (or one block of the file where that is larger) beside GDAL's block cache.
 
+    Parameters
+    ----------
+    path : str or Path
+        A GeoTIFF.
+
+    Returns
+    -------
+    float
+        Metres.
+
     Raises
     ------
     RasterError

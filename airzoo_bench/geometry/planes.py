@@ -16,6 +16,16 @@ def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
 
     Coordinates are left as they are where the two are one CRS (see `frames.same_plane`);
     otherwise they go through WGS84, and are NaN beyond the domain of either.
+
+    Parameters
+    ----------
+    source, target : Any
+        See `frames.horizontal_crs`.
+
+    Returns
+    -------
+    callable
+        Takes and returns (..., 2) arrays.
     """
     if same_plane(source, target):
         return lambda xy: xy

@@ -55,6 +55,11 @@ def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
         Finite.
     kind : type
         ``np.float16`` or ``np.float32``.
+
+    Returns
+    -------
+    bool
+        False for numbers of a lattice, such as whole pixels.
     """
     if not _fits(values, kind):
         return False
@@ -73,7 +78,18 @@ def _fits(values: Floats, kind: type[np.floating[Any]]) -> bool:
 
 
 def narrow_type(values: Floats) -> type[np.floating[Any]] | None:
-    """Return float16 or float32 where numbers went through it, see `was_rounded_to`."""
+    """Return float16 or float32 where numbers went through it, see `was_rounded_to`.
+
+    Parameters
+    ----------
+    values : array of float64
+        Finite.
+
+    Returns
+    -------
+    type or None
+        The narrower of the two that fits.
+    """
     return next((kind for kind in _NARROW if was_rounded_to(values, kind)), None)
 
 
@@ -132,7 +148,9 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
     rotations : (N, 3, 3) array
         As the file has them, or made of its quaternions.
     translations : (N, 3) array
+        t of x_cam = R X + t.
     quaternions : (N, 4) array or None
+        None where the file has matrices.
 
     Returns
     -------

@@ -28,6 +28,7 @@ def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None)
     Returns
     -------
     (N, 3, 3) array
+        Rotations, orthonormal to rounding.
 
     Raises
     ------
@@ -49,7 +50,18 @@ def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None)
 
 
 def unit_quaternion_to_matrix(wxyz: Floats) -> Floats:
-    """Turn quaternions (N, 4) w x y z of exactly unit norm into rotation matrices (N, 3, 3)."""
+    """Turn quaternions (N, 4) w x y z of exactly unit norm into rotation matrices (N, 3, 3).
+
+    Parameters
+    ----------
+    wxyz : (N, 4) array
+        Of exactly unit norm.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        Orthonormal to rounding.
+    """
     w, x, y, z = wxyz.T
     entries = (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -64,6 +76,16 @@ def matrix_to_quaternion(R: ArrayLike) -> Floats:
 
     Of the four rows of 4 q q^T (Shepperd 1978) the one with the largest diagonal is taken, which
     never divides by a small number.
+
+    Parameters
+    ----------
+    R : (N, 3, 3) array
+        Exact rotations.
+
+    Returns
+    -------
+    (N, 4) array
+        w x y z, of unit norm.
     """
     m = np.moveaxis(np.asarray(R, dtype=np.float64), 0, -1)
     wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]

@@ -53,7 +53,13 @@ class RayHits(NamedTuple):
     status: NDArray[np.uint8]
 
     def counts(self) -> dict[str, int]:
-        """Count the rays by the name of their status, all names included."""
+        """Count the rays by the name of their status, all names included.
+
+        Returns
+        -------
+        dict of str to int
+            In the order of `RayStatus`.
+        """
         return {kind.name: int((self.status == kind).sum()) for kind in RayStatus}
 
 

@@ -60,6 +60,15 @@ def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
 def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
     """Refuse a projected CRS whose coordinates are no metres at some places.
 
+    Parameters
+    ----------
+    crs : CRS
+        Projected.
+    lonlat : (..., 2) array
+        Degrees, WGS84.
+    where : object
+        The file that states the CRS, for the message.
+
     Raises
     ------
     CameraError
@@ -82,6 +91,16 @@ def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
 def vertical_m(crs: CRS) -> float | None:
     """Metres of the vertical unit that a CRS states; None where it has no heights.
 
+    Parameters
+    ----------
+    crs : CRS
+        Compound, projected or geographic.
+
+    Returns
+    -------
+    float or None
+        Such as 0.3048 for feet.
+
     Raises
     ------
     RasterError
@@ -103,6 +122,7 @@ def height_unit_m(dataset: Any) -> float:
     Parameters
     ----------
     dataset : rasterio.DatasetReader
+        Open.
 
     Returns
     -------

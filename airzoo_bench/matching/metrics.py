@@ -67,10 +67,12 @@ def pose_errors(
     true_rotation : (Q, 3, 3) array or None
         None where the truth has no trusted orientation (RTK positions only).
     true_centres : (Q, 3) array
+        Finite, in the same frame.
 
     Returns
     -------
     PoseErrors
+        Infinite for queries that failed.
 
     Raises
     ------
@@ -107,9 +109,11 @@ def within(
     Parameters
     ----------
     translation_m : (Q,) array
+        Metres, infinite for failures.
     rotation_deg : (Q,) array or None
         None where the truth has no orientation.
     limit_m : float
+        Metres.
     limit_deg : float, optional
         Left out, only the translation counts.
 

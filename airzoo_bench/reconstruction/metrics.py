@@ -130,6 +130,7 @@ def score_distances(
     Returns
     -------
     CloudScores
+        In the units of the distances.
 
     Raises
     ------
@@ -169,6 +170,7 @@ def summarise_distances(distances: Floats, percentiles: Sequence[float]) -> Dist
     Returns
     -------
     DistanceSummary
+        In the units of the distances.
 
     Raises
     ------
@@ -200,6 +202,7 @@ def exact_mean(distances: Floats, limit: float = math.inf) -> float:
     Parameters
     ----------
     distances : (N,) array
+        Not negative; may be infinite.
     limit : float
         A larger distance counts as this.
 

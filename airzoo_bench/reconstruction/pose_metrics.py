@@ -117,12 +117,19 @@ def pose_auc(errors: PairErrors, limit_deg: float) -> float:
     Parameters
     ----------
     errors : PairErrors
+        From `pair_errors`.
     limit_deg : float
         L, above 0.
 
     Returns
     -------
     float
+        0 to 1.
+
+    Raises
+    ------
+    ValueError
+        The limit is not above 0, or infinite.
 
     References
     ----------
@@ -147,6 +154,12 @@ def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int
     predicted, truth : Poses
         See `pair_errors`. The first camera is the first that has a pose.
     limits_deg : list of int
+        Whole degrees.
+
+    Returns
+    -------
+    list of float
+        The area up to each limit, 0 to 1.
 
     References
     ----------
@@ -180,6 +193,16 @@ def centre_errors(aligned: Poses, truth: Poses) -> Floats:
 
     Their root mean square is the absolute trajectory error (ATE).
 
+    Parameters
+    ----------
+    aligned, truth : Poses
+        N partners; the aligned ones NaN where there is no pose.
+
+    Returns
+    -------
+    (N,) array
+        In the units of the truth.
+
     References
     ----------
     Sturm, Engelhard, Endres, Burgard, Cremers, A benchmark for the evaluation of RGB-D SLAM
@@ -204,6 +227,7 @@ def step_errors(aligned: Poses, truth: Poses) -> StepErrors:
     Returns
     -------
     StepErrors
+        Of the N - 1 steps.
 
     References
     ----------
@@ -227,6 +251,16 @@ def rms_of_placed(errors: Floats) -> float:
 
     What ATE and RPE mean in the literature; say beside it how many cameras were placed, and use
     the median of all errors where methods that place different cameras are compared.
+
+    Parameters
+    ----------
+    errors : (N,) array
+        Infinite for failures.
+
+    Returns
+    -------
+    float
+        In their units.
     """
     placed = errors[np.isfinite(errors)]
     return float(np.sqrt((placed * placed).mean())) if len(placed) else np.inf

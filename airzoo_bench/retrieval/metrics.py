@@ -42,6 +42,7 @@ def recall_at(hits: _Bools, k: int) -> _Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     k : int
         At least 1.
 
@@ -78,7 +79,9 @@ def average_precision_at(hits: _Bools, n_positives: _Ints, k: int, variant: ApVa
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     n_positives : (Q,) int
+        R, the positives of each query in the gallery, ranked or not.
     k : int
         At least 1.
     variant : {"precision", "min", "trec", "hits"}
@@ -86,6 +89,7 @@ def average_precision_at(hits: _Bools, n_positives: _Ints, k: int, variant: ApVa
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------
@@ -123,11 +127,14 @@ def average_precision(hits: _Bools, n_positives: _Ints) -> _Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     n_positives : (Q,) int
+        Positives of each query in the gallery, ranked or not.
 
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------
@@ -147,6 +154,7 @@ def first_hit_rank(hits: _Bools) -> _Ints:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
 
     Returns
     -------
@@ -171,10 +179,12 @@ def reciprocal_rank(hits: _Bools) -> _Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
 
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------
@@ -198,13 +208,16 @@ def ndcg_at(hits: _Bools, n_positives: _Ints, k: int) -> _Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     n_positives : (Q,) int
+        R, the positives of each query in the gallery, ranked or not.
     k : int
         At least 1.
 
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------

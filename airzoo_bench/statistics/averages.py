@@ -93,6 +93,7 @@ def leave_one_out(values: Floats, medians: NDArray[np.bool_]) -> Floats:
     Returns
     -------
     (V, N) array
+        The average without each unit.
     """
     averages = np.empty_like(values)
     means = values[~medians]

@@ -54,7 +54,9 @@ def against_best(
     methods : sequence of Scored
         On the same queries; see `check_comparable`.
     scores : sequence of ScoreColumn
+        Of the results; see `choose_scores`.
     plan : ResamplingConfig
+        How intervals and tests are made.
     scene : str, optional
         Id of the scene to compare on, instead of the average over all.
 

@@ -119,7 +119,18 @@ class Comparison:
     of_one: bool = False
 
     def other(self, pair: Pair) -> str:
-        """Return who stands in a pair beside the one."""
+        """Return who stands in a pair beside the one.
+
+        Parameters
+        ----------
+        pair : Pair
+            One of `pairs`.
+
+        Returns
+        -------
+        str
+            The method's name.
+        """
         return pair.reference if self.of_one else pair.method
 
 
@@ -135,8 +146,14 @@ def make_sample(
     methods : sequence of Scored
         On the same queries.
     scores : sequence of ScoreColumn
+        The columns of their records.
     scene : str, optional
         This scene's queries only.
+
+    Returns
+    -------
+    Sample
+        Variables (V, N) by scene, V = scores times methods.
     """
     of_unit = methods[0].records["scene"].to_numpy(str)
     scenes = tuple(scene_ for scene_ in methods[0].result.scenes if scene in (None, scene_))
@@ -160,8 +177,11 @@ def score_intervals(
     Parameters
     ----------
     method : Scored
+        A result with its records.
     scores : sequence of ScoreColumn
+        Of which to take intervals.
     plan : ResamplingConfig
+        How intervals are made.
     scene : str, optional
         Of this scene's queries only.
 
@@ -199,6 +219,12 @@ def compare(
     scene : str, optional
         Id or title of the scene to compare on, instead of all.
     plan : ResamplingConfig
+        How intervals and tests are made.
+
+    Returns
+    -------
+    Comparison
+        A pair for each score and each method but the one.
 
     Raises
     ------

@@ -18,6 +18,7 @@ def holm(p_values: Floats, family: int | None = None) -> Floats:
     Parameters
     ----------
     p_values : (M,) array
+        Of the comparisons that are reported.
     family : int, optional
         How many were looked at, at least M; M where left out. Those that are not given count as 1,
         so that the given ones come out as large as they can.

@@ -95,6 +95,7 @@ def bootstrap(
     sample : Sample
         Values are finite or +inf.
     plan : ResamplingConfig
+        Number of resamples, seed, kind of interval, confidence.
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second.
     groups : bool
@@ -108,6 +109,11 @@ def bootstrap(
         does not exist: with infinite leave-one-out values, or all resamples on one side.
         Differences of medians always have percentile intervals: BCa's leave out the true
         difference too often where there are few units (docs/statistics.md).
+
+    Raises
+    ------
+    ValueError
+        The sample has no group.
     """
     pairs = np.array(differences, dtype=np.intp).reshape(-1, 2)
     found: dict[str, list[Interval]] = {}
@@ -234,7 +240,22 @@ def _intervals(
 
 
 def few_units(units: int, group: str, unit: str) -> Interval | None:
-    """Say that a group has too few units for an interval; None where it has enough."""
+    """Say that a group has too few units for an interval; None where it has enough.
+
+    Parameters
+    ----------
+    units : int
+        Of the group.
+    group : str
+        Its name, for the reason; empty for the only one.
+    unit : str
+        What a unit is called, such as "query".
+
+    Returns
+    -------
+    Interval or None
+        Without limits, and with the reason.
+    """
     if units >= FEWEST:
         return None
     where = f" in scene {group}" if group else ""
@@ -254,6 +275,7 @@ def acceleration(moments: Floats) -> Floats:
     Returns
     -------
     (R,) array
+        NaN where all influence values are 0.
     """
     third, second = moments.T
     defined = (second > 0) & np.isfinite(second)
@@ -280,15 +302,19 @@ def interval_limits(
     resamples : (R, B) array
         B resamples of R statistics.
     estimates : (R,) array
+        The statistics of the sample itself.
     scales : (R,) array
         Of what size the numbers are that a statistic was made of: those of a difference may be
         large where it is almost 0, and their rounding with them.
     accelerations : (R,) array
+        From `acceleration`; NaN where BCa does not exist.
     plan : ResamplingConfig
+        Kind of interval, confidence.
 
     Returns
     -------
     limits : (R, 2) array
+        Low and high.
     exists : (R,) bool
         Whether the method that was asked for exists; elsewhere the limits are percentile's.
     """

@@ -23,9 +23,16 @@ def paired_tests(
     Parameters
     ----------
     sample : Sample
+        Values are finite or +inf.
     plan : ResamplingConfig
+        How intervals and tests are made.
     places : sequence of (int, int)
         Of variables, both averaged in the same way.
+
+    Returns
+    -------
+    intervals, tests : list of Interval, list of PairedTest
+        One each for every pair of `places`.
     """
     found = sample_intervals(sample, plan, places, groups=False)
     by_median = [bool(sample.medians[one]) for one, _ in places]

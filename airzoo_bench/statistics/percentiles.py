@@ -23,6 +23,7 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
     Returns
     -------
     (R, L) array
+        The quantile of each level.
     """
     place = levels * (ranked.shape[1] - 1)
     below = np.floor(place).astype(np.intp)
@@ -45,6 +46,7 @@ def percentile_p_values(resamples: Floats) -> Floats:
     Parameters
     ----------
     resamples : (R, B) array
+        B resamples of R statistics; may hold infinity.
 
     Returns
     -------

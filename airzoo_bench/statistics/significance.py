@@ -65,13 +65,16 @@ def paired_permutation(
     Parameters
     ----------
     sample : Sample
+        Values are finite or +inf.
     plan : ResamplingConfig
+        Number of patterns that are tried, seed.
     pairs : sequence of (int, int)
         Of variables, both averaged in the same way.
 
     Returns
     -------
     list of PairedTest
+        One for each of `pairs`.
     """
     tests: list[PairedTest | None] = [None] * len(pairs)
     many = []
@@ -203,17 +206,52 @@ def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uin
 
 
 def is_hit(track: str, score: ScoreColumn) -> bool:
-    """Whether a score is 0 or 1 for each query by its definition, whatever its values are."""
+    """Whether a score is 0 or 1 for each query by its definition, whatever its values are.
+
+    Parameters
+    ----------
+    track : str
+        The track's name.
+    score : ScoreColumn
+        One of its scores.
+
+    Returns
+    -------
+    bool
+        True for Recall@K and recalls below a threshold.
+    """
     return score.unit == "share" and score.key.startswith(_HITS.get(track, ()))
 
 
 def is_share(score: ScoreColumn) -> bool:
-    """Whether a score of queries is a mean of shares from 0 to 1."""
+    """Whether a score of queries is a mean of shares from 0 to 1.
+
+    Parameters
+    ----------
+    score : ScoreColumn
+        A score of any track.
+
+    Returns
+    -------
+    bool
+        False for errors and other means.
+    """
     return score.unit == "share" and score.average == "mean"
 
 
 def p_floor(unlike: int) -> float:
-    """Return the least p that any values could have, on as many units as differ."""
+    """Return the least p that any values could have, on as many units as differ.
+
+    Parameters
+    ----------
+    unlike : int
+        Units whose values differ.
+
+    Returns
+    -------
+    float
+        2 / 2**unlike, at most 1.
+    """
     return min(1.0, 2.0 ** (1 - unlike))
 
 
