@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from airzoo_bench.api.arrays import in_order, same_index
 from airzoo_bench.api.results import Result
-from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import ArgumentError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.places import data_root
 from airzoo_bench.evaluation.check import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as run
 from airzoo_bench.evaluation.resources import Resources

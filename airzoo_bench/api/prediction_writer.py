@@ -20,7 +20,7 @@ from airzoo_bench.api.retrieval_claims import DescribedClaims, RankedClaims
 from airzoo_bench.benchmark.folder import data_root
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError
 from airzoo_bench.core.files import atomic_entries, check_output_file, check_output_folder
-from airzoo_bench.core.output_places import cannot_write
+from airzoo_bench.core.places import cannot_write
 from airzoo_bench.core.temporaries import only_writer, temporary_folder
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.protocol.lookup import find_protocol

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Annotated, TextIO, TypeVar
 
 import typer
 
-from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import told
 from airzoo_bench.tables.model import Table
 

@@ -120,7 +120,7 @@ def photos(
     """
     from airzoo_bench.benchmark.folder import data_root
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.core.settings import SAFE_NAME
+    from airzoo_bench.core.validation import SAFE_NAME
     from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
     from airzoo_bench.matching.settings import MatchingProtocol

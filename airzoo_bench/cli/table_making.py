@@ -165,7 +165,7 @@ class _TableMaker:
 
     def _published_alone(self, protocol: str) -> MethodTable:
         from airzoo_bench.cli.published_table import empty_board, published_benchmarks
-        from airzoo_bench.core.data_root import data_root
+        from airzoo_bench.core.places import data_root
 
         wanted = self.request.scores
         every_score = self.request.every_score or bool(wanted)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.curves import share_below

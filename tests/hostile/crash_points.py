@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.core import exchange
+from airzoo_bench.core import temporaries
 from airzoo_bench.core.files import atomic_entries, atomic_folder, atomic_write
 
 NAMES = ("records", "result", "figures")
@@ -115,7 +115,7 @@ def hidden(home: Path) -> list[str]:
 def main() -> None:
     root, kind, fault, swap = Path(sys.argv[1]), sys.argv[2], sys.argv[3], sys.argv[4] == "swap"
     if not swap:
-        exchange._swapped = lambda new, path: False
+        temporaries._swapped = lambda new, path: False
     cases = []
     for step in range(1, 200):
         home = root / str(step)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.poses import Poses

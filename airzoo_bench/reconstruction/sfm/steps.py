@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
-from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.evaluation.baseline import DOUBLED, Option
 from airzoo_bench.formats.photos import opened_photo
