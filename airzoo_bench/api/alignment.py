@@ -9,16 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api.arrays import (
-    are_centres,
     coordinates,
     finite,
     floats,
-    pose_rows,
     positive,
     refused,
     same_index,
     whole,
 )
+from airzoo_bench.api.pose_arrays import are_centres, pose_rows
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats

@@ -166,7 +166,7 @@ def _values(values: ArrayLike, statistic: Statistic) -> Floats:
     bad = np.flatnonzero(np.isnan(given) | np.isneginf(given))
     if bad.size:
         raise ArgumentError(
-            f"NaN or -inf in rows {first_of(bad.tolist(), len(given))}",
+            f"NaN or -inf in {first_of(bad.tolist(), len(given), noun='row')}",
             where="values",
             expected="numbers; a failure is the worst value, such as infinity for errors",
         )

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api.arrays import (
-    are_centres,
     coordinates,
     floats,
     listed,
-    pose_rows,
     positive,
     same_index,
 )
+from airzoo_bench.api.pose_arrays import are_centres, pose_rows
 from airzoo_bench.api.scores import QueryScores
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Floats
