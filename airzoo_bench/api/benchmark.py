@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.api.items import Items
-from airzoo_bench.api.map_parts import Crop, Tile
+from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, data_root, find_benchmark
 from airzoo_bench.benchmark.queries import read_queries
@@ -18,6 +17,7 @@ from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
 
 __all__ = ["BlindBenchmark", "BlindScene", "load_benchmark"]
+
 
 _WINDOW = ["x", "y", "width", "height"]
 

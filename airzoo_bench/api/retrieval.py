@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.api.arrays import choice, finite, floats, refused, same_index, whole
-from airzoo_bench.api.ids import Ids, id_row, id_rows, indexed_lists, paired_queries
-from airzoo_bench.api.ranked import Asked, WithoutPositive, gallery_row, rank_scores, score_rows
-from airzoo_bench.api.scores import QueryScores
+from airzoo_bench.api.ids import (
+    Ids,
+    gallery_row,
+    id_row,
+    id_rows,
+    indexed_lists,
+    paired_queries,
+    score_rows,
+)
+from airzoo_bench.api.scores import Asked, QueryScores, WithoutPositive, rank_scores
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
 from airzoo_bench.retrieval.settings import ApVariant

@@ -16,7 +16,7 @@ from airzoo_bench.api.collectors import Collector, Fields, RowFile, index_of
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import atomic_entries, write_npz
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution

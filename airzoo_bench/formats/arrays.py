@@ -54,17 +54,6 @@ class Arrays(Protocol):
         """Map a field from disk where that is possible, else read it."""
 
 
-class _Npz:
-    def __init__(self, path: Path, limit_bytes: int) -> None:
-        self.path = path
-        self._file = NpzFile(path, limit_bytes)
-        self.budget = self._file.budget
-        self.read, self.map = self._file.read, self._file.map
-
-    def names(self) -> set[str]:
-        return set(self._file.entries)
-
-
 class _Parquet:
     def __init__(self, path: Path, limit_bytes: int, columns: tuple[str, ...]) -> None:
         self.path = path
@@ -111,7 +100,7 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     if path.is_dir():
         raise UnreadableError("a folder, not a prediction file", where=path, expected=kinds)
     if path.suffix == ".npz":
-        return _Npz(path, limit_bytes)
+        return NpzFile(path, limit_bytes)
     if path.suffix == ".parquet" and columns:
         return _Parquet(path, limit_bytes, columns)
     raise UnreadableError(

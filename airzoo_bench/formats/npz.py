@@ -84,6 +84,10 @@ class NpzFile:
         self.budget = Budget(limit_bytes)
         self.entries = {entry.name: entry for entry in _entries(path)}
 
+    def names(self) -> set[str]:
+        """Return the names of the arrays."""
+        return set(self.entries)
+
     def read(self, name: str) -> NDArray[Any]:
         """Read one array into memory.
 

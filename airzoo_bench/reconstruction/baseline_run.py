@@ -14,7 +14,7 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.files import atomic_write, check_output_folder, write_npz
 from airzoo_bench.evaluation.baseline import Baseline
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.baseline import SfmResult, SfmSettings, sparse_reconstruction
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol

@@ -11,8 +11,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.formats.clouds.cloud import CloudSource
-from airzoo_bench.formats.clouds.source import FileCloud
+from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps

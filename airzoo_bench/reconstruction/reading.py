@@ -22,9 +22,9 @@ from pathlib import Path, PurePosixPath
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
+from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, ImagePoses, read_image_poses
 from airzoo_bench.reconstruction.views import Views, holds_views, read_views
 

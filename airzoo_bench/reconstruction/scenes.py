@@ -9,10 +9,9 @@ from dataclasses import replace
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.temporaries import PART
 from airzoo_bench.evaluation.resources import Resources
-from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.reconstruction.camera_names import kind_of, match_cameras, true_cameras
 from airzoo_bench.reconstruction.notes import (
     notes_of_digits,

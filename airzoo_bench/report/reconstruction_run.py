@@ -10,7 +10,7 @@ import numpy as np
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.reconstruction.scoring import ScoredScene
 from airzoo_bench.report.reconstruction import draw_curve, draw_error_map, error_colours
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment.consensus import PosedCameras

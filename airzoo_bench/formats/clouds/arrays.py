@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.source import (
+from airzoo_bench.formats.clouds.cloud import (
     MEND_COPY,
+    Cloud,
     FileCloud,
     as_colours,
     as_confidence,

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds import arrays, glb, las, obj, pcd, ply
-from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.cloud import MEND_COPY, Cloud, FileCloud, fault
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
-from airzoo_bench.formats.clouds.source import MEND_COPY, FileCloud, fault
 
 __all__ = ["SUFFIXES", "open_cloud"]
 

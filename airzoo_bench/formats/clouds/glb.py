@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import MEND_COPY, as_colours, fault
 from airzoo_bench.formats.clouds.glb_accessors import Accessors, item, numbers_of
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
-from airzoo_bench.formats.clouds.source import MEND_COPY, as_colours, fault
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["open_glb"]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.formats.clouds.source import fault
+from airzoo_bench.formats.clouds.cloud import fault
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["Accessors", "item", "numbers_of"]

@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.laz import beyond_count, open_decompressor
-from airzoo_bench.formats.clouds.source import (
+from airzoo_bench.formats.clouds.cloud import (
     MEND_COPY,
+    Cloud,
     FileCloud,
     columns_to_points,
     fault,
     read_block,
     uncounted,
 )
+from airzoo_bench.formats.clouds.laz import beyond_count, open_decompressor
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["LasHeader", "open_las"]

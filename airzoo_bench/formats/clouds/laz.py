@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.source import MEND_COPY, fault
+from airzoo_bench.formats.clouds.cloud import MEND_COPY, fault
 
 __all__ = ["LazBody", "beyond_count", "open_decompressor"]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.source import FileCloud, fault
+from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, fault
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = [

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import as_colours, fault
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory, triangles_of
-from airzoo_bench.formats.clouds.source import as_colours, fault
 from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text, shown
 from airzoo_bench.geometry.arrays import Floats, Ints
 

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.lzf import decompress
-from airzoo_bench.formats.clouds.source import (
+from airzoo_bench.formats.clouds.cloud import (
     MEND_COPY,
+    Cloud,
     FileCloud,
     as_confidence,
     columns_to_points,
@@ -24,6 +23,7 @@ from airzoo_bench.formats.clouds.source import (
     read_block,
     uncounted,
 )
+from airzoo_bench.formats.clouds.lzf import decompress
 from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows, shown
 
 __all__ = ["open_pcd"]

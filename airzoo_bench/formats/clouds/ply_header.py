@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.formats.clouds.source import MEND_COPY, fault
+from airzoo_bench.formats.clouds.cloud import MEND_COPY, fault
 from airzoo_bench.formats.clouds.text_rows import shown
 
 __all__ = ["Element", "PlyHeader", "Property", "read_header"]

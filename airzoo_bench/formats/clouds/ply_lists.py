@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import MEND_COPY, fault
 from airzoo_bench.formats.clouds.meshes import check_memory, fans, triangles_of
 from airzoo_bench.formats.clouds.ply_header import Element
-from airzoo_bench.formats.clouds.source import MEND_COPY, fault
 from airzoo_bench.formats.clouds.text_rows import TextLines, shown
 from airzoo_bench.geometry.arrays import Ints
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.source import MEND_COPY, fault
+from airzoo_bench.formats.clouds.cloud import MEND_COPY, fault
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["TextLines", "lines_beyond", "opened_text", "parse_rows", "shown"]
