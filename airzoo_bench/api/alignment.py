@@ -70,7 +70,7 @@ class CameraAlignment(Shown):
 
     @property
     def matrix(self) -> Floats:
-        """The transform as a (4, 4) matrix, scale times rotation beside the translation."""
+        """The transform as a (4, 4) matrix, scale times rotation next to the translation."""
         return self.transform.matrix
 
     def apply(self, points: ArrayLike) -> Floats:

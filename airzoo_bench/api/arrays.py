@@ -37,7 +37,7 @@ _DOUBLE = np.dtype(np.float64).itemsize
 
 @contextmanager
 def refused(what: str) -> Iterator[None]:
-    """Turn what the tracks say of a file, a camera or a cloud into the fault of an argument."""
+    """Turn a track's error about a file, a camera or a cloud into that of an argument."""
     try:
         yield
     except UserError as error:

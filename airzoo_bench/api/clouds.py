@@ -80,7 +80,7 @@ def cloud_scores(
     voxel: float | Literal["auto"] | None = "auto",
     crop: Literal["covered", "box"] | None = "covered",
     max_distance: float | Literal["auto"] | None = "auto",
-    threads: int = 1,
+    jobs: int = 1,
 ) -> CloudComparison:
     """Score a predicted cloud: Chamfer distance, precision, recall, F1.
 
@@ -106,8 +106,8 @@ def cloud_scores(
     max_distance : float, "auto" or None
         What a larger distance counts as in Chamfer distance, accuracy and completeness; ten times
         the threshold where left out.
-    threads : int
-        The scores do not depend on it.
+    jobs : int
+        Threads; the scores do not depend on it.
 
     Returns
     -------
@@ -149,25 +149,25 @@ def cloud_scores(
     limit = positive("threshold", threshold)
     clip = _length("max_distance", max_distance, limit * _CLIP)
     settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)
-    claim, truth = (
+    given, truth = (
         InMemoryCloud(Cloud(floats(name, values, (None, 3))))
         for name, values in (("predicted", predicted), ("true", true))
     )
-    if claim.count and not finite_rows(claim.cloud.points).any():
+    if given.count and not finite_rows(given.cloud.points).any():
         raise ArgumentError(
-            f"none of {counted(claim.count, 'point')} is finite",
+            f"none of {counted(given.count, 'point')} is finite",
             where="predicted",
             expected="finite numbers",
         )
-    block = max(claim.count, truth.count, 1)
+    block = max(given.count, truth.count, 1)
     with refused("true"):
         region = cropped_region(truth, box_of(truth), settings, block)
-        kept, known = (prepared(cloud, settings, region, block) for cloud in (claim, truth))
+        kept, known = (prepared(cloud, settings, region, block) for cloud in (given, truth))
         distances = cloud_distances(
             kept.source,
             known.source,
             block_points=block,
-            threads=min(whole("threads", threads), _MOST_THREADS),
+            threads=min(whole("jobs", jobs), _MOST_THREADS),
             folder=None,
         )
     scores = score_distances(

@@ -120,7 +120,7 @@ class QueryCollector(Collector, Generic[A]):
 
     @abstractmethod
     def fields(self, answers: list[A]) -> dict[str, NDArray[Any]]:
-        """Return the fields of the prediction file beside the ids."""
+        """Return the fields of the prediction file other than the ids."""
 
 
 class RowFile:

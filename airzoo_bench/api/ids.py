@@ -74,7 +74,7 @@ def _length(name: str, rows: Any) -> int:
 
 
 def id_rows(name: str, rows: Any, count: int, *, unordered: bool = False) -> list[Ids]:
-    """Return so many rows of ids; a row may have any length."""
+    """Return a number of rows of ids; a row may have any length."""
     rows = in_order(name, rows)
     given = np.asarray(rows) if hasattr(rows, "__array__") else rows
     if isinstance(given, str | bytes) or _length(name, given) != count:
@@ -101,7 +101,7 @@ def id_row(name: str, values: Any, *, unordered: bool = False) -> Ids:
 
 
 def _of_objects(name: str, values: list[Any]) -> Ids:
-    """Make an array of ids of one kind; NumPy would turn numbers beside texts into texts."""
+    """Make an array of ids of one kind; NumPy would turn numbers among texts into texts."""
     kinds = {str if isinstance(value, str) else type(value) for value in values}
     is_text, is_mixed = str in kinds, len(kinds) > 1
     if bool in kinds or (is_text and is_mixed):
@@ -119,7 +119,7 @@ def _unlike(name: str, found: str) -> ArgumentError:
 
 
 def _one_kind(parts: Mapping[str, Sequence[Ids]]) -> None:
-    """Refuse texts beside whole numbers, which never match."""
+    """Refuse texts among whole numbers, which never match."""
     kinds = {
         _KINDS[row.dtype.kind]: name for name, rows in parts.items() for row in rows if len(row)
     }
@@ -141,7 +141,7 @@ def _positive_rows(places: Sequence[Ints]) -> Positives:
 
 
 def gallery_row(ids: Any, count: int) -> Ids:
-    """Return the ids of so many tiles, which are their numbers where they have none."""
+    """Return the ids of a number of tiles: their indices where no ids are given."""
     if ids is None:
         return np.arange(count)
     found = id_row("gallery_ids", ids)

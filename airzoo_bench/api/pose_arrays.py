@@ -59,7 +59,7 @@ def pose_rows(name: str, values: Any, *, missing: bool) -> tuple[Bools, Poses]:
 
 def _found(name: str, matrices: Floats, *, missing: bool) -> Bools:
     found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
-    # A last row of 0 0 0 1 may be left beside NaN.
+    # The rest may be NaN above a last row of 0 0 0 1.
     empty = np.isnan(matrices[:, :3]).all(axis=(1, 2)) & missing
     bad = np.flatnonzero(~found & ~empty)
     if bad.size:

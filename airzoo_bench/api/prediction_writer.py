@@ -124,7 +124,7 @@ class PredictionWriter:
         matching        `query_xy` and `map_xy`, or `query_xy` and `points3d`  a query
         matching        `rotation` and `centre`                                a query
         reconstruction  `points`, perhaps `colours`                            a scene
-        reconstruction  `rotation` and `centre`, beside a cloud                a photo
+        reconstruction  `rotation` and `centre`, next to a cloud               a photo
         reconstruction  `depth`, `intrinsics`, `rotation` and `centre`,        a photo
                         perhaps `confidence`
         ==============  =====================================================  ==================
@@ -286,7 +286,7 @@ class PredictionWriter:
             raise cannot_write(self._path, error) from error
 
     def _staging(self) -> Path:
-        """Return a folder beside the file, which is gone when the writer is closed."""
+        """Return a folder next to the file, which is gone when the writer is closed."""
         parent = self._path.absolute().parent
         return self._stack.enter_context(temporary_folder(parent, self._path.name))
 

@@ -237,8 +237,8 @@ def _refuse_bad_list(name: str, ids: list[str], scores: Floats | None) -> None:
     ranked = RankedIds(np.array([ids], dtype=str), None if scores is None else scores[None])
     one = RetrievalPredictions(Path(name), None, np.array([name]), ranked)
     scene = name.partition("/")[0]
-    for fault in chain(validation_errors(one, 0), deep_validation_errors(one, "l2", [scene])):
-        raise PredictionError(fault.what, expected=fault.expected, fix=fault.fix)
+    for error in chain(validation_errors(one, 0), deep_validation_errors(one, "l2", [scene])):
+        raise PredictionError(error.what, expected=error.expected, fix=error.fix)
 
 
 def _way(scores: Floats | None) -> float:

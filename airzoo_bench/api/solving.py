@@ -69,7 +69,7 @@ def solve_pose(
     seed : int
         The answer depends on the arguments alone, and not on the order of the matches.
     max_matches, max_trials_times_matches : int
-        Bounds of the work: of more matches so many are chosen by the seed, and trials end.
+        Bounds of the work: of more matches, this many are chosen by the seed; trials end early.
 
     Returns
     -------

@@ -64,7 +64,7 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     Yields
     ------
     file object
-        Open for writing, beside the final place.
+        Open for writing, next to the final place.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
     Yields
     ------
     Path
-        An empty folder beside the final place.
+        An empty folder next to the final place.
 
     Raises
     ------

@@ -94,7 +94,7 @@ def _check_place(path: Path, fix: str) -> None:
         raise UsageError("a folder, not a file", where=path, fix=fix)
     if not path.is_file():
         raise UsageError("a pipe or a device, not a file", where=path, fix=fix)
-    # Whoever may do everything would not want to replace what is marked as read-only either.
+    # Even root would not want to replace what is marked as read-only.
     if not path.stat().st_mode & 0o222 or not os.access(path, os.W_OK):
         raise UsageError("a read-only file, which is not replaced", where=path, fix=fix)
 

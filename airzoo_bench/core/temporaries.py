@@ -1,4 +1,4 @@
-"""Temporary files and folders beside their final place, cleared by the next run if this one dies.
+"""Temporary files and folders next to their final place, cleared by the next run if this one dies.
 
 Each is locked by the process that fills it. A lock ends with its process, however that ends, so
 what nobody holds any more is abandoned. On disks and systems without locks nothing is cleared.
@@ -35,7 +35,7 @@ PART = ".airzoo-part"
 """How names of temporary files and folders end."""
 _ASIDE = ".airzoo-aside"
 _TAKEN = ".airzoo-names"
-# Of a name, in that of the file or folder beside it: systems allow 255 bytes, with what is added.
+# Of a name, in that of the file or folder next to it: systems allow 255 bytes, with what is added.
 _KEPT_LETTERS = 40
 _TRIES, _PAUSE_S = 5, 0.02
 
@@ -44,7 +44,7 @@ _own: set[Path] = set()
 
 @contextmanager
 def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
-    """Make an empty file beside `target`; it is removed at the end if it is still there.
+    """Make an empty file next to `target`; it is removed at the end if it is still there.
 
     Yields
     ------
@@ -53,7 +53,7 @@ def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
     path : Path
     """
     _clear_once(target.parent)
-    # The lock is held by a copy of the handle, which outlives the caller's.
+    # A copy of the handle keeps the lock, and outlives the caller's.
     handle, path = _locked(lambda: tempfile.mkstemp(PART, _prefix(target), target.parent))
     lock = os.dup(handle)
     _own.add(path)

@@ -169,7 +169,7 @@ def protocol_name(arrays: Arrays) -> str | None:
 
 
 def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
-    """Read a field of text with so many dimensions."""
+    """Read a field of text of a number of dimensions."""
     values = arrays.read(name)
     if values.dtype.kind != "U" or values.ndim != ndim:
         raise wrong_type(
@@ -245,7 +245,7 @@ def numbers(
 def wrong_type(
     path: Path, name: str, values: NDArray[Any], *, expected: str, fix: str
 ) -> PredictionError:
-    """Make the fault of a field of another type or shape."""
+    """Make the error of a field of another type or shape."""
     return PredictionError(
         f"field '{name}' is {values.dtype} of shape {values.shape}",
         where=path,

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError, first_of
+from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.evaluation.baseline import DOUBLED, Option
 from airzoo_bench.geometry.sift import extract
 

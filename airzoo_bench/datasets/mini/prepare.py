@@ -14,8 +14,8 @@ import pandas as pd
 from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
 from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of
+from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.datasets.folder import (
     SceneTruths,
     copied,

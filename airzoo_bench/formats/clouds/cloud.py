@@ -14,14 +14,14 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
-    "MEND_COPY",
+    "FIX_COPY",
     "Cloud",
     "CloudSource",
     "FileCloud",
     "as_colours",
     "as_confidence",
+    "cloud_error",
     "columns_to_points",
-    "fault",
     "read_block",
     "uncounted",
 ]
@@ -55,10 +55,10 @@ class CloudSource(Protocol):
         """How many points it holds, those with NaN included."""
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time."""
+        """Yield all points, at most that many at a time."""
 
 
-MEND_COPY = "write or copy the file again"
+FIX_COPY = "write or copy the file again"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class FileCloud:
     count : int
         Points, those with NaN included.
     read : callable
-        Yields all points, at most so many at a time.
+        Yields all points, at most that many at a time.
     precision : dtype
         Type that the coordinates are stored in.
     notes : tuple of str
@@ -88,7 +88,7 @@ class FileCloud:
     notes: tuple[str, ...] = ()
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time.
+        """Yield all points, at most that many at a time.
 
         Raises
         ------
@@ -98,10 +98,10 @@ class FileCloud:
         return self.read(points)
 
 
-def fault(
+def cloud_error(
     path: Path, what: str, *, expected: str | None = None, fix: str | None = None
 ) -> PredictionError:
-    """Make the fault of a file."""
+    """Make the error of a file."""
     return PredictionError(what, where=path, expected=expected, fix=fix)
 
 
@@ -150,13 +150,13 @@ def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
 
 
 def read_block(stream: IO[bytes], dtype: np.dtype[Any], count: int, path: Path) -> NDArray[Any]:
-    """Read so many records from where the stream stands, or refuse a file that ends early."""
+    """Read a number of records from where the stream stands, or refuse a file that ends early."""
     block: NDArray[Any] = np.empty(count, dtype)
     view = memoryview(block.view(np.uint8).data) if block.nbytes else memoryview(b"")
     done = 0
     while done < len(view):
         got = stream.readinto(view[done:])  # type: ignore[attr-defined]
         if not got:
-            raise fault(path, "the file ends before its data does", fix=MEND_COPY)
+            raise cloud_error(path, "the file ends before its data does", fix=FIX_COPY)
         done += got
     return block

@@ -2,8 +2,8 @@
 
 The header is a table of fixed places, and laspy reads it trustingly: a number of records of
 4 billion keeps it busy for hours. lazrs in turn takes the memory that the chunk table asks for, and
-ends the whole process where there is none. So every number that memory follows from is held to the
-size of the file first.
+ends the whole process where there is none. So every number that memory follows from is first
+checked against the size of the file.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import (
-    MEND_COPY,
+    FIX_COPY,
     Cloud,
     FileCloud,
+    cloud_error,
     columns_to_points,
-    fault,
     read_block,
     uncounted,
 )
@@ -109,7 +109,7 @@ def read_header(path: Path) -> LasHeader:
     with path.open("rb") as stream:
         raw = stream.read(375)
         if len(raw) < _SHORTEST or raw[:4] != b"LASF":
-            raise fault(path, "the LAS header is cut off", fix=MEND_COPY)
+            raise cloud_error(path, "the LAS header is cut off", fix=FIX_COPY)
         header_bytes, start, n_vlrs, form, record_bytes, count = struct.unpack_from(
             "<HIIBHI", raw, 94
         )
@@ -122,7 +122,9 @@ def read_header(path: Path) -> LasHeader:
         laszip = _laszip_record(path, stream, n_vlrs, start - header_bytes)
     numbers = np.frombuffer(raw, "<f8", 6, 131).astype(np.float64)
     if not (np.isfinite(numbers).all() and (numbers[:3] != 0).all()):
-        raise fault(path, f"its scale and offset are {numbers.tolist()}", expected="finite numbers")
+        raise cloud_error(
+            path, f"its scale and offset are {numbers.tolist()}", expected="finite numbers"
+        )
     compressed = bool(form & 0xC0)
     header = LasHeader(
         version,
@@ -172,32 +174,32 @@ def _check_header(
     size: int,
 ) -> None:
     if version[0] != 1 or point_format not in _BASE_SIZE:
-        raise fault(
+        raise cloud_error(
             path,
             f"LAS version {version[0]}.{version[1]} with point format {point_format}",
             expected="version 1.0 to 1.5, point format 0 to 10",
         )
     sound = _SHORTEST <= header_bytes <= start <= size
     if not sound or record_bytes < _BASE_SIZE[point_format]:
-        raise fault(
+        raise cloud_error(
             path,
             f"the LAS header contradicts itself: points of {record_bytes} bytes from byte {start:,}"
             f" of {size:,}",
-            fix=MEND_COPY,
+            fix=FIX_COPY,
         )
 
 
 def _check_body(path: Path, header: LasHeader, size: int) -> None:
     held = (size - header.start) // header.record_bytes
     if not header.compressed and held < header.count:
-        raise fault(
+        raise cloud_error(
             path,
             f"its header promises {counted(header.count, 'point')}, the file has room for {held:,}",
             expected="all points that the header promises",
-            fix=MEND_COPY,
+            fix=FIX_COPY,
         )
     if header.compressed and header.laszip is None:
-        raise fault(path, "its points are compressed, but how is not said", fix=MEND_COPY)
+        raise cloud_error(path, "its points are compressed, but how is not said", fix=FIX_COPY)
 
 
 def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> bytes | None:
@@ -207,7 +209,7 @@ def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> byte
         room -= len(head)
         length = int.from_bytes(head[20:22], "little")
         if len(head) < _VLR_HEADER or room < length:
-            raise fault(path, "its variable length records are cut off", fix=MEND_COPY)
+            raise cloud_error(path, "its variable length records are cut off", fix=FIX_COPY)
         data = stream.read(length)
         room -= length
         user, number = head[2:18].split(b"\0")[0], int.from_bytes(head[18:20], "little")

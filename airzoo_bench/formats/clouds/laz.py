@@ -1,4 +1,4 @@
-"""The compressed body of LAZ files, by lazrs, after its tables have been held to the file."""
+"""The compressed body of LAZ files, by lazrs, once its tables are checked against the file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import MEND_COPY, fault
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, cloud_error
 
 __all__ = ["LazBody", "beyond_count", "open_decompressor"]
 
@@ -176,7 +176,7 @@ def _layered_points(
 def _checked_chunks(
     path: Path, stream: IO[bytes], laszip: bytes, start: int, record_bytes: int, count: int
 ) -> list[tuple[int, int]]:
-    """Points and bytes of each chunk, once they have been held to the file."""
+    """Points and bytes of each chunk, once they have been checked against the file."""
     _check_items(path, laszip, record_bytes)
     vlr = lazrs.LazVlr(laszip)
     stream.seek(start)
@@ -203,7 +203,7 @@ def _check_items(path: Path, laszip: bytes, record_bytes: int) -> None:
         raise _damaged(path, "its LASzip record is cut off")
     compressor = struct.unpack_from("<H", laszip)[0]
     if compressor not in _CHUNKED:
-        raise fault(
+        raise cloud_error(
             path,
             f"LAZ compressed in the way number {compressor}",
             expected="chunks (2 or 3), as LASzip writes since version 2",
@@ -247,7 +247,7 @@ def _check_chunks(
         raise _damaged(path, "the chunks of its table do not fit the file")
     largest = max((points for points, _ in chunks), default=0) * record_bytes
     if largest > _MOST_CHUNK_BYTES:
-        raise fault(
+        raise cloud_error(
             path,
             f"chunks of {largest:,} bytes cannot be read in pieces",
             expected=f"at most {_MOST_CHUNK_BYTES:,} bytes, usually 50,000 points",
@@ -277,4 +277,4 @@ def _check_layers(
 
 
 def _damaged(path: Path, reason: str) -> PredictionError:
-    return fault(path, f"the LAZ file is damaged or cut off: {reason[:200]}", fix=MEND_COPY)
+    return cloud_error(path, f"the LAZ file is damaged or cut off: {reason[:200]}", fix=FIX_COPY)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.formats.clouds.cloud import (
-    MEND_COPY,
+    FIX_COPY,
     Cloud,
     FileCloud,
     as_colours,
     as_confidence,
+    cloud_error,
     columns_to_points,
-    fault,
     read_block,
     uncounted,
 )
@@ -58,13 +58,15 @@ def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
     header = read_header(path)
     vertex = header.element("vertex")
     if vertex is None or not {"x", "y", "z"} <= set(vertex.names):
-        raise fault(
+        raise cloud_error(
             path,
             "has no vertices" if vertex is None else "its vertices lack x, y or z",
             expected="element vertex with properties x, y, z",
         )
     if vertex.has_lists:
-        raise fault(path, "its vertices hold lists", expected="numbers only in element vertex")
+        raise cloud_error(
+            path, "its vertices hold lists", expected="numbers only in element vertex"
+        )
     cloud = _open_vertices(path, header, vertex)
     faces = header.element("face")
     return _open_mesh(path, header, cloud, faces, limit_bytes) if faces and faces.count else cloud
@@ -119,11 +121,11 @@ def _refuse_short_text(path: Path, header: PlyHeader) -> None:
 
 def _too_few(path: Path, promised: int | str, held: str) -> PredictionError:
     count = f"{promised:,} points" if isinstance(promised, int) else promised
-    return fault(
+    return cloud_error(
         path,
         f"its header promises {count}, the file has {held}",
         expected="all that the header promises",
-        fix=MEND_COPY,
+        fix=FIX_COPY,
     )
 
 
@@ -184,7 +186,7 @@ def _open_mesh(
 ) -> Mesh:
     lists = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
     if not lists:
-        raise fault(
+        raise cloud_error(
             path,
             "its faces have no list of vertices",
             expected="property list uchar int vertex_indices",

@@ -19,11 +19,11 @@ _working = False
 _ending = False
 
 
-def parallel_map(work: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
+def parallel_map(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[R]:
     """Yield the work done on each item, in order.
 
     Processes are spawned, since a fork would copy the thread pools of faiss and BLAS in whatever
-    state they are. Work and items must be picklable; with one worker it is done right here. Where
+    state they are. Work and items must be picklable; with one job it is done right here. Where
     the iteration ends early, by Ctrl-C or an error, so does the work, at once, and what it was
     writing is taken away.
 
@@ -31,13 +31,13 @@ def parallel_map(work: Callable[[T], R], items: Sequence[T], workers: int) -> It
     ----------
     work : callable
     items : sequence
-    workers : int
+    jobs : int
         Processes, at least 1.
     """
-    if workers == 1:
+    if jobs == 1:
         yield from map(work, items)
         return
-    with ProcessPoolExecutor(workers, get_context("spawn"), _obey_the_parent) as pool:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _obey_the_parent) as pool:
         # Not `pool.map`, which cancels what is left, and so trips the pool over workers that ended.
         left = deque(pool.submit(_unless_ending, work, item) for item in items)
         try:
