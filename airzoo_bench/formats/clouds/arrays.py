@@ -19,8 +19,8 @@ from airzoo_bench.formats.clouds.cloud import (
     FileCloud,
     as_colours,
     as_confidence,
-    cloud_error,
     read_block,
+    refusal,
     uncounted,
 )
 from airzoo_bench.formats.npy import read_header
@@ -53,12 +53,12 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
     check_fields(arrays, ("points",), _ALLOWED, _EXPECTED)
     for names in (_COLOURS, _CONFIDENCE):
         if len(arrays.names() & set(names)) > 1:
-            raise cloud_error(path, f"holds both {' and '.join(names)}", fix="keep one of the two")
+            raise refusal(path, f"holds both {' and '.join(names)}", fix="keep one of the two")
     points = _column(arrays, "points", 3)
     colours, confidence = _optional(arrays, _COLOURS, 3), _optional(arrays, _CONFIDENCE, 1)
     for name, values in (("colours", colours), ("confidence", confidence)):
         if values is not None and len(values) != len(points):
-            raise cloud_error(
+            raise refusal(
                 path,
                 f"has {len(points):,} points and {len(values):,} rows of {name}",
                 expected="a row a point",
@@ -80,10 +80,10 @@ def open_npy(path: Path) -> FileCloud:
             shape, fortran, dtype = read_header(stream)
             start = stream.tell()
     except ValueError as error:
-        raise cloud_error(path, "the npy header is damaged", fix=FIX_COPY) from error
+        raise refusal(path, "the npy header is damaged", fix=FIX_COPY) from error
     plain = dtype.kind in _NUMBERS and not dtype.hasobject and dtype.itemsize <= 8
     if not plain or len(shape) != 2 or shape[1] != 3 or shape[0] < 0 or fortran:
-        raise cloud_error(
+        raise refusal(
             path,
             f"an array of {str(dtype)[:40]} and shape {str(shape)[:40]}"
             + (" in Fortran's order" if fortran else ""),
@@ -92,7 +92,7 @@ def open_npy(path: Path) -> FileCloud:
         )
     left = path.stat().st_size - start - math.prod(shape) * dtype.itemsize
     if left < 0:
-        raise cloud_error(path, f"ends before {counted(shape[0], 'point')}", fix=FIX_COPY)
+        raise refusal(path, f"ends before {counted(shape[0], 'point')}", fix=FIX_COPY)
     read = partial(_stream, path, dtype, start, shape[0])
     notes = uncounted(left, "bytes", shape[0])
     return FileCloud(path, "npy", shape[0], read, dtype, notes)

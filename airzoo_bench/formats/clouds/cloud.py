@@ -20,9 +20,9 @@ __all__ = [
     "FileCloud",
     "as_colours",
     "as_confidence",
-    "cloud_error",
     "columns_to_points",
     "read_block",
+    "refusal",
     "uncounted",
 ]
 
@@ -98,7 +98,7 @@ class FileCloud:
         return self.read(points)
 
 
-def cloud_error(
+def refusal(
     path: Path, what: str, *, expected: str | None = None, fix: str | None = None
 ) -> PredictionError:
     """Make the error of a file."""
@@ -157,6 +157,6 @@ def read_block(stream: IO[bytes], dtype: np.dtype[Any], count: int, path: Path) 
     while done < len(view):
         got = stream.readinto(view[done:])  # type: ignore[attr-defined]
         if not got:
-            raise cloud_error(path, "the file ends before its data does", fix=FIX_COPY)
+            raise refusal(path, "the file ends before its data does", fix=FIX_COPY)
         done += got
     return block

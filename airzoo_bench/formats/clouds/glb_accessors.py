@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.formats.clouds.cloud import cloud_error
+from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["Accessors", "item", "numbers_of"]
@@ -64,7 +64,7 @@ class Accessors:
         embedded = _embedded(buffers)
         self._body = body if embedded is None else embedded
         if embedded is None and any("uri" in buffer for buffer in buffers):
-            raise cloud_error(
+            raise refusal(
                 path,
                 "its data lie in another file or address (uri), which is never opened",
                 expected="a GLB file that holds everything itself",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import as_colours, cloud_error
+from airzoo_bench.formats.clouds.cloud import as_colours, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory, triangles_of
 from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text, shown
 from airzoo_bench.geometry.arrays import Floats, Ints
@@ -70,7 +70,7 @@ def open_obj(path: Path, limit_bytes: int) -> Mesh:
                 pending.flush()
     pending.flush()
     if not pending.n_vertices:
-        raise cloud_error(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
+        raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
     values = np.concatenate(pending.vertices)
     colours: NDArray[np.uint8] | None = None
     if pending.coloured:

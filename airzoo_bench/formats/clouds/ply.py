@@ -18,9 +18,9 @@ from airzoo_bench.formats.clouds.cloud import (
     FileCloud,
     as_colours,
     as_confidence,
-    cloud_error,
     columns_to_points,
     read_block,
+    refusal,
     uncounted,
 )
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
@@ -58,15 +58,13 @@ def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
     header = read_header(path)
     vertex = header.element("vertex")
     if vertex is None or not {"x", "y", "z"} <= set(vertex.names):
-        raise cloud_error(
+        raise refusal(
             path,
             "has no vertices" if vertex is None else "its vertices lack x, y or z",
             expected="element vertex with properties x, y, z",
         )
     if vertex.has_lists:
-        raise cloud_error(
-            path, "its vertices hold lists", expected="numbers only in element vertex"
-        )
+        raise refusal(path, "its vertices hold lists", expected="numbers only in element vertex")
     cloud = _open_vertices(path, header, vertex)
     faces = header.element("face")
     return _open_mesh(path, header, cloud, faces, limit_bytes) if faces and faces.count else cloud
@@ -121,7 +119,7 @@ def _refuse_short_text(path: Path, header: PlyHeader) -> None:
 
 def _too_few(path: Path, promised: int | str, held: str) -> PredictionError:
     count = f"{promised:,} points" if isinstance(promised, int) else promised
-    return cloud_error(
+    return refusal(
         path,
         f"its header promises {count}, the file has {held}",
         expected="all that the header promises",
@@ -186,7 +184,7 @@ def _open_mesh(
 ) -> Mesh:
     lists = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
     if not lists:
-        raise cloud_error(
+        raise refusal(
             path,
             "its faces have no list of vertices",
             expected="property list uchar int vertex_indices",

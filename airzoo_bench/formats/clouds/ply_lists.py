@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import FIX_COPY, cloud_error
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
 from airzoo_bench.formats.clouds.meshes import check_memory, fans, triangles_of
 from airzoo_bench.formats.clouds.ply_header import Element
 from airzoo_bench.formats.clouds.text_rows import TextLines, shown
@@ -147,7 +147,7 @@ def _record_at(
             end += counter.itemsize
             fields.append((_counter(one.name), counter))
         if length < 0:
-            raise cloud_error(path, f"a list of {element.name[:20]!r} has the length {length}")
+            raise refusal(path, f"a list of {element.name[:20]!r} has the length {length}")
         end += length * kind.itemsize
         if end > len(body):
             raise _cut_off(path, element)
@@ -160,7 +160,7 @@ def _counter(name: str) -> str:
 
 
 def _cut_off(path: Path, element: Element) -> PredictionError:
-    return cloud_error(
+    return refusal(
         path,
         f"the file ends within its element {element.name[:20]!r}, or a list in it claims an absurd "
         "length",

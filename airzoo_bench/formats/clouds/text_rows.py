@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import FIX_COPY, cloud_error
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["TextLines", "lines_beyond", "opened_text", "parse_rows", "shown"]
@@ -45,7 +45,7 @@ class TextLines:
         for _ in range(count):
             line = self.next()
             if line is None:
-                raise cloud_error(
+                raise refusal(
                     self.path,
                     f"the file ends at line {self.number - 1}",
                     expected=f"{of:,} {what}, as its header says",
@@ -58,7 +58,7 @@ class TextLines:
     def error(self, what: str, expected: str, number: int | None = None) -> PredictionError:
         """Make the error of a line, the last one read unless told."""
         line = self.number if number is None else number
-        return cloud_error(self.path, f"line {line} {what}", expected=expected)
+        return refusal(self.path, f"line {line} {what}", expected=expected)
 
 
 @contextmanager
