@@ -19,7 +19,7 @@ from airzoo_bench.formats.clouds.cloud import (
     FileCloud,
     as_colours,
     as_confidence,
-    read_block,
+    read_records,
     refusal,
     uncounted,
 )
@@ -137,8 +137,5 @@ def _slices(
 def _stream(
     path: Path, dtype: np.dtype[Any], start: int, count: int, points: int
 ) -> Iterator[Cloud]:
-    with path.open("rb", buffering=0) as stream:
-        stream.seek(start)
-        for done in range(0, count, points):
-            block = read_block(stream, dtype, 3 * min(points, count - done), path)
-            yield Cloud(block.reshape(-1, 3).astype(np.float64))
+    for block in read_records(path, np.dtype((dtype, (3,))), start, count, points):
+        yield Cloud(block.astype(np.float64))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ __all__ = [
     "as_colours",
     "as_confidence",
     "columns_to_points",
-    "read_block",
+    "read_records",
     "refusal",
     "uncounted",
 ]
@@ -149,14 +149,23 @@ def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
     return (f"{left:,} {what} follow the {count:,} points that its header promises: not read",)
 
 
-def read_block(stream: IO[bytes], dtype: np.dtype[Any], count: int, path: Path) -> NDArray[Any]:
-    """Read a number of records from where the stream stands, or refuse a file that ends early."""
-    block: NDArray[Any] = np.empty(count, dtype)
-    view = memoryview(block.view(np.uint8).data) if block.nbytes else memoryview(b"")
-    done = 0
-    while done < len(view):
-        got = stream.readinto(view[done:])  # type: ignore[attr-defined]
-        if not got:
-            raise refusal(path, "the file ends before its data does", fix=FIX_COPY)
-        done += got
-    return block
+def read_records(
+    path: Path, record: np.dtype[Any], start: int, count: int, size: int
+) -> Iterator[NDArray[Any]]:
+    """Yield records from a byte of a file on, at most `size` at a time.
+
+    Raises
+    ------
+    PredictionError
+        The file ends before they do.
+    """
+    with path.open("rb", buffering=0) as stream:
+        stream.seek(start)
+        for done in range(0, count, size):
+            block: NDArray[Any] = np.empty(min(size, count - done), record)
+            view = memoryview(block.view(np.uint8).data) if block.nbytes else memoryview(b"")
+            while view and (got := stream.readinto(view)):
+                view = view[got:]
+            if view:
+                raise refusal(path, "the file ends before its data does", fix=FIX_COPY)
+            yield block

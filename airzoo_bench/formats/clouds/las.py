@@ -24,7 +24,7 @@ from airzoo_bench.formats.clouds.cloud import (
     Cloud,
     FileCloud,
     columns_to_points,
-    read_block,
+    read_records,
     refusal,
     uncounted,
 )
@@ -239,11 +239,9 @@ def _read(path: Path, header: LasHeader, shift: int, points: int) -> Iterator[Cl
 
 
 def _records(path: Path, header: LasHeader, points: int) -> Iterator[NDArray[Any]]:
+    if not (header.compressed and header.count):
+        yield from read_records(path, header.record, header.start, header.count, points)
+        return
     with path.open("rb", buffering=0) as stream:
-        if header.compressed and header.count:
-            for raw in header.compressed_in(path, stream).records(points):
-                yield raw.view(header.record)
-            return
-        stream.seek(header.start)
-        for done in range(0, header.count, points):
-            yield read_block(stream, header.record, min(points, header.count - done), path)
+        for raw in header.compressed_in(path, stream).records(points):
+            yield raw.view(header.record)

@@ -19,7 +19,7 @@ from airzoo_bench.formats.clouds.cloud import (
     FileCloud,
     as_confidence,
     columns_to_points,
-    read_block,
+    read_records,
     refusal,
     uncounted,
 )
@@ -221,12 +221,8 @@ def _typed(column: NDArray[np.float64], field: _Field) -> NDArray[Any]:
 
 
 def _read_binary(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
-    with path.open("rb", buffering=0) as stream:
-        stream.seek(header.size)
-        for done in range(0, header.points, points):
-            block = read_block(stream, header.record, min(points, header.points - done), path)
-            columns = {f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields}
-            yield _cloud(header, columns)
+    for block in read_records(path, header.record, header.size, header.points, points):
+        yield _cloud(header, {f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields})
 
 
 def _read_compressed(path: Path, header: _Header, packed: int, points: int) -> Iterator[Cloud]:

@@ -19,14 +19,14 @@ from airzoo_bench.formats.clouds.cloud import (
     as_colours,
     as_confidence,
     columns_to_points,
-    read_block,
+    read_records,
     refusal,
     uncounted,
 )
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
 from airzoo_bench.formats.clouds.ply_header import Element, PlyHeader, read_header
 from airzoo_bench.formats.clouds.ply_lists import binary_polygons, end_of_element, text_polygons
-from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows
+from airzoo_bench.formats.clouds.text_rows import TextLines, lines_beyond, opened_text, parse_rows
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["open_ply", "write_ply"]
@@ -34,6 +34,7 @@ __all__ = ["open_ply", "write_ply"]
 _CONFIDENCE = ("confidence", "conf")
 _COLOURS = ("red", "green", "blue")
 _SPLATS = ("f_dc_0", "opacity")
+_ROWS = 1 << 18  # that are written at a time
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colours"
 
@@ -130,22 +131,23 @@ def _too_few(path: Path, promised: int | str, held: str) -> PredictionError:
 def _read_binary(
     path: Path, record: np.dtype[Any], start: int, count: int, points: int
 ) -> Iterator[Cloud]:
-    with path.open("rb", buffering=0) as stream:
-        stream.seek(start)
-        for done in range(0, count, points):
-            block = read_block(stream, record, min(points, count - done), path)
-            yield _cloud({name: block[name] for name in record.names or ()})
+    for block in read_records(path, record, start, count, points):
+        yield _cloud({name: block[name] for name in record.names or ()})
 
 
 def _read_text(path: Path, header: PlyHeader, vertex: Element, points: int) -> Iterator[Cloud]:
     with opened_text(path, header.size, header.lines) as text:
-        for before in header.elements[: header.elements.index(vertex)]:
-            for _ in range(before.count):
-                text.take(1, before.count, "rows before the points")
+        _skip(text, header, vertex, "points")
         width, count = len(vertex.properties), vertex.count
         for done in range(0, count, points):
             rows = parse_rows(text, min(points, count - done), width, count, "points")
             yield _cloud(_typed_columns(vertex, rows))
+
+
+def _skip(text: TextLines, header: PlyHeader, element: Element, what: str) -> None:
+    for before in header.elements[: header.elements.index(element)]:
+        for _ in range(before.count):
+            text.take(1, before.count, f"rows before the {what}")
 
 
 def _typed_columns(vertex: Element, rows: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
@@ -203,15 +205,8 @@ def _triangles(path: Path, header: PlyHeader, faces: Element, name: str, limit_b
         start = _start_of(path, header, faces)
         return binary_polygons(path, faces, name, header.order, start, limit_bytes)
     with opened_text(path, header.size, header.lines) as text:
-        for before in header.elements[: header.elements.index(faces)]:
-            for _ in range(before.count):
-                text.take(1, before.count, "rows before the faces")
+        _skip(text, header, faces, "faces")
         return text_polygons(text, faces, name, limit_bytes)
-
-
-_AXES = ("x", "y", "z")
-_BANDS = ("red", "green", "blue")
-_ROWS = 1 << 18
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:
@@ -228,33 +223,18 @@ def write_ply(path: Path, cloud: Cloud) -> None:
     UserError
         The file cannot be written, or the disk is full.
     """
-    layout = _layout(cloud)
+    columns = [(name, "<f8", column) for name, column in zip("xyz", cloud.points.T, strict=True)]
+    if cloud.colours is not None:
+        columns += [(name, "u1", c) for name, c in zip(_COLOURS, cloud.colours.T, strict=True)]
+    if cloud.confidence is not None:
+        columns.append(("confidence", "<f4", cloud.confidence))
     kinds = {"<f8": "double", "<f4": "float", "u1": "uchar"}
-    lines = [f"property {kinds[kind]} {name}" for name, kind in layout]
+    lines = [f"property {kinds[kind]} {name}" for name, kind, _ in columns]
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}", *lines]
     with atomic_write(path) as stream:
         stream.write(("\n".join([*head, "end_header"]) + "\n").encode("ascii"))
         for start in range(0, len(cloud), _ROWS):
-            stream.write(_rows(cloud, slice(start, start + _ROWS), layout).tobytes())
-
-
-def _layout(cloud: Cloud) -> list[tuple[str, str]]:
-    layout = [(name, "<f8") for name in _AXES]
-    if cloud.colours is not None:
-        layout += [(name, "u1") for name in _BANDS]
-    if cloud.confidence is not None:
-        layout.append(("confidence", "<f4"))
-    return layout
-
-
-def _rows(cloud: Cloud, part: slice, layout: list[tuple[str, str]]) -> np.ndarray[Any, Any]:
-    points = cloud.points[part]
-    rows = np.empty(len(points), dtype=layout)
-    for axis, name in enumerate(_AXES):
-        rows[name] = points[:, axis]
-    if cloud.colours is not None:
-        for band, name in enumerate(_BANDS):
-            rows[name] = cloud.colours[part, band]
-    if cloud.confidence is not None:
-        rows["confidence"] = cloud.confidence[part]
-    return rows
+            rows = np.empty(min(_ROWS, len(cloud) - start), [column[:2] for column in columns])
+            for name, _, column in columns:
+                rows[name] = column[start : start + _ROWS]
+            stream.write(rows.tobytes())
