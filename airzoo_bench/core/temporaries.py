@@ -127,7 +127,7 @@ def set_aside(folder: Path, names: Collection[str]) -> Iterator[None]:
             for name in names:
                 if (folder / name).exists():
                     (folder / name).replace(aside / name)
-            (aside / _TAKEN).write_text("\n".join(names), encoding="utf-8")
+            _write_whole(aside / _TAKEN, "".join(f"{name}\n" for name in names))
             yield
             # From here on it is rubbish, which nobody puts back.
             done = aside.replace(aside.with_suffix(PART))
@@ -191,12 +191,25 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file that is not there, or is there to its last byte, also after a power cut."""
+    part = path.with_suffix(PART)
+    with part.open("w", encoding="utf-8") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
+
+
 def _put_back(aside: Path) -> None:
     marker = aside / _TAKEN
     if marker.is_file():  # all old entries were taken away: what has these names now is new
-        for name in marker.read_text(encoding="utf-8").split("\n"):
-            _remove(aside.parent / name)
+        taken = set(marker.read_text(encoding="utf-8").split("\n"))
+        for entry in list(os.scandir(aside.parent)):  # never the folder itself, nor one above it
+            if entry.name in taken:
+                _remove(Path(entry.path))
         marker.unlink()
+    marker.with_suffix(PART).unlink(missing_ok=True)
     for kept in list(aside.iterdir()):
         kept.replace(aside.parent / kept.name)
     aside.rmdir()
