@@ -1,7 +1,7 @@
 """What is public says what it takes, returns and raises; numpydoc reads it.
 
 Public are the names of `airzoo_bench`, what other packages implement or register with, and the
-modules of formulas. Geometry that reads rasters (such as `geometry.rasters`) is none of them.
+modules of formulas. Geometry that reads rasters or pictures is none of them.
 """
 
 from __future__ import annotations
@@ -27,16 +27,15 @@ from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.evaluation.track import Track
 
 ROOT = Path(ab.__file__).parent
+OF_FILES = {"blocks", "heightfield", "march", "missing_heights", "rasters", "sift"}
 FORMULAS = [
     *("retrieval.metrics", "retrieval.distance_metrics", "matching.metrics"),
     *("reconstruction.metrics", "reconstruction.pose_metrics"),
-    *(f"statistics.{path.stem}" for path in sorted((ROOT / "statistics").glob("[a-z]*.py"))),
     *(
-        f"geometry.{name}"
-        for name in (
-            *("arrays", "attitude", "cameras", "crossings", "frames", "grids", "lens", "medians"),
-            *("planes", "poses", "precision", "quaternions", "rays", "units"),
-        )
+        f"{room}.{path.stem}"
+        for room in ("statistics", "geometry")
+        for path in sorted((ROOT / room).glob("[a-z]*.py"))
+        if path.stem not in OF_FILES
     ),
 ]
 CONTRACTS = (Track, QueryTrack)
