@@ -72,44 +72,50 @@ WRITERS: dict[str, Writer] = {
 }
 
 
-def run(write: Writer, home: Path, text: str, fault: str, step: int) -> int:
+class Fault:
+    """What befalls a writer at the n-th step."""
+
+    def __init__(self, kind: str, step: int) -> None:
+        self.kind, self.step, self.count = kind, step, 0
+
+    def arm(self) -> None:
+        if self.kind in LIMITS:
+            most = self.step * LIMITS[self.kind]
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+        elif self.kind == "line":
+            sys.settrace(self._trace)
+        else:
+            sys.addaudithook(self._hook)
+
+    def _hook(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event in STEPS and (event != "open" or _writes(arguments)):
+            self._count()
+
+    def _trace(self, frame: FrameType, event: str, _: object) -> Any:
+        if event == "line":
+            self._count()
+        return self._trace if Path(frame.f_code.co_filename).name in _LINES_OF else None
+
+    def _count(self) -> None:
+        self.count += 1
+        if self.count == self.step and self.kind == "failed":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        if self.count == self.step and self.kind != "none":
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def run(write: Writer, home: Path, text: str, fault: Fault) -> int:
     """Run a writer in a process of its own, and return its exit code, negative for a signal."""
     child = os.fork()
     if child:
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    count = 0
-
-    def hook(event: str, arguments: tuple[Any, ...]) -> None:
-        nonlocal count
-        if fault == "line" or event not in STEPS or (event == "open" and not _writes(arguments)):
-            return
-        count += 1
-        if count == step and fault == "killed":
-            os.kill(os.getpid(), signal.SIGKILL)
-        if count == step and fault == "failed":
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    def trace(frame: FrameType, event: str, argument: object) -> Any:
-        nonlocal count
-        if os.path.basename(frame.f_code.co_filename) not in _LINES_OF:
-            return None
-        if event == "line":
-            count += 1
-            if count == step:
-                os.kill(os.getpid(), signal.SIGKILL)
-        return trace
-
-    if fault in LIMITS:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (step * LIMITS[fault], resource.RLIM_INFINITY))
-    sys.addaudithook(hook)
-    if fault == "line":
-        sys.settrace(trace)
+    fault.arm()
     try:
         write(home, text)
     except Exception:  # noqa: BLE001 - whatever it is, what counts is what is left on the disk
         os._exit(1)
-    os._exit(0 if count >= step or fault in LIMITS else _NO_FAULT)
+    os._exit(0 if fault.count >= fault.step or fault.kind in LIMITS else _NO_FAULT)
 
 
 def _writes(arguments: tuple[Any, ...]) -> bool:
@@ -141,9 +147,9 @@ def main() -> None:
     for step in range(1, 2000):
         home = root / str(step)
         prepare(home, kind, old)
-        code = run(WRITERS[kind], home, new, fault, step)
+        code = run(WRITERS[kind], home, new, Fault(fault, step))
         left = state(home)
-        again = run(WRITERS[kind], home, new, "none", -1)
+        again = run(WRITERS[kind], home, new, Fault("none", -1))
         cases.append({"code": code, "left": left, "again": again, "end": state(home)})
         cases[-1]["hidden"] = hidden(home)
         if code == (0 if fault in LIMITS else _NO_FAULT):
