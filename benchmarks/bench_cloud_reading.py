@@ -21,7 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.formats.clouds.formats import open_cloud
 from tests.formats.cloud_support import write_las, write_pcd, write_ply
 

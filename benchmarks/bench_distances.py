@@ -92,7 +92,7 @@ def ours(first: Floats, second: Floats, threads: int) -> Search:
 def open3d(first: Floats, second: Floats, threads: int) -> Search:
     """Both ways by Open3D, which takes all threads, from its own point clouds, ready made."""
     del threads
-    from airzoo_bench.core.open3d_loader import load_open3d
+    from airzoo_bench.core.optional_imports import load_open3d
 
     o3d = load_open3d()
     one, other = (

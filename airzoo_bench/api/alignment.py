@@ -9,18 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api.arrays import (
-    are_centres,
     coordinates,
     finite,
     floats,
-    pose_rows,
     positive,
     refused,
+    same_index,
     whole,
 )
+from airzoo_bench.api.pose_arrays import are_centres, pose_rows
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.poses import FARTHEST
 from airzoo_bench.reconstruction.alignment.camera_sets import (
     LEAST_CAMERAS,
     PosedCameras,
@@ -69,11 +70,22 @@ class CameraAlignment(Shown):
 
     @property
     def matrix(self) -> Floats:
-        """The transform as a (4, 4) matrix, scale times rotation beside the translation."""
+        """The transform as a (4, 4) matrix, scale times rotation next to the translation."""
         return self.transform.matrix
 
     def apply(self, points: ArrayLike) -> Floats:
-        """Move points (N, 3) into the frame of the truth."""
+        """Move points (N, 3) into the frame of the truth.
+
+        Parameters
+        ----------
+        points : (N, 3) array-like
+            In the frame of the prediction.
+
+        Returns
+        -------
+        (N, 3) float64 array
+            In the frame of the truth.
+        """
         return self.transform.apply(floats("points", points, (None, 3)))
 
     def _shown(self) -> Mapping[str, object]:
@@ -121,6 +133,7 @@ def align_cameras(
     Returns
     -------
     CameraAlignment
+        The transform, inliers and residuals.
 
     Raises
     ------
@@ -147,6 +160,7 @@ def align_cameras(
       rms_of_inliers     0.0000
       used_orientations  False
     """
+    same_index({"predicted": predicted, "true": true})
     given, known = _cameras("predicted", predicted, missing=True), _cameras("true", true)
     if len(given.names) != len(known.names):
         raise ArgumentError(
@@ -191,7 +205,7 @@ def _cameras(name: str, values: ArrayLike, *, missing: bool = False) -> PosedCam
         centres, rotation = poses.centres, poses.rotation
     elif missing:
         centres, rotation = floats(name, values, (None, 3)), None
-        finite(name, centres[~np.isnan(centres).all(axis=1)])
+        finite(name, centres[~np.isnan(centres).all(axis=1)], FARTHEST)
     else:
         centres, rotation = coordinates(name, values), None
     return PosedCameras(tuple(map(str, range(len(centres)))), centres, rotation)

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.api.items import Items
-from airzoo_bench.api.map_parts import Crop, Tile
+from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
 from airzoo_bench.benchmark.queries import read_queries
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.places import data_root
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
 
 __all__ = ["BlindBenchmark", "BlindScene", "load_benchmark"]
+
 
 _WINDOW = ["x", "y", "width", "height"]
 
@@ -41,6 +41,7 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     Returns
     -------
     BlindBenchmark
+        Scenes, photos, tiles, crops.
 
     Raises
     ------
@@ -75,7 +76,18 @@ class BlindBenchmark:
 
     @classmethod
     def of(cls, benchmark: Benchmark) -> BlindBenchmark:
-        """Leave the truth out of an opened benchmark folder."""
+        """Leave the truth out of an opened benchmark folder.
+
+        Parameters
+        ----------
+        benchmark : Benchmark
+            With its truth.
+
+        Returns
+        -------
+        BlindBenchmark
+            Which leads to nothing of it.
+        """
         return cls(_without_truth(benchmark))
 
     @property
@@ -101,6 +113,16 @@ class BlindBenchmark:
     def scene(self, scene_id: str) -> BlindScene:
         """Return a scene by its id.
 
+        Parameters
+        ----------
+        scene_id : str
+            Such as "city".
+
+        Returns
+        -------
+        BlindScene
+            Without its truth.
+
         Raises
         ------
         BenchmarkError
@@ -117,6 +139,16 @@ class BlindBenchmark:
 
     def scenes_of(self, protocol: TruthWanted) -> tuple[BlindScene, ...]:
         """Return the scenes of a protocol.
+
+        Parameters
+        ----------
+        protocol : Protocol
+            Of this benchmark.
+
+        Returns
+        -------
+        tuple of BlindScene
+            In the protocol's order.
 
         Raises
         ------

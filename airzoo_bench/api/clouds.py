@@ -81,7 +81,7 @@ def cloud_scores(
     voxel: float | Literal["auto"] | None = "auto",
     crop: Literal["covered", "box"] | None = "covered",
     max_distance: float | Literal["auto"] | None = "auto",
-    threads: int = 1,
+    jobs: int = 1,
 ) -> CloudComparison:
     """Score a predicted cloud: Chamfer distance, precision, recall, F1.
 
@@ -95,6 +95,7 @@ def cloud_scores(
         In the frame of the truth. Points that are NaN or infinite are left out and counted; an
         empty cloud scores 0.
     true : (T, 3) array-like
+        In units of the threshold.
     threshold : float
         A point counts as right nearer than this, strictly; in units of the clouds.
     voxel : float, "auto" or None
@@ -106,8 +107,8 @@ def cloud_scores(
     max_distance : float, "auto" or None
         What a larger distance counts as in Chamfer distance, accuracy and completeness; ten times
         the threshold where left out.
-    threads : int
-        The scores do not depend on it.
+    jobs : int
+        Threads; the scores do not depend on it.
 
     Returns
     -------
@@ -149,25 +150,25 @@ def cloud_scores(
     limit = positive("threshold", threshold)
     clip = _length("max_distance", max_distance, limit * _CLIP)
     settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)
-    claim, truth = (
+    given, truth = (
         InMemoryCloud(floats(name, values, (None, 3)))
         for name, values in (("predicted", predicted), ("true", true))
     )
-    if claim.count and not finite_rows(claim.points).any():
+    if given.count and not finite_rows(given.points).any():
         raise ArgumentError(
-            f"none of {counted(claim.count, 'point')} is finite",
+            f"none of {counted(given.count, 'point')} is finite",
             where="predicted",
             expected="finite numbers",
         )
-    block = max(claim.count, truth.count, 1)
+    block = max(given.count, truth.count, 1)
     with refused("true"):
         region = cropped_region(truth, box_of(truth), settings, block)
-        kept, known = (prepared(cloud, settings, region, block) for cloud in (claim, truth))
+        kept, known = (prepared(cloud, settings, region, block) for cloud in (given, truth))
         distances = cloud_distances(
             kept.source,
             known.source,
             block_points=block,
-            jobs=min(whole("threads", threads), _MOST_THREADS),
+            jobs=min(whole("jobs", jobs), _MOST_THREADS),
         )
     scores = score_distances(
         distances.to_truth,

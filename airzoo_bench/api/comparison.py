@@ -123,6 +123,7 @@ def compare(
     resamples : int
         Of the bootstrap, and patterns of the permutation test; 100 to 1,000,000.
     seed : int
+        Of resamples and patterns.
 
     Returns
     -------

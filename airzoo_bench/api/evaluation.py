@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.api.arrays import in_order
+from airzoo_bench.api.arrays import in_order, same_index
 from airzoo_bench.api.results import Result
-from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import ArgumentError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.places import data_root
 from airzoo_bench.evaluation.check import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as run
 from airzoo_bench.evaluation.parts import Resources
@@ -122,7 +122,7 @@ def check(
 
     Parameters
     ----------
-    predictions, protocol, data, max_memory
+    predictions, protocol, data, max_memory : optional
         See `evaluate`. Without the benchmark folder all is done that can be.
 
     Returns
@@ -184,6 +184,9 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
             f"predictions are of type {type(predictions).__name__}",
             expected="a path, or a dict of the fields of a prediction file",
         )
+    of_gallery = {name: rows for name, rows in predictions.items() if name.startswith("gallery")}
+    same_index({name: rows for name, rows in predictions.items() if name not in of_gallery})
+    same_index(of_gallery)
     fields = {name: _field(name, values) for name, values in predictions.items()}
     if protocol is None and "protocol" not in fields:
         raise ArgumentError(

@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, floats, in_order, whole
+from airzoo_bench.api.arrays import choice, floats, in_order, same_index, whole
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval import metrics
@@ -103,6 +103,7 @@ def average_precision(
     0.4
     """
     choice("variant", variant, get_args(ApVariant))
+    same_index({"hits": hits, "n_positives": n_positives})
     matrix = _hits(hits)
     counts = _counts(n_positives, matrix)
     depth = max(matrix.shape[1], 1) if k is None else whole("k", k)

@@ -9,12 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.api.arrays import in_order
+from airzoo_bench.api.arrays import floats, in_order, listed
 from airzoo_bench.core.errors import ArgumentError, first_of
-from airzoo_bench.geometry.arrays import Ints
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 
-__all__ = ["Ids", "Lists", "id_row", "id_rows", "indexed_lists", "paired_queries", "positive_rows"]
+__all__ = [
+    "Ids",
+    "Lists",
+    "gallery_row",
+    "id_row",
+    "id_rows",
+    "indexed_lists",
+    "paired_queries",
+    "score_rows",
+]
 
 Ids = NDArray[Any]
 
@@ -65,7 +74,7 @@ def _length(name: str, rows: Any) -> int:
 
 
 def id_rows(name: str, rows: Any, count: int, *, unordered: bool = False) -> list[Ids]:
-    """Return so many rows of ids; a row may have any length."""
+    """Return a number of rows of ids; a row may have any length."""
     rows = in_order(name, rows)
     given = np.asarray(rows) if hasattr(rows, "__array__") else rows
     if isinstance(given, str | bytes) or _length(name, given) != count:
@@ -92,7 +101,7 @@ def id_row(name: str, values: Any, *, unordered: bool = False) -> Ids:
 
 
 def _of_objects(name: str, values: list[Any]) -> Ids:
-    """Make an array of ids of one kind; NumPy would turn numbers beside texts into texts."""
+    """Make an array of ids of one kind; NumPy would turn numbers among texts into texts."""
     kinds = {str if isinstance(value, str) else type(value) for value in values}
     is_text, is_mixed = str in kinds, len(kinds) > 1
     if bool in kinds or (is_text and is_mixed):
@@ -110,7 +119,7 @@ def _unlike(name: str, found: str) -> ArgumentError:
 
 
 def _one_kind(parts: Mapping[str, Sequence[Ids]]) -> None:
-    """Refuse texts beside whole numbers, which never match."""
+    """Refuse texts among whole numbers, which never match."""
     kinds = {
         _KINDS[row.dtype.kind]: name for name, rows in parts.items() for row in rows if len(row)
     }
@@ -123,12 +132,47 @@ def _one_kind(parts: Mapping[str, Sequence[Ids]]) -> None:
         )
 
 
-def positive_rows(places: Sequence[Ints]) -> Positives:
+def _positive_rows(places: Sequence[Ints]) -> Positives:
     """Return the positives of queries from indices, each once."""
     distinct = [np.unique(place) for place in places]
     counts = np.array([len(place) for place in distinct], np.int64)
     tiles = np.concatenate([np.zeros(0, np.int64), *distinct]).astype(np.int32)
     return Positives(offsets_of(counts), tiles)
+
+
+def gallery_row(ids: Any, count: int) -> Ids:
+    """Return the ids of a number of tiles: their indices where no ids are given."""
+    if ids is None:
+        return np.arange(count)
+    found = id_row("gallery_ids", ids)
+    if len(found) != count:
+        raise ArgumentError(
+            f"has {len(found)} ids", where="gallery_ids", expected=f"{count}, one for each tile"
+        )
+    return found
+
+
+def score_rows(scores: Any, ranked: Ints) -> Floats:
+    """Return scores in the shape of the lists; what stands beyond a list's end does not count."""
+    lists = [
+        floats(f"scores[{place}]", row, (None,))
+        for place, row in enumerate(listed("scores", scores))
+    ]
+    filled = np.full(ranked.shape, np.nan)
+    lengths = [len(row) for row in lists]
+    least = (ranked >= 0).sum(axis=1).tolist()
+    fits = len(lists) == len(ranked) and all(
+        low <= length <= ranked.shape[1] for low, length in zip(least, lengths, strict=True)
+    )
+    if not fits:
+        raise ArgumentError(
+            f"has {len(lists)} rows of {sorted(set(lengths))[:3]} numbers",
+            where="scores",
+            expected=f"{len(ranked)} rows, a number for each ranked id",
+        )
+    for row, values in zip(filled, lists, strict=True):
+        row[: len(values)] = values
+    return filled
 
 
 def indexed_lists(ranked: Sequence[Ids], positives: Sequence[Ids], gallery: Ids | None) -> Lists:
@@ -164,7 +208,7 @@ def indexed_lists(ranked: Sequence[Ids], positives: Sequence[Ids], gallery: Ids 
     matrix = np.full((len(ranked), max(map(len, ranked), default=0)), -1, np.int64)
     for row, found in zip(matrix, rows, strict=False):
         row[: len(found)] = found
-    return Lists(matrix, positive_rows(wanted), int((~ended).sum()))
+    return Lists(matrix, _positive_rows(wanted), int((~ended).sum()))
 
 
 def _check_positives(rows: Sequence[Ints]) -> None:

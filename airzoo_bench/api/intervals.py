@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, floats, in_order, positive, whole
+from airzoo_bench.api.arrays import choice, finite, floats, in_order, positive, same_index, whole
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
@@ -22,6 +22,7 @@ __all__ = ["ConfidenceInterval", "Statistic", "bootstrap_ci", "checked_plan"]
 Statistic = Literal["share", "mean", "median"]
 
 _LEAST_RESAMPLES, _MOST_RESAMPLES = 100, 1_000_000
+_LARGEST = 1e100  # third powers of what is larger overflow
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,6 +96,7 @@ def bootstrap_ci(
     resamples : int
         100 to 1,000,000.
     seed : int
+        Of the resamples.
 
     Returns
     -------
@@ -123,6 +125,7 @@ def bootstrap_ci(
     inf
     """
     choice("statistic", statistic, get_args(Statistic))
+    same_index({"values": values, "scenes": scenes})
     given = _values(values, statistic)
     plan = checked_plan(interval, resamples, seed, confidence)
     groups = {"": given} if scenes is None else _by_scene(given, scenes)
@@ -163,10 +166,11 @@ def _values(values: ArrayLike, statistic: Statistic) -> Floats:
     bad = np.flatnonzero(np.isnan(given) | np.isneginf(given))
     if bad.size:
         raise ArgumentError(
-            f"NaN or -inf in rows {first_of(bad.tolist(), len(given))}",
+            f"NaN or -inf in {first_of(bad.tolist(), len(given), noun='row')}",
             where="values",
             expected="numbers; a failure is the worst value, such as infinity for errors",
         )
+    finite("values", given[np.isfinite(given)], _LARGEST)
     if statistic == "share" and not ((given >= 0.0) & (given <= 1.0)).all():
         raise ArgumentError(
             f"run from {given.min():g} to {given.max():g}",

@@ -1,9 +1,14 @@
-"""Parts of maps that a method is given: tiles and crops, read when they are asked for."""
+"""What a scene gives a method a piece at a time: sequences of tiles and crops of maps.
+
+Each item is made, and each picture read, when it is asked for.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +20,52 @@ from airzoo_bench.geometry.frames import describe_crs
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
 from airzoo_bench.matching.lifting import lift
 
-__all__ = ["Crop", "Tile"]
+__all__ = ["Crop", "Items", "Tile"]
+
+T = TypeVar("T", covariant=True)
 
 _POINTS = 1 << 19  # of a crop that are lifted at a time
+
+
+class Items(Sequence[T], Generic[T]):
+    """Photos, tiles or crops of a scene: each is made when it is asked for, and none is kept.
+
+    Parameters
+    ----------
+    what : str
+        Such as ``"tiles of city"``.
+    count : int
+    make : callable
+        Takes a number from 0 to `count` and returns the item.
+
+    Examples
+    --------
+    >>> items = Items("tiles of city", 3, lambda row: f"tile {row}")
+    >>> items, items[-1], list(items[:2])
+    (<3 tiles of city>, 'tile 2', ['tile 0', 'tile 1'])
+    """
+
+    def __init__(self, what: str, count: int, make: Callable[[int], T]) -> None:
+        self._what, self._count, self._make = what, count, make
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[T]:
+        return map(self._make, range(self._count))
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> Items[T]: ...
+    def __getitem__(self, index: int | slice) -> T | Items[T]:
+        rows = range(self._count)[index]
+        if isinstance(rows, int):
+            return self._make(rows)
+        return Items(f"of the {self._what}", len(rows), lambda row: self._make(rows[row]))
+
+    def __repr__(self) -> str:
+        return f"<{self._count:,} {self._what}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import are_centres, coordinates, floats, listed, pose_rows, positive
+from airzoo_bench.api.arrays import (
+    coordinates,
+    floats,
+    listed,
+    positive,
+    same_index,
+)
+from airzoo_bench.api.pose_arrays import are_centres, pose_rows
 from airzoo_bench.api.scores import QueryScores
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Floats
@@ -170,6 +177,7 @@ def _errors(errors: tuple[ArrayLike, ArrayLike | None]) -> PoseErrors:
             expected="what pose_errors returns, or a pair: metres, and degrees or None",
         )
     translation, rotation = errors
+    same_index({"errors[0]": translation, "errors[1]": rotation})
     metres = _error_row("errors[0]", translation)
     degrees = None if rotation is None else _error_row("errors[1]", rotation)
     if degrees is not None and len(degrees) != len(metres):

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Collection
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Never, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
-from airzoo_bench.api.claims import Claims
-from airzoo_bench.api.kinds import DESCRIBED, KINDS, MATCHES, PAIRS, POSES, RANKED, Kind
-from airzoo_bench.api.matching_claims import MatchClaims, PoseClaims
-from airzoo_bench.api.reconstruction_claims import ReconstructionClaims, entries_of
-from airzoo_bench.api.retrieval_claims import DescribedClaims, RankedClaims
-from airzoo_bench.core.data_root import data_root
+from airzoo_bench.api.collectors import (
+    DESCRIPTOR,
+    FIELDS,
+    KINDS,
+    MATCHES,
+    PAIRS,
+    POSES,
+    RANKED,
+    Collector,
+    Kind,
+)
+from airzoo_bench.api.query_collectors import (
+    DescriptorCollector,
+    MatchCollector,
+    PoseCollector,
+    RankedCollector,
+)
+from airzoo_bench.api.scene_collector import SceneCollector
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError
-from airzoo_bench.core.files import atomic_entries, atomic_write, write_npz
-from airzoo_bench.core.output_places import check_output_file, check_output_folder
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.places import cannot_write, check_output_file, check_output_folder, data_root
+from airzoo_bench.core.temporaries import only_writer, temporary_folder
+from airzoo_bench.evaluation.prediction_files import check_npz
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
@@ -50,8 +60,8 @@ class PredictionWriter:
     Raises
     ------
     UserError
-        The protocol or its benchmark is not there, they do not belong together, or nothing can be
-        written to `path`.
+        The protocol or its benchmark is not there, they do not belong together, nothing can be
+        written to `path`, or another writer is at it.
 
     Examples
     --------
@@ -67,14 +77,21 @@ class PredictionWriter:
         self._path = Path(path)
         self._protocol = find_protocol(protocol, benchmark.folder if benchmark else data_root())
         opened = benchmark or load_benchmark(self._protocol.benchmark)
-        _check_name(self._protocol, opened)
+        if self._protocol.benchmark != opened.name:
+            raise UsageError(
+                f"protocol {self._protocol.name} is of benchmark {self._protocol.benchmark}, "
+                f"not {opened.name}",
+                where=opened.folder,
+                fix=f"load_benchmark({self._protocol.benchmark!r})",
+            )
         self._scenes = opened.scenes_of(self._protocol)
         _check_place(self._path, self._protocol)
         self._kind: Kind | None = None
-        self._claims: Claims | ReconstructionClaims | None = None
+        self._collector: Collector | None = None
         self._added: set[str] = set()
         self._closed = False
         self._stack = ExitStack()
+        self._hold()
 
     def add(
         self,
@@ -93,6 +110,7 @@ class PredictionWriter:
         depth: ArrayLike | None = None,
         intrinsics: ArrayLike | None = None,
         confidence: ArrayLike | None = None,
+        **unknown: Never,
     ) -> None:
         """Add the answer to one query, or what is found of one tile, photo or scene.
 
@@ -104,7 +122,7 @@ class PredictionWriter:
         matching        `query_xy` and `map_xy`, or `query_xy` and `points3d`  a query
         matching        `rotation` and `centre`                                a query
         reconstruction  `points`, perhaps `colours`                            a scene
-        reconstruction  `rotation` and `centre`, beside a cloud                a photo
+        reconstruction  `rotation` and `centre`, next to a cloud               a photo
         reconstruction  `depth`, `intrinsics`, `rotation` and `centre`,        a photo
                         perhaps `confidence`
         ==============  =====================================================  ==================
@@ -134,12 +152,16 @@ class PredictionWriter:
         points : (M, 3) float64 array
             The cloud of a scene, in any frame that its cameras are in.
         colours : (M, 3) uint8 array, optional
+            Red, green, blue of each point.
         depth : (H, W) float array
             Along the camera's z axis, in the units of `centre`; 0 and NaN are no surface. Of one
             size in all photos of a scene.
         intrinsics : (3, 3) array
             K at the size of the depth map, such as ``photo.camera.scaled(W, H).K``.
         confidence : (H, W) float array, optional
+            Larger is surer; of the size of the depth map.
+        **unknown
+            Fields of no track; refused.
 
         Raises
         ------
@@ -147,10 +169,13 @@ class PredictionWriter:
             The id is none of the benchmark's or was added before; fields are missing, do not
             belong together, or have a wrong shape or impossible values. Nothing of it is kept.
         """
-        given = {key: value for key, value in locals().items() if key not in ("self", "name")}
-        fields = {key: value for key, value in given.items() if value is not None}
+        given = {key: value for key, value in locals().items() if value is not None}
+        fields = {key: given[key] for key in FIELDS if key in given} | unknown
         try:
-            self._claims_for(fields).add(name, self._once(name, fields))
+            collector = self._collector_for(fields)
+            if name in self._added:
+                raise PredictionError("was added before", expected="each id once")
+            collector.add(name, fields)
         except UserError as error:
             raise error.inside(f"{self._path}, {str(name)[:80]}") from error
         self._added.add(name)
@@ -162,14 +187,19 @@ class PredictionWriter:
     def missing(self) -> tuple[str, ...]:
         """Return the ids that have no answer: of queries (and tiles) or scenes.
 
+        Returns
+        -------
+        tuple of str
+            In the order of the benchmark.
+
         Raises
         ------
         UsageError
             Nothing was added yet, so that it is not known what was to come.
         """
-        if self._claims is None:
+        if self._collector is None:
             raise UsageError("no answer was added yet", where=self._path)
-        return self._claims.missing()
+        return self._collector.missing()
 
     def close(self) -> None:
         """Write the file; a ``with`` block does it at its end. Afterwards nothing can be added.
@@ -183,10 +213,10 @@ class PredictionWriter:
             return
         self._closed = True
         with self._stack:
-            if self._claims is None:
+            if self._collector is None:
                 raise PredictionError("no answer was added", where=self._path)
             try:
-                self._write(self._claims)
+                self._collector.write(self._path, self._protocol.name)
             except PredictionError as error:
                 raise error.inside(self._path) from error
 
@@ -207,12 +237,7 @@ class PredictionWriter:
     def __repr__(self) -> str:
         return f"PredictionWriter({str(self._path)!r}, {self._protocol.name!r}): {len(self)} added"
 
-    def _once(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
-        if name in self._added:
-            raise PredictionError("was added before", expected="each id once")
-        return fields
-
-    def _claims_for(self, fields: dict[str, Any]) -> Claims | ReconstructionClaims:
+    def _collector_for(self, fields: dict[str, Any]) -> Collector:
         """Return what collects answers with these fields."""
         if self._closed:
             raise UsageError("the file is closed", fix="add all answers in the with block")
@@ -223,58 +248,50 @@ class PredictionWriter:
                 f"{' and '.join(fields) or 'nothing'} is no answer of the {track} track",
                 expected="; or ".join(str(kind) for kind in KINDS if kind.track == track),
             )
-        if self._claims is None:
-            self._kind, self._claims = kind, self._new_claims(kind)
-        elif kind != self._kind and not isinstance(self._claims, ReconstructionClaims):
+        if self._collector is None:
+            self._kind, self._collector = kind, self._new_collector(kind)
+        elif kind != self._kind and track != "reconstruction":
             raise PredictionError(
                 f"{kind} after answers of another kind", expected=f"{self._kind} in all of the file"
             )
-        return self._claims
+        return self._collector
 
-    def _new_claims(self, kind: Kind) -> Claims | ReconstructionClaims:
+    def _new_collector(self, kind: Kind) -> Collector:
         protocol = self._protocol
         if kind == RANKED and isinstance(protocol, RetrievalProtocol):
-            return RankedClaims(self._scenes, protocol.scores.depth)
-        if kind == DESCRIBED and isinstance(protocol, RetrievalProtocol):
+            return RankedCollector(self._scenes, protocol.scores.depth)
+        if kind == DESCRIPTOR and isinstance(protocol, RetrievalProtocol):
             metric = protocol.scores.descriptor_metric
-            return DescribedClaims(self._scenes, metric, self._staging())
+            return DescriptorCollector(self._scenes, metric, self._staging())
         if kind in (MATCHES, PAIRS):
-            return MatchClaims(self._scenes, kind.needed[1])
+            return MatchCollector(self._scenes, kind.needed[1])
         if kind == POSES:
-            return PoseClaims(self._scenes)
-        return ReconstructionClaims(self._scenes, self._staging())
+            return PoseCollector(self._scenes)
+        return SceneCollector(self._scenes, self._staging())
+
+    def _hold(self) -> None:
+        """Refuse a path that another writer has: of two the last to end would lose the other's."""
+        try:
+            self._path.absolute().parent.mkdir(parents=True, exist_ok=True)
+            self._stack.enter_context(only_writer(self._path))
+        except BlockingIOError as error:
+            raise UsageError(
+                "is being written by another PredictionWriter",
+                where=self._path,
+                fix="name another file, or end the other first: its with block, or close()",
+            ) from error
+        except OSError as error:
+            raise cannot_write(self._path, error) from error
 
     def _staging(self) -> Path:
-        """Return a folder beside the file, which is gone when the writer is closed."""
+        """Return a folder next to the file, which is gone when the writer is closed."""
         parent = self._path.absolute().parent
-        parent.mkdir(parents=True, exist_ok=True)
         return self._stack.enter_context(temporary_folder(parent, self._path.name))
-
-    def _write(self, claims: Claims | ReconstructionClaims) -> None:
-        if isinstance(claims, ReconstructionClaims):
-            finished = claims.write()
-            with atomic_entries(self._path, entries_of(self._scenes)) as folder:
-                for entry in finished.iterdir():
-                    shutil.move(entry, folder / entry.name)
-                (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
-            return
-        with atomic_write(self._path) as stream:
-            write_npz(stream, {"protocol": np.array(self._protocol.name), **claims.arrays()})
-
-
-def _check_name(protocol: Protocol, benchmark: BlindBenchmark) -> None:
-    if protocol.benchmark != benchmark.name:
-        raise UsageError(
-            f"protocol {protocol.name} is of benchmark {protocol.benchmark}, not {benchmark.name}",
-            where=benchmark.folder,
-            fix=f"load_benchmark({protocol.benchmark!r})",
-        )
 
 
 def _check_place(path: Path, protocol: Protocol) -> None:
     if isinstance(protocol, ReconstructionProtocol):
         check_output_folder(path, ("protocol.txt",))
         return
-    if path.suffix != ".npz":
-        raise UsageError("predictions are written as .npz", where=path, fix=f"name it {path}.npz")
+    check_npz(path)
     check_output_file(path)

@@ -8,10 +8,17 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.api.arrays import choice, finite, floats, refused, whole
-from airzoo_bench.api.ids import id_row, id_rows, indexed_lists, paired_queries
-from airzoo_bench.api.ranked import Asked, WithoutPositive, gallery_row, rank_scores, score_rows
-from airzoo_bench.api.scores import QueryScores
+from airzoo_bench.api.arrays import choice, finite, floats, refused, same_index, whole
+from airzoo_bench.api.ids import (
+    Ids,
+    gallery_row,
+    id_row,
+    id_rows,
+    indexed_lists,
+    paired_queries,
+    score_rows,
+)
+from airzoo_bench.api.scores import Asked, QueryScores, WithoutPositive, rank_scores
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
 from airzoo_bench.retrieval.settings import ApVariant
@@ -44,6 +51,7 @@ def retrieval_scores(
         Ids that answer each query. Queries of a mapping that `ranked_ids` lacks have no answer,
         and score 0.
     ks : iterable of int
+        Ranks, each at least 1.
     scores : (Q, K) array-like, optional
         Similarities or distances of the ranked ids. Ties are broken against the method: of equal
         scores those that are no positives come first. Needs `gallery_ids`, since the last ids of
@@ -90,6 +98,7 @@ def retrieval_scores(
       ndcg@1            0.5000
       ndcg@3            0.8467
     """
+    same_index({"ranked_ids": ranked_ids, "positives": positives, "scores": scores})
     names, lists, right = paired_queries(ranked_ids, positives)
     asked = Asked.checked(ks, ap, without_positive)
     gallery = None if gallery_ids is None else id_row("gallery_ids", gallery_ids)
@@ -137,14 +146,16 @@ def similarity_scores(
     positives : sequence of Q sets or lists
         Columns that answer each query, or their ids.
     ks : iterable of int
+        Ranks, each at least 1.
     gallery_ids : (G,) array-like, optional
         Ids of the columns; their numbers from 0 where left out.
-    ap, without_positive
+    ap, without_positive : str
         See `retrieval_scores`.
 
     Returns
     -------
     QueryScores
+        See `retrieval_scores`.
 
     Raises
     ------
@@ -159,8 +170,10 @@ def similarity_scores(
     >>> found["recall@1"], found.counts["tie_dependent"]
     (0.5, 1)
     """
+    same_index({"similarity": similarity, "positives": positives})
     values = finite("similarity", floats("similarity", similarity, (None, None)))
     columns = gallery_row(gallery_ids, values.shape[1])
+    _check_columns(similarity, columns, gallery_ids is None)
     order = np.argsort(-values, axis=1, kind="stable")
     return retrieval_scores(
         columns[order],
@@ -196,18 +209,20 @@ def descriptor_scores(
     positives : sequence of Q sets or lists
         Rows of the gallery that answer each query, or their ids.
     ks : iterable of int
+        Ranks, each at least 1.
     metric : {"l2", "cosine", "inner_product"}
     gallery_ids : (G,) array-like, optional
         Ids of the gallery's rows; their numbers from 0 where left out.
     ranks_kept : int
         How deep to rank, at least the largest k: what mAP and MRR look at, 100 in the shipped
         protocols.
-    ap, without_positive
+    ap, without_positive : str
         See `retrieval_scores`.
 
     Returns
     -------
     QueryScores
+        See `retrieval_scores`.
 
     Raises
     ------
@@ -222,6 +237,8 @@ def descriptor_scores(
     1.0
     """
     choice("metric", metric, get_args(Metric))
+    same_index({"queries": queries, "positives": positives})
+    same_index({"gallery": gallery, "gallery_ids": gallery_ids})
     asked = Asked.checked(ks, ap, without_positive)
     given, tiles = _descriptors("queries", queries), _descriptors("gallery", gallery)
     ids = gallery_row(gallery_ids, len(tiles))
@@ -240,6 +257,18 @@ def descriptor_scores(
     answered = np.ones(len(given), np.bool_)
     names = list(range(len(given)))
     return rank_scores(names, ranking, found.positives, answered, len(tiles), asked)
+
+
+def _check_columns(similarity: Any, ids: Ids, are_numbers: bool) -> None:
+    """Refuse a DataFrame whose columns are called otherwise than the gallery."""
+    names = list(getattr(similarity, "columns", range(len(ids))))
+    if names not in ([*range(len(ids))], ids.tolist()):
+        raise ArgumentError(
+            "has columns that are called otherwise than the gallery",
+            where="similarity",
+            expected="columns in the order of gallery_ids, which are 0, 1, 2 ... where left out",
+            fix="gallery_ids=similarity.columns" if are_numbers else "similarity[gallery_ids]",
+        )
 
 
 def _descriptors(name: str, values: ArrayLike) -> NDArray[Any]:

@@ -7,7 +7,16 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, coordinates, finite, floats, positive, refused, whole
+from airzoo_bench.api.arrays import (
+    choice,
+    coordinates,
+    finite,
+    floats,
+    positive,
+    refused,
+    same_index,
+    whole,
+)
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import pose
@@ -53,12 +62,13 @@ def solve_pose(
     min_inlier_ratio : float
         Caps the number of trials, for COLMAP.
     min_trials, max_trials : int
+        Samples that are drawn at least, and at most.
     confidence : float
         Trials end when a sample without outliers was drawn with this probability.
     seed : int
         The answer depends on the arguments alone, and not on the order of the matches.
     max_matches, max_trials_times_matches : int
-        Bounds of the work: of more matches so many are chosen by the seed, and trials end.
+        Bounds of the work: of more matches, this many are chosen by the seed; trials end early.
 
     Returns
     -------
@@ -90,6 +100,7 @@ def solve_pose(
     ('solved', 6, True)
     """
     choice("solver", solver, get_args(Solver))
+    same_index({"pixels": pixels, "points3d": points3d})
     at = finite("pixels", floats("pixels", pixels, (None, 2)))
     points = coordinates("points3d", points3d)
     if len(at) != len(points):

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify
-from airzoo_bench.core.data_root import DATA_VARIABLE, data_root
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.places import DATA_VARIABLE, data_root
 from airzoo_bench.core.validation import read_toml, validated
 
 __all__ = [

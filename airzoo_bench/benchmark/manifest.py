@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.core.settings import SAFE_NAME
+from airzoo_bench.core.validation import SAFE_NAME
 
 __all__ = ["BenchmarkFile", "SceneFile", "verify", "write_benchmark_file"]
 

@@ -83,7 +83,7 @@ def check_geometry(
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
-    from airzoo_bench.core.output_places import check_output_folder
+    from airzoo_bench.core.places import check_output_folder
     from airzoo_bench.datasets.geometry_checks.depth_frames import Sampling
     from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
     from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule

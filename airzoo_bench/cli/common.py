@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 import typer
 from typer.core import TyperCommand
 
-from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import told
 from airzoo_bench.tables.model import Table
 
@@ -136,7 +136,7 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
     UsageError
         See `airzoo_bench.core.files.check_output_file`; or the ending is another.
     """
-    from airzoo_bench.core.output_places import check_output_file
+    from airzoo_bench.core.places import check_output_file
     from airzoo_bench.results.files import records_path
 
     files = [path / "result.json" if path.is_dir() else path for path in results]

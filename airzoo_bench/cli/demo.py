@@ -26,8 +26,7 @@ def demo(
     The world and its photos are kept in the data root. A run that was stopped goes on.
     """
     from airzoo_bench.benchmark.folder import Benchmark
-    from airzoo_bench.core.data_root import data_root
-    from airzoo_bench.core.output_places import check_output_folder
+    from airzoo_bench.core.places import check_output_folder, data_root
     from airzoo_bench.datasets.mini.demo import demo_benchmark, demo_tracks, run_track
     from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.tables.layouts import scenes_table

@@ -49,7 +49,7 @@ def _group() -> None:
 @app.command(epilog=examples("mini world"))
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
-    from airzoo_bench.core.data_root import data_root
+    from airzoo_bench.core.places import data_root
     from airzoo_bench.datasets.mini.flights.placement import allowed_box
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.world.model import REGIONS
@@ -166,7 +166,7 @@ def pictures(
 
 
 def _folder(region: RegionName, seed: int) -> Path:
-    from airzoo_bench.core.data_root import data_root
+    from airzoo_bench.core.places import data_root
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.world.model import REGIONS
 

@@ -126,9 +126,9 @@ def photos(
     It serves retrieval; matching where the photos' metadata hold GPS and gimbal angles; and
     reconstruction where there is a true --cloud.
     """
-    from airzoo_bench.core.data_root import data_root
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.core.settings import SAFE_NAME
+    from airzoo_bench.core.places import data_root
+    from airzoo_bench.core.validation import SAFE_NAME
     from airzoo_bench.datasets.photos import PhotoProtocols, prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
     from airzoo_bench.matching.settings import MatchingProtocol
@@ -191,7 +191,7 @@ def airzoo_mini(
 
     Needs no data. Worlds and photos are kept in the data root: a run that was stopped goes on.
     """
-    from airzoo_bench.core.data_root import data_root
+    from airzoo_bench.core.places import data_root
     from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
 
     protocols = mini_protocols(seed)

@@ -163,7 +163,7 @@ class _TableMaker:
 
     def _published_alone(self, name: str) -> MethodTable:
         """Return a table of methods with what is published on a protocol."""
-        from airzoo_bench.core.data_root import data_root
+        from airzoo_bench.core.places import data_root
         from airzoo_bench.core.registry import TRACKS
         from airzoo_bench.protocol.lookup import find_protocol
         from airzoo_bench.tables.published import published_benchmarks

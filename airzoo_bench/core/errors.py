@@ -1,4 +1,4 @@
-"""Faults of the user, each with one clear message.
+"""Errors of the user, each with one clear message.
 
 A message says *what* is wrong, *where*, what was *expected* and how to *fix* it. The command
 line prints it and exits with code 2; anything that is not a :class:`UserError` is a bug of the
@@ -57,7 +57,18 @@ class UserError(Exception):
         super().__init__(str(self))
 
     def inside(self, place: object) -> Self:
-        """Return the same fault with the place it is in before its own."""
+        """Return the same error with the place it is in before its own.
+
+        Parameters
+        ----------
+        place : object
+            Such as the file that holds `where`.
+
+        Returns
+        -------
+        UserError
+            Of the same class.
+        """
         where = str(place) if self.where is None else f"{place}, {self.where}"
         return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.core.exchange import exchange
-from airzoo_bench.core.output_places import (
+from airzoo_bench.core.places import (
     cannot_write,
     check_output_file,
     check_output_folder,
@@ -24,6 +23,7 @@ from airzoo_bench.core.output_places import (
 )
 from airzoo_bench.core.temporaries import (
     clear_abandoned,
+    exchange,
     set_aside,
     temporary_file,
     temporary_folder,
@@ -64,7 +64,7 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     Yields
     ------
     file object
-        Open for writing, beside the final place.
+        Open for writing, next to the final place.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
     Yields
     ------
     Path
-        An empty folder beside the final place.
+        An empty folder next to the final place.
 
     Raises
     ------

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "IMAGE_SUFFIXES",
     "PHOTO_SUFFIXES",
     "Assignment",
     "assign_queries",
@@ -28,7 +29,7 @@ __all__ = [
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 """What the names of photos end in; their ids leave it out."""
 
-_IMAGE_SUFFIXES = (
+IMAGE_SUFFIXES = (
     *PHOTO_SUFFIXES,
     *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
 )
@@ -46,7 +47,7 @@ def scene_of(ids: Texts) -> Texts:
 
 def with_endings(ids: Texts) -> bool:
     """Tell whether most ids end as files of images do, in letters of either case."""
-    ends = [str(name).lower().endswith(_IMAGE_SUFFIXES) for name in ids]
+    ends = [str(name).lower().endswith(IMAGE_SUFFIXES) for name in ids]
     return sum(ends) * 2 > len(ends)
 
 

@@ -1,7 +1,8 @@
 """What can be added without touching the suite: tracks and datasets.
 
 Built-in ones are named here and imported when they are asked for; another package adds its own by
-an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``.
+an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``. A name is
+one thing's: a package that uses one that is taken is refused by name.
 """
 
 from __future__ import annotations
@@ -11,11 +12,24 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from airzoo_bench.core.errors import UsageError
+
 __all__ = ["DATASETS", "TRACKS", "Registry", "resolve"]
 
 
 def resolve(place: str) -> Any:
-    """Import ``module:name``."""
+    """Import ``module:name``.
+
+    Parameters
+    ----------
+    place : str
+        Such as "airzoo_bench.retrieval.track:TRACK".
+
+    Returns
+    -------
+    Any
+        What stands there.
+    """
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
@@ -39,6 +53,13 @@ class Registry:
     def add(self, name: str, thing: Any) -> None:
         """Add a thing for the rest of this process.
 
+        Parameters
+        ----------
+        name : str
+            Not taken.
+        thing : Any
+            What `get` returns.
+
         Raises
         ------
         ValueError
@@ -49,15 +70,42 @@ class Registry:
         self._added[name] = thing
 
     def remove(self, name: str) -> None:
-        """Take back what `add` added."""
+        """Take back what `add` added.
+
+        Parameters
+        ----------
+        name : str
+            Of what was added.
+        """
         del self._added[name]
 
     def names(self) -> list[str]:
-        """Return all names: built-in first, in their own order, then others by name."""
-        return [*self._places, *sorted({*self._installed(), *self._added} - {*self._places})]
+        """Return all names: built-in first, in their own order, then others by name.
+
+        Returns
+        -------
+        list of str
+            Each once.
+
+        Raises
+        ------
+        UsageError
+            An installed package uses a name that is taken.
+        """
+        return [*self._places, *sorted({*self._installed(), *self._added})]
 
     def get(self, name: str) -> Any:
         """Return a thing.
+
+        Parameters
+        ----------
+        name : str
+            One of `names`.
+
+        Returns
+        -------
+        Any
+            Imported when it is first asked for.
 
         Raises
         ------
@@ -71,7 +119,23 @@ class Registry:
         return self._installed()[name].load()
 
     def _installed(self) -> dict[str, EntryPoint]:
-        return {point.name: point for point in entry_points(group=self.group)}
+        found: dict[str, EntryPoint] = {}
+        for point in entry_points(group=self.group):
+            if point.name in self._places or point.name in found:
+                other = found.get(point.name)
+                raise UsageError(
+                    f"package {_package(point)} adds {point.name!r}, which "
+                    f"{_package(other) if other else 'airzoo-bench'} has already",
+                    where=f"entry points {self.group}",
+                    expected="each name once",
+                    fix=f"uninstall {_package(point)}, or rename its entry point",
+                )
+            found[point.name] = point
+        return found
+
+
+def _package(point: EntryPoint) -> str:
+    return point.dist.name if point.dist else point.value
 
 
 TRACKS = Registry(

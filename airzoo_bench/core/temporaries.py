@@ -1,4 +1,4 @@
-"""Temporary files and folders beside their final place, cleared by the next run if this one dies.
+"""Temporary files and folders next to their final place, cleared by the next run if this one dies.
 
 Each is locked by the process that fills it. A lock ends with its process, however that ends, so
 what nobody holds any more is abandoned. On disks and systems without locks nothing is cleared.
@@ -6,18 +6,25 @@ what nobody holds any more is abandoned. On disks and systems without locks noth
 
 from __future__ import annotations
 
+import ctypes
+import errno
+import hashlib
 import os
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 __all__ = [
     "PART",
     "clear_abandoned",
+    "exchange",
+    "only_writer",
     "remove_own",
     "set_aside",
     "temporary_file",
@@ -28,15 +35,16 @@ PART = ".airzoo-part"
 """How names of temporary files and folders end."""
 _ASIDE = ".airzoo-aside"
 _TAKEN = ".airzoo-names"
-# Of a name, in that of the file or folder beside it: systems allow 255 bytes, with what is added.
+# Of a name, in that of the file or folder next to it: systems allow 255 bytes, with what is added.
 _KEPT_LETTERS = 40
+_TRIES, _PAUSE_S = 5, 0.02
 
 _own: set[Path] = set()
 
 
 @contextmanager
 def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
-    """Make an empty file beside `target`; it is removed at the end if it is still there.
+    """Make an empty file next to `target`; it is removed at the end if it is still there.
 
     Yields
     ------
@@ -45,7 +53,7 @@ def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
     path : Path
     """
     _clear_once(target.parent)
-    # The lock is held by a copy of the handle, which outlives the caller's.
+    # A copy of the handle keeps the lock, and outlives the caller's.
     handle, path = _locked(lambda: tempfile.mkstemp(PART, _prefix(target), target.parent))
     lock = os.dup(handle)
     _own.add(path)
@@ -77,6 +85,31 @@ def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
 
 
 @contextmanager
+def only_writer(target: Path) -> Iterator[None]:
+    """Hold a file or folder that is to be written, so that nobody else begins to.
+
+    On disks and systems without locks nobody is kept from it.
+
+    Raises
+    ------
+    BlockingIOError
+        Another holds it, in this process or in another.
+    """
+    target = Path(os.path.realpath(target))
+    clear_abandoned(target.parent)
+    digest = hashlib.sha256(target.name.encode()).hexdigest()[:8]  # long names are cut
+    path = target.parent / f"{_prefix(target)}{digest}{PART}"
+    lock = _lock_at(path)
+    _own.add(path)
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        _own.discard(path)
+        os.close(lock)
+
+
+@contextmanager
 def set_aside(folder: Path, names: Collection[str]) -> Iterator[None]:
     """Take entries of a folder away while others take their names.
 
@@ -94,7 +127,7 @@ def set_aside(folder: Path, names: Collection[str]) -> Iterator[None]:
             for name in names:
                 if (folder / name).exists():
                     (folder / name).replace(aside / name)
-            (aside / _TAKEN).write_text("\n".join(names), encoding="utf-8")
+            _write_whole(aside / _TAKEN, "".join(f"{name}\n" for name in names))
             yield
             # From here on it is rubbish, which nobody puts back.
             done = aside.replace(aside.with_suffix(PART))
@@ -158,12 +191,25 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file that is not there, or is there to its last byte, also after a power cut."""
+    part = path.with_suffix(PART)
+    with part.open("w", encoding="utf-8") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
+
+
 def _put_back(aside: Path) -> None:
     marker = aside / _TAKEN
     if marker.is_file():  # all old entries were taken away: what has these names now is new
-        for name in marker.read_text(encoding="utf-8").split("\n"):
-            _remove(aside.parent / name)
+        taken = set(marker.read_text(encoding="utf-8").split("\n"))
+        for entry in list(os.scandir(aside.parent)):  # never the folder itself, nor one above it
+            if entry.name in taken:
+                _remove(Path(entry.path))
         marker.unlink()
+    marker.with_suffix(PART).unlink(missing_ok=True)
     for kept in list(aside.iterdir()):
         kept.replace(aside.parent / kept.name)
     aside.rmdir()
@@ -174,6 +220,9 @@ if sys.platform == "win32":
     def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
         handle, path = make()
         return handle, Path(path)
+
+    def _lock_at(path: Path) -> int:
+        return os.open(path, os.O_CREAT | os.O_RDWR)
 
     def _is_abandoned(path: Path) -> bool:
         del path
@@ -192,6 +241,24 @@ else:
                 return handle, Path(path)
             os.close(handle)
 
+    def _lock_at(path: Path) -> int:
+        """Make and lock a file of this name, and again where another run was quick to clear it."""
+        for _ in range(_TRIES):
+            handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(handle)
+                time.sleep(_PAUSE_S)  # who looks for what is abandoned holds it for a moment
+                continue
+            except OSError:  # a disk without locks
+                return handle
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), path.stat()):
+                    return handle
+            os.close(handle)
+        raise BlockingIOError(f"{path} is locked")
+
     def _is_abandoned(path: Path) -> bool:
         try:
             handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -205,3 +272,39 @@ else:
             return True
         finally:
             os.close(handle)
+
+
+_AT_FDCWD = -100
+_SWAP = 2  # RENAME_EXCHANGE of Linux and RENAME_SWAP of macOS alike
+# What a system or a file system says that does not know how to.
+_UNKNOWN = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
+
+
+def exchange(new: Path, path: Path) -> None:
+    """Put a folder where another stands; what stood there is afterwards at `new`, or removed.
+
+    Both have one parent. Killed in between, `path` is the old or the new folder, whole. Systems
+    without such a step take two, and the next run puts the old folder back if it was killed between
+    them. After an OSError neither has moved.
+    """
+    if _swapped(new, path):
+        return
+    with set_aside(path.parent, (path.name,)):
+        new.replace(path)
+
+
+def _swapped(new: Path, path: Path) -> bool:
+    if sys.platform == "win32":
+        return False
+    libc: Any = ctypes.CDLL(None, use_errno=True)
+    names = os.fsencode(new), os.fsencode(path)
+    if hasattr(libc, "renameat2"):
+        failed = libc.renameat2(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _SWAP)
+    elif hasattr(libc, "renamex_np"):
+        failed = libc.renamex_np(*names, _SWAP)
+    else:
+        return False
+    code = ctypes.get_errno()
+    if failed and code not in _UNKNOWN:
+        raise OSError(code, os.strerror(code), str(path))
+    return not failed

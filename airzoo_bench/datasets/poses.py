@@ -22,8 +22,8 @@ from pydantic.fields import FieldInfo
 
 from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.core.files import read_text
+from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.core.validation import validation_message
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_entries
-from airzoo_bench.core.output_places import check_output_folder
+from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.results.result import read_result, write_result

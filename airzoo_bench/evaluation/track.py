@@ -42,10 +42,7 @@ S = TypeVar("S", bound=ScoredScene)
 
 
 class Track(ABC, Generic[P, R, T, A, C, S]):
-    """One track.
-
-    Its type parameters are its protocol, predictions as read, the truth of a scene, the assignment
-    of predictions to queries or scenes, the predictions of a scene, and a scored scene.
+    """One track, by the types of its protocol, predictions, truth, assignment, claims and scores.
 
     Attributes
     ----------
@@ -53,6 +50,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         As in protocol files, commands and results.
     summary : str
         What is scored, in one sentence, for the help.
+    protocol : type of Protocol
     kinds : str
         What predictions come in, for messages.
     suffixes : tuple of str
@@ -62,17 +60,50 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     folders : bool
         Whether predictions can be a folder.
     says_protocol : tuple of str
-        Where predictions state their protocol, and the fix where they do not, for messages.
-    argument, example : str
-        For the help: what predictions are; predictions and further options.
+        Where predictions say which protocol they are for, and how to fix that they do not.
+    argument : str
+        What predictions are, for the help.
+    example : str
+        Predictions and further options, for the help.
     jobs : int
-        Threads that ``eval`` uses by default.
+        Threads that ``eval`` takes by default.
+    options : tuple of EvalOption
     files : mapping of str to callable
-        Writers of files besides ``result.json`` and ``records.csv``, by file name.
+        What a run writes beside ``result.json`` and ``records.csv``, by its name.
+    baseline : Baseline or None
     template_kinds : tuple of str
         What templates can hold, the default first; empty where there is no choice.
     template_out : str
-        Default name of a template.
+        What a template is called where nobody says.
+
+    Notes
+    -----
+    What its methods take:
+
+    path, out : Path
+        Of predictions; of a template.
+    memory_bytes : int
+        The most that reading may hold.
+    benchmark, data : Benchmark, Path
+        The benchmark folder, opened; the folder that holds it.
+    scene : str
+        Its id.
+    protocol : Protocol
+        Of the class `protocol`.
+    predictions, assigned : R, A
+        From `read` and `assign`.
+    truth, truths : T, sequence of T
+        From `read_truth`: of a scene, and of all scenes in the protocol's order.
+    predicted, scene_predictions : C, sequence of C
+        From `match`: of a scene, and of all scenes.
+    scored : sequence of S
+        From `score`, of all scenes.
+    resources : Resources
+        Memory and threads that may be used; no number depends on them.
+    thorough, force : bool
+        Whether to look for what takes time to find; whether a file is replaced.
+    kind, seed : str, int
+        Of a template: one of `template_kinds`, and what its random answers come from.
     """
 
     name: ClassVar[str]

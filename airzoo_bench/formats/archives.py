@@ -74,7 +74,7 @@ class Bundle:
         with temporary_folder(Path(tempfile.gettempdir()), "airzoo-bench") as folder:
             target = folder / PurePosixPath(member.name).name
             if shutil.disk_usage(folder).free < member.size:
-                raise self._fault(
+                raise self._error(
                     f"no room on disk to unpack {member.name!r} of {member.size:,} bytes",
                     fix="set TMPDIR to a folder on a larger disk",
                 )
@@ -90,12 +90,12 @@ class Bundle:
             It is larger than the limit, or not UTF-8.
         """
         if member.size > limit_bytes:
-            raise self._fault(f"{member.name!r} has {member.size:,} bytes", fix="shorten it")
+            raise self._error(f"{member.name!r} has {member.size:,} bytes", fix="shorten it")
         with self.file(member) as path:
             try:
                 return path.read_text(encoding="utf-8")
             except UnicodeDecodeError as error:
-                raise self._fault(f"{member.name!r} is not text in UTF-8") from error
+                raise self._error(f"{member.name!r} is not text in UTF-8") from error
 
     def _unpack(self, member: Member, target: Path) -> None:
         try:
@@ -110,17 +110,17 @@ class Bundle:
                     ):
                         done = _copy(source, out, member.size)
         except (*_DAMAGE, OSError) as error:
-            raise self._fault(
+            raise self._error(
                 f"{member.name!r} cannot be unpacked: {str(error)[:100]}",
                 fix="write or copy the archive again",
             ) from error
         if done != member.size:
-            raise self._fault(
+            raise self._error(
                 f"{member.name!r} unpacks to another size than the archive says",
                 fix="write or copy the archive again",
             )
 
-    def _fault(self, what: str, fix: str | None = None) -> PredictionError:
+    def _error(self, what: str, fix: str | None = None) -> PredictionError:
         return PredictionError(what, where=self.path, fix=fix)
 
 

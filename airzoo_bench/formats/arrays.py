@@ -54,17 +54,6 @@ class Arrays(Protocol):
         """Map a field from disk where that is possible, else read it."""
 
 
-class _Npz:
-    def __init__(self, path: Path, limit_bytes: int) -> None:
-        self.path = path
-        self._file = NpzFile(path, limit_bytes)
-        self.budget = self._file.budget
-        self.read, self.map = self._file.read, self._file.map
-
-    def names(self) -> set[str]:
-        return set(self._file.entries)
-
-
 class _Parquet:
     def __init__(self, path: Path, limit_bytes: int, columns: tuple[str, ...]) -> None:
         self.path = path
@@ -111,7 +100,7 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     if path.is_dir():
         raise UnreadableError("a folder, not a prediction file", where=path, expected=kinds)
     if path.suffix == ".npz":
-        return _Npz(path, limit_bytes)
+        return NpzFile(path, limit_bytes)
     if path.suffix == ".parquet" and columns:
         return _Parquet(path, limit_bytes, columns)
     raise UnreadableError(
@@ -180,7 +169,7 @@ def protocol_name(arrays: Arrays) -> str | None:
 
 
 def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
-    """Read a field of text with so many dimensions."""
+    """Read a field of text of a number of dimensions."""
     values = arrays.read(name)
     if values.dtype.kind != "U" or values.ndim != ndim:
         raise wrong_type(
@@ -256,7 +245,7 @@ def numbers(
 def wrong_type(
     path: Path, name: str, values: NDArray[Any], *, expected: str, fix: str
 ) -> PredictionError:
-    """Make the fault of a field of another type or shape."""
+    """Make the error of a field of another type or shape."""
     return PredictionError(
         f"field '{name}' is {values.dtype} of shape {values.shape}",
         where=path,

@@ -39,7 +39,7 @@ class Budget:
         nbytes : int
             What it takes in memory, exact however large.
         fix : str, optional
-            What to do beside raising the limit.
+            What to do besides raising the limit.
 
         Raises
         ------
@@ -49,9 +49,9 @@ class Budget:
         self.held[part] = max(nbytes, self.held.get(part, 0))
         others = sum(self.held.values()) - self.held[part]
         if self.held[part] + others > self.limit_bytes:
-            beside = f" beside {others:,} bytes of others" if others else ""
+            rest = f" besides {others:,} bytes of others" if others else ""
             raise PredictionError(
-                f"{part}: {self.held[part]:,} bytes of memory{beside}, more than the limit",
+                f"{part}: {self.held[part]:,} bytes of memory{rest}, more than the limit",
                 where=path,
                 expected=f"at most {self.limit_bytes:,} bytes, all together",
                 fix="raise --max-memory" + (f"; {fix}" if fix else ""),

@@ -30,7 +30,7 @@ _MAX_MEMBERS = 64
 _LOCAL_HEADER_BYTES = 30
 _KINDS = "biufUS"
 _MAX_DIMENSIONS = 8
-_MEND_LARGE = "arrays of numbers that numpy.savez saves (uncompressed) may be read in pieces"
+_FIX_LARGE = "arrays of numbers that numpy.savez saves (uncompressed) may be read in pieces"
 _MAX_CODE_POINT = 0x10FFFF
 _SURROGATES = (0xD800, 0xDFFF)
 _LOOKS_LIKE = {
@@ -84,6 +84,10 @@ class NpzFile:
         self.budget = Budget(limit_bytes)
         self.entries = {entry.name: entry for entry in _entries(path)}
 
+    def names(self) -> set[str]:
+        """Return the names of the arrays."""
+        return set(self.entries)
+
     def read(self, name: str) -> NDArray[Any]:
         """Read one array into memory.
 
@@ -95,7 +99,7 @@ class NpzFile:
         """
         entry = self.entries[name]
         what = f"field '{name}' (shape {entry.shape}, {entry.dtype})"
-        self.budget.hold(self.path, what, _bytes_in_memory(entry), _MEND_LARGE)
+        self.budget.hold(self.path, what, _bytes_in_memory(entry), _FIX_LARGE)
         try:
             with zipfile.ZipFile(self.path) as archive, archive.open(entry.member) as stream:
                 stream.read(entry.header_bytes)
@@ -185,7 +189,7 @@ def _check_header(path: Path, entry: ArrayEntry) -> None:
 
 
 def _bytes_in_memory(entry: ArrayEntry) -> int:
-    # Bytes become text when they are read, which takes four bytes a character beside them.
+    # Bytes become text when they are read, which takes four more bytes a character.
     return entry.nbytes * (5 if entry.dtype.kind == "S" else 1)
 
 

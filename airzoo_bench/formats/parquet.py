@@ -22,7 +22,7 @@ __all__ = ["read_columns"]
 
 _BATCH_ROWS = 65_536
 _LONGEST_TEXT = 512
-_TEXT_OBJECT = 64  # bytes that a text takes beside its letters while it is Python's
+_TEXT_OBJECT = 64  # bytes that a text takes in Python besides its letters
 
 
 def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDArray[Any]]:

@@ -17,11 +17,23 @@ Bools = NDArray[np.bool_]
 
 
 def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
-    """Multiply vectors (..., 3) by matrices (..., 3, 3), ``matrix @ vector``; they broadcast.
+    """Multiply vectors by matrices of three columns, ``matrix @ vector``.
 
     Written as three products and two sums, not as a BLAS call: a BLAS kernel may round
     differently with the number of rows it is given, and the same vector must give the same
     bytes in every block.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) array
+        What the vectors are multiplied by.
+    vectors : (..., 3) array
+        Leading dimensions broadcast against those of `matrix`.
+
+    Returns
+    -------
+    (..., 3) array
+        matrix @ vector, of the broadcast shape.
     """
     x, y, z = (vectors[..., axis, None] for axis in range(3))
     product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z
@@ -29,7 +41,18 @@ def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
 
 
 def multiply(a: Floats, b: Floats) -> Floats:
-    """Multiply matrices (..., 3, 3), ``a @ b``, by `apply_matrix`: without BLAS; they broadcast."""
+    """Multiply matrices (..., 3, 3), ``a @ b``, by `apply_matrix`: without BLAS.
+
+    Parameters
+    ----------
+    a, b : (..., 3, 3) arrays
+        Leading dimensions broadcast.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        a @ b, of the broadcast shape.
+    """
     columns = apply_matrix(a[..., None, :, :], np.swapaxes(b, -1, -2))
     return np.swapaxes(columns, -1, -2)
 
@@ -49,14 +72,20 @@ def refuse_cameras(
     Parameters
     ----------
     bad : (N,) bool array
+        Which cameras are bad; a scalar for one.
     what : str
         What is wrong, to be followed by the count.
     names : sequence of N, optional
         Names of the cameras; their indices where left out.
     details : sequence of N str, optional
         Put in brackets behind each name.
-    where, expected, fix
+    where, expected, fix : optional
         See `UserError`.
+
+    Raises
+    ------
+    CameraError
+        When any of `bad` is true.
     """
     rows = np.flatnonzero(bad).tolist()
     if not rows:

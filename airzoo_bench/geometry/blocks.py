@@ -130,8 +130,18 @@ def median_height(path: str | Path) -> float:
     Radix selection: heights become unsigned integers of the same order, and each pass over the file
     counts 16 bits of those that share the bits found so far: two passes for float32 and narrow
     integers, four for all else (64-bit integers beyond 2^53 are rounded). The result is exact;
-    for an even count it is the mean of the two middle heights. Memory holds some windows of a
-    million pixels (or one block of the file where that is larger) besides GDAL's block cache.
+    for an even count it is the mean of the two middle heights. Memory holds some windows of 4
+    million pixels (or one block of the file where that is larger) beside GDAL's block cache.
+
+    Parameters
+    ----------
+    path : str or Path
+        A GeoTIFF.
+
+    Returns
+    -------
+    float
+        Metres.
 
     Raises
     ------

@@ -102,7 +102,18 @@ class Cameras:
 
     @classmethod
     def joined(cls, parts: Sequence[Cameras]) -> Cameras:
-        """Return the cameras of some batches, one after the other; at least one batch."""
+        """Return the cameras of some batches, one after the other; at least one batch.
+
+        Parameters
+        ----------
+        parts : sequence of Cameras
+            At least one.
+
+        Returns
+        -------
+        Cameras
+            In their order.
+        """
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS))
 
     def __len__(self) -> int:
@@ -117,15 +128,36 @@ class Cameras:
         return matrices
 
     def take(self, index: Any) -> Cameras:
-        """Return the cameras at an integer, index array, mask or slice, as Cameras."""
+        """Return the cameras at an integer, index array, mask or slice, as Cameras.
+
+        Parameters
+        ----------
+        index : int, slice or array
+            Of integers, or a mask (N,).
+
+        Returns
+        -------
+        Cameras
+            One for an integer.
+        """
         rows = np.atleast_1d(np.arange(len(self))[index])
         return Cameras(*(getattr(self, name)[rows] for name in _FIELDS))
 
     def scaled(self, width: ArrayLike, height: ArrayLike) -> Cameras:
-        """Return the cameras of the images resized to `width` x `height`, (N,) or scalars.
+        """Return the cameras of the images resized to `width` x `height`.
 
         With the image's corner at (0, 0) focal length and principal point scale alike; the
         distortion works on normalised points and stays.
+
+        Parameters
+        ----------
+        width, height : (N,) array or scalar
+            In pixels.
+
+        Returns
+        -------
+        Cameras
+            Focal length and principal point in the new pixels.
 
         Raises
         ------
@@ -140,10 +172,20 @@ class Cameras:
 
 
 def project(cameras: Cameras, points_cam: Floats) -> Floats:
-    """Project points of the camera frame (N, M, 3) to pixels (N, M, 2), also outside the image.
+    """Project points of the camera frame.
 
-    One camera broadcasts over all points. NaN where a point has no image: z <= 0, or outside the
-    range of the lens model (where the polynomial would fold it back into the image).
+    Parameters
+    ----------
+    cameras : Cameras
+        N cameras; one broadcasts over all points.
+    points_cam : (N, M, 3) array
+        x right, y down, z forward.
+
+    Returns
+    -------
+    (N, M, 2) array
+        Pixels, also outside the image. NaN where the point has no image: z <= 0, or outside the
+        range of the lens model (where the polynomial would fold it back into the image).
     """
     z = points_cam[..., 2:]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -155,10 +197,19 @@ def project(cameras: Cameras, points_cam: Floats) -> Floats:
 
 
 def back_project(cameras: Cameras, pixels: Floats) -> Floats:
-    """Turn pixels (N, M, 2) into unit rays of the camera frame (N, M, 3), lens distortion undone.
+    """Turn pixels into unit rays of the camera frame, lens distortion undone.
 
-    One camera broadcasts over all pixels. NaN for pixels beyond the range of the lens model (see
-    `undistort`).
+    Parameters
+    ----------
+    cameras : Cameras
+        N cameras; one broadcasts over all pixels.
+    pixels : (N, M, 2) array
+        The image's corner is (0, 0).
+
+    Returns
+    -------
+    (N, M, 3) array
+        Unit vectors; NaN for pixels beyond the range of the lens model (see `undistort`).
     """
     distorted = (pixels - cameras.principal_point[:, None]) / cameras.focal[:, None]
     xy = undistort(distorted, cameras.distortion)

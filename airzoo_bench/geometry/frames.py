@@ -44,6 +44,11 @@ def horizontal_crs(crs: Any) -> CRS:
     crs : Any
         An EPSG code, ``"EPSG:4547"``, WKT, a PROJ string, a CRS of pyproj or rasterio.
 
+    Returns
+    -------
+    CRS
+        Of two axes.
+
     Raises
     ------
     UserError
@@ -73,7 +78,20 @@ def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
 
 
 def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
-    """Take WGS84 longitude and latitude (..., 2) to a CRS; the inverse of `to_lonlat`."""
+    """Take WGS84 longitude and latitude (..., 2) to a CRS; the inverse of `to_lonlat`.
+
+    Parameters
+    ----------
+    crs : Any
+        See `horizontal_crs`.
+    lonlat : (..., 2) array
+        Degrees.
+
+    Returns
+    -------
+    (..., 2) array
+        x before y; NaN beyond the domain of the CRS.
+    """
     return _transformed(_transformer(_WGS84, horizontal_crs(crs)), lonlat)
 
 
@@ -89,12 +107,34 @@ def unwrapped(lonlat: ArrayLike, about_lon: float) -> Floats:
 
 
 def geodetic_to_ecef(lonlatheight: ArrayLike) -> Floats:
-    """Take lon, lat (degrees), height (m) on WGS84, (..., 3), to ECEF metres (EPSG:4978)."""
+    """Take lon, lat (degrees), height (m) on WGS84, (..., 3), to ECEF metres (EPSG:4978).
+
+    Parameters
+    ----------
+    lonlatheight : (..., 3) array
+        Longitude, latitude, ellipsoidal height.
+
+    Returns
+    -------
+    (..., 3) array
+        Metres.
+    """
     return _transformed(_transformer(CRS.from_epsg(4979), CRS.from_epsg(4978)), lonlatheight)
 
 
 def ecef_to_geodetic(xyz: ArrayLike) -> Floats:
-    """Take ECEF metres (..., 3) to lon, lat (degrees), height (m) on WGS84 (EPSG:4979)."""
+    """Take ECEF metres (..., 3) to lon, lat (degrees), height (m) on WGS84 (EPSG:4979).
+
+    Parameters
+    ----------
+    xyz : (..., 3) array
+        Metres.
+
+    Returns
+    -------
+    (..., 3) array
+        Longitude, latitude, ellipsoidal height.
+    """
     return _transformed(_transformer(CRS.from_epsg(4978), CRS.from_epsg(4979)), xyz)
 
 
@@ -186,6 +226,16 @@ def same_plane(first: Any, second: Any) -> bool:
     datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
     their axes. A vertical part is left aside.
 
+    Parameters
+    ----------
+    first, second : Any
+        See `horizontal_crs`.
+
+    Returns
+    -------
+    bool
+        False where their coordinates differ.
+
     Raises
     ------
     UserError
@@ -209,8 +259,18 @@ def same_plane(first: Any, second: Any) -> bool:
 def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
     """Return what takes coordinates (..., 2) of one CRS to another, x before y.
 
-    Coordinates are left as they are where the two are one CRS (see `same_plane`);
+    Coordinates are left as they are where the two are one CRS (see `frames.same_plane`);
     otherwise they go through WGS84, and are NaN beyond the domain of either.
+
+    Parameters
+    ----------
+    source, target : Any
+        See `frames.horizontal_crs`.
+
+    Returns
+    -------
+    callable
+        Takes and returns (..., 2) arrays.
     """
     if same_plane(source, target):
         return lambda xy: xy
@@ -222,7 +282,18 @@ def _axes(crs: CRS) -> list[tuple[str, float]]:
 
 
 def describe_crs(crs: CRS) -> str:
-    """Name a CRS for messages: its EPSG code where it has one, and its name."""
+    """Name a CRS for messages: its EPSG code where it has one, and its name.
+
+    Parameters
+    ----------
+    crs : CRS
+        Of pyproj or rasterio.
+
+    Returns
+    -------
+    str
+        Such as "EPSG:32615 (WGS 84 / UTM zone 15N)".
+    """
     code = crs.to_epsg()
     if code is None:
         return crs.name if crs.name != "unknown" else crs.to_string()[:80]

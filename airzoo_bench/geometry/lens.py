@@ -27,17 +27,37 @@ _BLOCK = 1 << 18
 
 
 def distort(xy: Floats, distortion: Floats) -> Floats:
-    """Distort points (N, M, 2) of the plane z = 1; the bare polynomial, also outside its range.
+    """Distort normalised image points; the bare polynomial, also outside its range.
 
-    The coefficients k1 k2 p1 p2 k3 are (N, 5); N = 1 broadcasts, of either.
+    Parameters
+    ----------
+    xy : (N, M, 2) array
+        Points on the plane z = 1 of the camera frame.
+    distortion : (N, 5) array
+        k1 k2 p1 p2 k3. N = 1 broadcasts, here and in `xy`.
+
+    Returns
+    -------
+    (N, M, 2) array
+        Points on the same plane, where the lens puts them.
     """
     return np.stack(_model(xy[..., 0], xy[..., 1], _columns(distortion)), axis=-1)
 
 
 def in_range(xy: Floats, distortion: Floats) -> Bools:
-    """Tell (N, M) which undistorted points (N, M, 2) lie where the model (N, 5) is one to one.
+    """Tell which undistorted points lie where the model is one to one.
 
-    False for points that are not finite.
+    Parameters
+    ----------
+    xy : (N, M, 2) array
+        Points on the plane z = 1 of the camera frame.
+    distortion : (N, 5) array
+        k1 k2 p1 p2 k3.
+
+    Returns
+    -------
+    (N, M) bool array
+        False for points that are not finite.
     """
     limit = _range_limit(distortion)[:, None]
     return _in_range(xy[..., 0], xy[..., 1], _columns(distortion), limit)

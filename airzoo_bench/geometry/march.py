@@ -150,13 +150,14 @@ def _meet(walk: _Walk, until: Floats, field: HeightField) -> Floats:
 
 
 def first_in_cell(heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats) -> Floats:
-    """Smallest u (P,) in [0, 1] at which the ray is on the surface of a cell or below.
+    """Smallest u in [0, 1] at which the ray is on the surface or below.
 
     Parameters
     ----------
     heights : (P, 4) array
         Of the cell's corners; NaN where there is none.
     start, way : (P, 2) array
+        Start of the ray in the cell and its way through it, in cells.
     z, drop : (P,) array
         drop <= 0.
 

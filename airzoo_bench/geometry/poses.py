@@ -64,6 +64,20 @@ class Poses:
     ) -> Poses:
         """Build poses from rotations (N, 3, 3) and camera centres (N, 3), kept exactly.
 
+        Parameters
+        ----------
+        R : (N, 3, 3) array
+            World-to-camera rotations.
+        C : (N, 3) array
+            Camera centres in world coordinates.
+        names : sequence of N, optional
+            Names of the cameras for messages.
+
+        Returns
+        -------
+        Poses
+            With the nearest exact rotations.
+
         Raises
         ------
         CameraError
@@ -77,6 +91,20 @@ class Poses:
         cls, R: ArrayLike, t: ArrayLike, names: Sequence[object] | None = None
     ) -> Poses:
         """Build poses from rotations (N, 3, 3) and translations (N, 3) of x_cam = R X + t.
+
+        Parameters
+        ----------
+        R : (N, 3, 3) array
+            World-to-camera rotations.
+        t : (N, 3) array
+            In the units of the world.
+        names : sequence of N, optional
+            Names of the cameras for messages.
+
+        Returns
+        -------
+        Poses
+            With centres -R^T t.
 
         Raises
         ------
@@ -92,6 +120,20 @@ class Poses:
         cls, wxyz: ArrayLike, t: ArrayLike, names: Sequence[object] | None = None
     ) -> Poses:
         """Build poses from world-to-camera quaternions (N, 4) w x y z and translations (N, 3).
+
+        Parameters
+        ----------
+        wxyz : (N, 4) array
+            World-to-camera, of unit norm to 1e-3.
+        t : (N, 3) array
+            Of x_cam = R X + t.
+        names : sequence of N, optional
+            Names of the cameras for messages.
+
+        Returns
+        -------
+        Poses
+            With centres -R^T t.
 
         Raises
         ------
@@ -109,7 +151,18 @@ class Poses:
         return -apply_matrix(self.rotation, self.centres)
 
     def take(self, index: Any) -> Poses:
-        """Return the poses at an integer, index array, mask or slice, as Poses."""
+        """Return the poses at an integer, index array, mask or slice, as Poses.
+
+        Parameters
+        ----------
+        index : int, slice or array
+            Of integers, or a mask (N,).
+
+        Returns
+        -------
+        Poses
+            One for an integer.
+        """
         rows = np.atleast_1d(np.arange(len(self))[index])
         return Poses(rotation=self.rotation[rows], centres=self.centres[rows])
 
@@ -119,6 +172,11 @@ class Poses:
         Sines, PROJ and BLAS differ in the last bit from one processor to another. The three
         smaller numbers of each quaternion are rounded to 1e-9, and the largest follows from unit
         norm, so that a second rounding changes nothing; centres are rounded to 0.1 mm. NaN stays.
+
+        Returns
+        -------
+        Poses
+            Of which `rounded` is the same.
         """
         quaternions = np.round(matrix_to_quaternion(self.rotation), _QUATERNION_DECIMALS)
         each = np.arange(len(quaternions))
@@ -140,6 +198,7 @@ def check_rotations(
     Parameters
     ----------
     R : (N, 3, 3) array
+        World-to-camera, or any other rotations.
     names : sequence of N, optional
         Names of the cameras for messages.
     where : object, optional
@@ -194,17 +253,56 @@ def check_rotations(
 
 
 def rays_to_world(poses: Poses, rays: Floats) -> Floats:
-    """Turn directions of the camera frame (N, M, 3) into world directions R^T d, (N, M, 3)."""
+    """Turn directions of the camera frame (N, M, 3) into world directions R^T d, (N, M, 3).
+
+    Parameters
+    ----------
+    poses : Poses
+        N poses.
+    rays : (N, M, 3) array
+        x right, y down, z forward.
+
+    Returns
+    -------
+    (N, M, 3) array
+        Of the same lengths.
+    """
     return apply_matrix(_transposed(poses.rotation)[:, None], rays)
 
 
 def world_to_camera(poses: Poses, points: Floats) -> Floats:
-    """Take world points (N, M, 3) into the camera frame, R (X - C), (N, M, 3)."""
+    """Take world points (N, M, 3) into the camera frame, R (X - C), (N, M, 3).
+
+    Parameters
+    ----------
+    poses : Poses
+        N poses.
+    points : (N, M, 3) array
+        World coordinates.
+
+    Returns
+    -------
+    (N, M, 3) array
+        x right, y down, z forward.
+    """
     return apply_matrix(poses.rotation[:, None], points - poses.centres[:, None])
 
 
 def camera_to_world(poses: Poses, points_cam: Floats) -> Floats:
-    """Take points of the camera frame (N, M, 3) into the world, R^T x + C, (N, M, 3)."""
+    """Take points of the camera frame (N, M, 3) into the world, R^T x + C, (N, M, 3).
+
+    Parameters
+    ----------
+    poses : Poses
+        N poses.
+    points_cam : (N, M, 3) array
+        x right, y down, z forward.
+
+    Returns
+    -------
+    (N, M, 3) array
+        World coordinates.
+    """
     return rays_to_world(poses, points_cam) + poses.centres[:, None]
 
 

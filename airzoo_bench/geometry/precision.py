@@ -43,11 +43,23 @@ _NARROW: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
 
 
 def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
-    """Tell finite numbers that went through a narrower type from those that merely fit it.
+    """Tell numbers that went through a narrower type from those that merely fit it.
 
     Numbers of a lattice, such as whole pixels, use the last bit of the narrower type in one power
     of two only; those that were rounded to it use it in all. A few whole pixels may do so by
     chance: then few bits of the large ones are 0 that the lattice does not ask for.
+
+    Parameters
+    ----------
+    values : array of float64
+        Finite.
+    kind : type
+        ``np.float16`` or ``np.float32``.
+
+    Returns
+    -------
+    bool
+        False for numbers of a lattice, such as whole pixels.
     """
     if not _fits(values, kind):
         return False
@@ -66,7 +78,18 @@ def _fits(values: Floats, kind: type[np.floating[Any]]) -> bool:
 
 
 def narrow_type(values: Floats) -> type[np.floating[Any]] | None:
-    """Return float16 or float32 where numbers went through it, see `was_rounded_to`."""
+    """Return float16 or float32 where numbers went through it, see `was_rounded_to`.
+
+    Parameters
+    ----------
+    values : array of float64
+        Finite.
+
+    Returns
+    -------
+    type or None
+        The narrower of the two that fits.
+    """
     return next((kind for kind in _NARROW if was_rounded_to(values, kind)), None)
 
 
@@ -117,7 +140,9 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
     rotations : (N, 3, 3) array
         As the file has them, or made of its quaternions.
     translations : (N, 3) array
+        t of x_cam = R X + t.
     quaternions : (N, 4) array or None
+        None where the file has matrices.
 
     Returns
     -------

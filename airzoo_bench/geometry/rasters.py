@@ -121,7 +121,20 @@ def opened(path: str | Path) -> Iterator[Any]:
 
 
 def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
-    """Take pixel coordinates (..., 2), column before row, to the raster's CRS, (..., 2)."""
+    """Take pixel coordinates to the raster's CRS.
+
+    Parameters
+    ----------
+    transform : affine.Affine or sequence of 6 float
+        The raster's geotransform a b c d e f.
+    colrow : (..., 2) array
+        Continuous; (0.5, 0.5) is the centre of the first pixel.
+
+    Returns
+    -------
+    (..., 2) array
+        x before y.
+    """
     a, b, c, d, e, f = transform[:6]
     points = np.asarray(colrow, dtype=np.float64)
     column, row = points[..., 0], points[..., 1]
@@ -129,14 +142,40 @@ def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
 
 
 def world_to_pixel(transform: Any, xy: ArrayLike) -> Floats:
-    """Take coordinates (..., 2) of the raster's CRS to pixels; the inverse of `pixel_to_world`."""
+    """Take coordinates (..., 2) of the raster's CRS to pixels; the inverse of `pixel_to_world`.
+
+    Parameters
+    ----------
+    transform : affine.Affine or sequence of 6 float
+        The raster's geotransform a b c d e f.
+    xy : (..., 2) array
+        x before y.
+
+    Returns
+    -------
+    (..., 2) array
+        Column and row, continuous.
+    """
     _, _, c, _, _, f = transform[:6]
     # The origin goes first: carried through the inverse, its millions of metres cost digits.
     return world_to_pixel_steps(transform, np.asarray(xy, dtype=np.float64) - (c, f))
 
 
 def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
-    """Take differences (..., 2) of world coordinates to differences in pixels."""
+    """Take differences (..., 2) of world coordinates to differences in pixels.
+
+    Parameters
+    ----------
+    transform : affine.Affine or sequence of 6 float
+        The raster's geotransform a b c d e f.
+    steps : (..., 2) array
+        x before y.
+
+    Returns
+    -------
+    (..., 2) array
+        Columns and rows.
+    """
     a, b, _, d, e, _ = transform[:6]
     x, y = steps[..., 0], steps[..., 1]
     determinant = a * e - b * d

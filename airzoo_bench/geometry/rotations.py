@@ -31,10 +31,19 @@ _LOCKED = 1e-8
 
 
 def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None) -> Floats:
-    """Turn quaternions w x y z (N, 4) into rotation matrices (N, 3, 3).
+    """Turn quaternions into rotation matrices.
 
-    They may be off unit norm by 1e-3 (what rounding in a file may do), and are normalised; `names`
-    are those of the cameras, for messages.
+    Parameters
+    ----------
+    wxyz : (N, 4) array
+        w x y z, of unit norm to 1e-3 (what rounding in a file may do); normalised here.
+    names : sequence of N, optional
+        Names of the cameras for messages.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        Rotations, orthonormal to rounding.
 
     Raises
     ------
@@ -56,7 +65,18 @@ def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None)
 
 
 def unit_quaternion_to_matrix(wxyz: Floats) -> Floats:
-    """Turn quaternions (N, 4) w x y z of exactly unit norm into rotation matrices (N, 3, 3)."""
+    """Turn quaternions (N, 4) w x y z of exactly unit norm into rotation matrices (N, 3, 3).
+
+    Parameters
+    ----------
+    wxyz : (N, 4) array
+        Of exactly unit norm.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        Orthonormal to rounding.
+    """
     w, x, y, z = wxyz.T
     entries = (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -71,6 +91,16 @@ def matrix_to_quaternion(R: ArrayLike) -> Floats:
 
     Of the four rows of 4 q q^T (Shepperd 1978) the one with the largest diagonal is taken, which
     never divides by a small number.
+
+    Parameters
+    ----------
+    R : (N, 3, 3) array
+        Exact rotations.
+
+    Returns
+    -------
+    (N, 4) array
+        w x y z, of unit norm.
     """
     m = np.moveaxis(np.asarray(R, dtype=np.float64), 0, -1)
     wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
@@ -113,10 +143,20 @@ def angles_to_rotations(
 
 
 def rotations_to_angles(R: ArrayLike, *, convergence_deg: ArrayLike) -> Floats:
-    """Turn world-to-camera rotations (..., 3, 3) into gimbal angles (..., 3) in degrees.
+    """Turn world-to-camera rotations into gimbal angles; the inverse of `angles_to_rotations`.
 
-    The inverse of `angles_to_rotations`: yaw in [-180, 180), pitch in [-90, 90], roll in [-180,
-    180]. Looking straight down or up, roll is 0 and yaw takes the whole turn.
+    Parameters
+    ----------
+    R : (..., 3, 3) array
+        World-to-camera, OpenCV axes, the world in projected coordinates with z up.
+    convergence_deg : (...) array or scalar
+        See `grid_convergence_deg`.
+
+    Returns
+    -------
+    (..., 3) array
+        Yaw in [-180, 180), pitch in [-90, 90], roll in [-180, 180], in degrees. Looking straight
+        down or up, roll is 0 and yaw takes the whole turn.
     """
     rotation = np.asarray(R, dtype=np.float64)
     right, down, forward = (rotation[..., row, :] for row in range(3))

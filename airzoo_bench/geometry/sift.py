@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["Descriptors", "Grey", "extract", "mutual_nearest"]

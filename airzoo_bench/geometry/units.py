@@ -58,10 +58,19 @@ def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
 def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
     """Refuse a projected CRS whose coordinates are no metres at some places.
 
+    Parameters
+    ----------
+    crs : CRS
+        Projected.
+    lonlat : (..., 2) array
+        Degrees, WGS84.
+    where : object
+        The file that states the CRS, for the message.
+
     Raises
     ------
     CameraError
-        Its scale there differs from 1 by 0.5 % or more.
+        Its scale there differs from 1 by `MOST_SCALE_ERROR` or more.
     """
     worst = float(np.max(scale_error(crs, lonlat), initial=0.0))
     if not worst < _MOST_SCALE_ERROR:
@@ -111,6 +120,16 @@ def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
 def vertical_m(crs: CRS) -> float | None:
     """Metres of the vertical unit that a CRS states; None where it has no heights.
 
+    Parameters
+    ----------
+    crs : CRS
+        Compound, projected or geographic.
+
+    Returns
+    -------
+    float or None
+        Such as 0.3048 for feet.
+
     Raises
     ------
     RasterError
@@ -129,7 +148,15 @@ def vertical_m(crs: CRS) -> float | None:
 def height_unit_m(dataset: Any) -> float:
     """Metres of the unit of a raster's heights, by its band's unit or its CRS's vertical axis.
 
-    Of an open dataset of rasterio; 1 where the file says nothing.
+    Parameters
+    ----------
+    dataset : rasterio.DatasetReader
+        Open.
+
+    Returns
+    -------
+    float
+        1 where the file says nothing.
 
     Raises
     ------

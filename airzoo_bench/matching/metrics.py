@@ -67,6 +67,12 @@ def pose_errors(
     true_rotation : (Q, 3, 3) array or None
         None where the truth has no trusted orientation (RTK positions only).
     true_centres : (Q, 3) array
+        Finite, in the same frame.
+
+    Returns
+    -------
+    PoseErrors
+        Infinite for queries that failed.
 
     Raises
     ------

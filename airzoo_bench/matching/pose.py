@@ -16,8 +16,8 @@ from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
+from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.solvers import (

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from airzoo_bench.core.settings import Limits, Positive, Strict
+from airzoo_bench.core.validation import Limits, Positive, Strict
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = [

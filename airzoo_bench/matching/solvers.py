@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.pycolmap_loader import load_pycolmap
+from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, field_validator
 
 from airzoo_bench.core.files import fingerprint
-from airzoo_bench.core.settings import Name, Strict
+from airzoo_bench.core.validation import Name, Strict
 
 __all__ = ["Protocol", "ProtocolScene"]
 

@@ -19,11 +19,11 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.output_places import check_output_folder
-from airzoo_bench.core.workers import parallel_map
+from airzoo_bench.core.parallel import parallel_map
+from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.evaluation.parts import Baseline, Resources
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol

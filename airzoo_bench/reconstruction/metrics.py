@@ -90,18 +90,25 @@ def score_distances(
         Distance of each predicted point to the nearest true one; none where nothing is predicted.
     to_prediction : (T,) array
         Distance of each true point to the nearest predicted one, infinite where there is none.
-    thresholds : (K,) array
-        See `curve`.
+    thresholds : sequence of float
+        Positive, in any order.
+    percentiles : sequence of float
+        Above 0, at most 100.
     max_distance : float or None
         Where given, a larger distance counts as this in accuracy, completeness and Chamfer
         distance, and in nothing else; an empty prediction stays infinitely far.
+
+    Returns
+    -------
+    CloudScores
+        In the units of the distances.
 
     Raises
     ------
     BenchmarkError
         No true point.
     ValueError
-        See `counts_below`.
+        Distances that are negative or NaN; thresholds or percentiles out of range.
     """
     if len(to_prediction) == 0:
         raise BenchmarkError(
@@ -179,9 +186,19 @@ def even_thresholds(up_to: float, steps: int) -> Floats:
 
 
 def exact_mean(distances: Floats, limit: float = math.inf) -> float:
-    """Mean of distances (N,): their exact sum, rounded once, over their number.
+    """Mean of distances: their exact sum, rounded once, over their number.
 
-    Distances above `limit` count as that. Infinite where there are none.
+    Parameters
+    ----------
+    distances : (N,) array
+        Not negative; may be infinite.
+    limit : float
+        A larger distance counts as this.
+
+    Returns
+    -------
+    float
+        Infinite where there are none.
 
     References
     ----------

@@ -7,7 +7,7 @@ import numpy as np
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.formats.clouds.source import FileCloud
+from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.cameras import Alignment

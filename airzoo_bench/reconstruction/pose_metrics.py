@@ -93,12 +93,29 @@ def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> Pai
 
 
 def pose_auc(errors: PairErrors, limit_deg: float) -> float:
-    """Area under the curve of pairs that are right, up to a limit L > 0, as a share of the best.
+    r"""Area under the curve of pairs that are right, up to a limit, as a share of the best.
 
-    A pair is right below an angle where both its rotation and its direction are: the mean over
-    pairs of max(0, 1 - e / L) with e the larger of both. Exact for the curve, which is a step
-    function; evaluations that fill a histogram by whole degrees differ by up to half a degree
-    over L.
+    A pair is right below an angle where both its rotation and its direction are:
+    :math:`\frac{1}{P} \sum_p \max(0, 1 - e_p / L)` with e the larger of both. Exact for the
+    curve, which is a step function; evaluations that fill a histogram by whole degrees differ by
+    up to half a degree over L.
+
+    Parameters
+    ----------
+    errors : PairErrors
+        From `pair_errors`.
+    limit_deg : float
+        L, above 0.
+
+    Returns
+    -------
+    float
+        0 to 1.
+
+    Raises
+    ------
+    ValueError
+        The limit is not above 0, or infinite.
 
     References
     ----------
@@ -114,9 +131,21 @@ def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int
     """Area under the curve of pairs that are right, as Depth Anything 3's benchmark computes it.
 
     Unlike `pose_auc` it takes a pair once, not both ways; compares the motions of the world that
-    take one camera to another, in the frame of the first camera that has a pose, so that the order
-    of the images matters; folds opposite directions to 0 degrees, gives 90 to those of cameras that
-    share a place; and counts by whole degrees.
+    take one camera to another, in the frame of the first camera, so that the order of the images
+    matters; folds opposite directions to 0 degrees, gives 90 to those of cameras that share a
+    place; and counts by whole degrees.
+
+    Parameters
+    ----------
+    predicted, truth : Poses
+        See `pair_errors`. The first camera is the first that has a pose.
+    limits_deg : list of int
+        Whole degrees.
+
+    Returns
+    -------
+    list of float
+        The area up to each limit, 0 to 1.
 
     References
     ----------
@@ -150,6 +179,16 @@ def centre_errors(aligned: Poses, truth: Poses) -> Floats:
 
     Their root mean square is the absolute trajectory error (ATE).
 
+    Parameters
+    ----------
+    aligned, truth : Poses
+        N partners; the aligned ones NaN where there is no pose.
+
+    Returns
+    -------
+    (N,) array
+        In the units of the truth.
+
     References
     ----------
     Sturm, Engelhard, Endres, Burgard, Cremers, A benchmark for the evaluation of RGB-D SLAM
@@ -159,15 +198,20 @@ def centre_errors(aligned: Poses, truth: Poses) -> Floats:
 
 
 def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
-    """Compare the motions from each of N cameras to the next, in the order given.
+    """Compare the motions from each camera to the next, in the order given.
 
     The relative pose error (RPE) over steps of one: of the motion that is left once the true
-    motion is undone, length and angle. The predicted poses have the scale of the truth.
+    motion is undone, length and angle.
+
+    Parameters
+    ----------
+    aligned, truth : Poses
+        N partners; the predicted ones with the scale of the truth.
 
     Returns
     -------
-    translation, rotation_deg : (N - 1,) arrays
-        In units of the truth, and in degrees; infinite for failures.
+    StepErrors
+        Of the N - 1 steps.
 
     References
     ----------
@@ -187,8 +231,18 @@ def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
 def rms_of_placed(errors: Floats) -> float:
     """Root mean square of the finite errors, infinite where there are none.
 
-    What ATE and RPE mean in the literature; state with it how many cameras were placed, and use
+    What ATE and RPE mean in the literature; say beside it how many cameras were placed, and use
     the median of all errors where methods that place different cameras are compared.
+
+    Parameters
+    ----------
+    errors : (N,) array
+        Infinite for failures.
+
+    Returns
+    -------
+    float
+        In their units.
     """
     placed = errors[np.isfinite(errors)]
     return float(np.sqrt((placed * placed).mean())) if len(placed) else np.inf

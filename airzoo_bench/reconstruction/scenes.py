@@ -12,10 +12,9 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.temporaries import PART
 from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource, FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.source import FileCloud
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.cameras import align, with_step

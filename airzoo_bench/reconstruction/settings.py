@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from airzoo_bench.core.settings import Count, Limits, Positive, Seed, Strict
+from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.alignment.camera_sets import RansacSettings
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings

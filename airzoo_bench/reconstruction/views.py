@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
-from airzoo_bench.formats.clouds.source import FileCloud
+from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.reconstruction.image_poses import (
     BYTES_A_CAMERA,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import label_text, new_canvas, series_style
 from airzoo_bench.report.labels import axis_label, shown_value

@@ -13,7 +13,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import read_rgb_photo
-from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.parts import Resources

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.matplotlib_loader import default_style, load_matplotlib
+from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.metrics import Curve
 from airzoo_bench.reconstruction.scoring import ScoredScene

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.results.comparable import check_same_queries
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, read_records

@@ -29,7 +29,22 @@ _BEST = "best"
 
 
 def best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None = None) -> int:
-    """Return the place of the best method by a score, the first of equals; see `value_of`."""
+    """Return the place of the best method by a score, the first of equals; see `value_of`.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        Of one protocol.
+    score : ScoreColumn
+        Which says whether lower is better.
+    scene : str, optional
+        On this scene, instead of on average.
+
+    Returns
+    -------
+    int
+        Its index in `methods`.
+    """
     sign = 1 if score.higher_is_better else -1
     return int(np.argmax([sign * value_of(method, score, scene) for method in methods]))
 
@@ -41,17 +56,25 @@ def find_one(
     score: ScoreColumn,
     scene: str | None = None,
 ) -> int:
-    """Return the place of the reference, or of the method that is compared with all others.
+    """Return the place of the reference, or of the method that is held against all others.
 
     Parameters
     ----------
     methods : sequence of Scored
-    reference, method : str, optional
-        One of them at most: a method's name, or "best" for the best by `score`; by default the
-        reference is the first.
+        Results of one protocol.
+    reference : str or None
+        See `find_reference`.
+    method : str or None
+        Instead of a reference: the name of the method whose differences are wanted.
     score : ScoreColumn
+        By which "best" is found.
     scene : str, optional
-        Id of the scene on which it is the best, instead of on average.
+        On which "best" is found, instead of on average.
+
+    Returns
+    -------
+    int
+        Its index in `methods`.
 
     Raises
     ------
@@ -81,7 +104,22 @@ def find_one(
 
 
 def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> float:
-    """Return a method's value on a scene, or the unweighted mean over scenes."""
+    """Return a method's value on a scene, or the unweighted mean over scenes.
+
+    Parameters
+    ----------
+    method : Scored
+        A result with its records.
+    score : ScoreColumn
+        One of its scores.
+    scene : str, optional
+        Id of a scene.
+
+    Returns
+    -------
+    float
+        As the result has it; shares are 0 to 1.
+    """
     values = method.result.overall if scene is None else method.result.scenes[scene]
     return values[score.key]
 
@@ -92,6 +130,18 @@ def family_of(names: Sequence[str], reference: str | None) -> int:
     Who takes the best of M equal methods as the reference has looked at all M (M - 1) / 2 pairs:
     corrected for the M - 1 others alone, 7 % of comparisons of 6 methods find a difference that
     is none, and 13 % of those of 15.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the methods that are compared.
+    reference : str or None
+        What they are compared with: a name, "best", or None for the first.
+
+    Returns
+    -------
+    int
+        The size of the family for `holm`.
     """
     chosen_by_value = reference == _BEST and _BEST not in names
     others = len(names) - 1
@@ -131,9 +181,11 @@ def against_best(
     Parameters
     ----------
     methods : sequence of Scored
-        On the same queries; see `check_same_queries`.
+        On the same queries; see `check_comparable`.
     scores : sequence of ScoreColumn
-    resampling : ResamplingConfig
+        Of the results; see `choose_scores`.
+    plan : ResamplingConfig
+        How intervals and tests are made.
     scene : str, optional
         Id of the scene to compare on, instead of the average over all.
 

@@ -107,7 +107,18 @@ class Comparison:
     of_one: bool = False
 
     def other(self, pair: Pair) -> str:
-        """Return the other method of a pair."""
+        """Return who stands in a pair beside the one.
+
+        Parameters
+        ----------
+        pair : Pair
+            One of `pairs`.
+
+        Returns
+        -------
+        str
+            The method's name.
+        """
         return pair.reference if self.of_one else pair.method
 
 
@@ -129,17 +140,23 @@ def compare(
     scores : sequence of ScoreColumn
         From `choose_scores`.
     reference : str, optional
-        See `find_one`.
+        See `find_reference`.
     method : str, optional
         Instead of a reference: what is found is this method's, against each other one.
     scene : str, optional
         Id or title of the scene to compare on, instead of all.
-    resampling : ResamplingConfig
+    plan : ResamplingConfig
+        How intervals and tests are made.
+
+    Returns
+    -------
+    Comparison
+        A pair for each score and each method but the one.
 
     Raises
     ------
     ResultError
-        They cannot be compared; see `check_same_queries`. There is no such scene.
+        They cannot be compared; see `check_comparable`. There is no such scene.
     UsageError
         There is no such reference or method, or both were named.
     """

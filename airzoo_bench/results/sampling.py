@@ -31,8 +31,14 @@ def make_sample(
     methods : sequence of Scored
         On the same queries.
     scores : sequence of ScoreColumn
+        The columns of their records.
     scene : str, optional
         This scene's queries only.
+
+    Returns
+    -------
+    Sample
+        Variables (V, N) by scene, V = scores times methods.
     """
     whole = pooled_sample(methods, scores)
     [values] = whole.values
@@ -66,8 +72,11 @@ def score_intervals(
     Parameters
     ----------
     method : Scored
+        A result with its records.
     scores : sequence of ScoreColumn
-    resampling : ResamplingConfig
+        Of which to take intervals.
+    plan : ResamplingConfig
+        How intervals are made.
     scene : str, optional
         Of this scene's queries only.
 
@@ -82,10 +91,34 @@ def score_intervals(
 
 
 def is_hit(track: str, score: ScoreColumn) -> bool:
-    """Whether a score is 0 or 1 for each query by its definition, whatever its values are."""
+    """Whether a score is 0 or 1 for each query by its definition, whatever its values are.
+
+    Parameters
+    ----------
+    track : str
+        The track's name.
+    score : ScoreColumn
+        One of its scores.
+
+    Returns
+    -------
+    bool
+        True for Recall@K and recalls below a threshold.
+    """
     return score.unit == "share" and score.key.startswith(_HITS.get(track, ()))
 
 
 def is_share(score: ScoreColumn) -> bool:
-    """Whether a score of queries is a mean of shares from 0 to 1."""
+    """Whether a score of queries is a mean of shares from 0 to 1.
+
+    Parameters
+    ----------
+    score : ScoreColumn
+        A score of any track.
+
+    Returns
+    -------
+    bool
+        False for errors and other means.
+    """
     return score.unit == "share" and score.average == "mean"

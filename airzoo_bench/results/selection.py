@@ -87,9 +87,16 @@ def choose_scores(
     Parameters
     ----------
     methods : sequence of Scored
+        Results of one protocol.
     wanted : sequence of str
+        Keys or titles, in the order of the answer.
     every : bool
         Where none is wanted, take every score that all have.
+
+    Returns
+    -------
+    list of ScoreColumn
+        Of the first result, each once.
 
     Raises
     ------
@@ -121,7 +128,22 @@ def choose_scores(
 
 
 def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) -> set[str]:
-    """Return the keys of the scores that `choose_scores` can choose, before records are read."""
+    """Return the keys of the scores that `choose_scores` can choose, before records are read.
+
+    Parameters
+    ----------
+    result : Result
+        Any of the results of a protocol.
+    wanted : sequence of str
+        Keys or titles; none means the headline scores.
+    every : bool
+        Instead of the headline scores, all of them.
+
+    Returns
+    -------
+    set of str
+        The columns of records that are needed.
+    """
     return {
         column.key
         for column in result.columns

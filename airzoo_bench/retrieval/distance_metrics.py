@@ -23,6 +23,7 @@ def top1_distance(distances_m: Floats) -> Floats:
     Parameters
     ----------
     distances_m : (Q, K) float64
+        From the query to the tile at each rank, in metres.
 
     Returns
     -------
@@ -46,6 +47,7 @@ def is_within(top1_m: Floats, limit_m: float) -> Floats:
     top1_m : (Q,) float64
         Metres, from `top1_distance`.
     limit_m : float
+        Metres.
 
     Returns
     -------
@@ -68,6 +70,7 @@ def sdm_at(distances_m: Floats, k: int, scale: float) -> Floats:
     Parameters
     ----------
     distances_m : (Q, K) float64
+        From the query to the tile at each rank, in metres.
     k : int
         At least 1.
     scale : float
@@ -107,6 +110,7 @@ def pdm_at(
     Parameters
     ----------
     distances_m : (Q, K) float64
+        From the query to the tile at each rank, in metres.
     k : int
         At least 1.
     tile_size_m : float, (Q, 1) or (Q, K)
@@ -120,6 +124,7 @@ def pdm_at(
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------

@@ -38,6 +38,7 @@ def recall_at(hits: Bools, k: int) -> Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     k : int
         At least 1.
 
@@ -74,7 +75,9 @@ def average_precision_at(hits: Bools, n_positives: Ints, k: int, variant: ApVari
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     n_positives : (Q,) int
+        R, the positives of each query in the gallery, ranked or not.
     k : int
         At least 1.
     variant : {"precision", "min", "trec", "hits"}
@@ -82,6 +85,7 @@ def average_precision_at(hits: Bools, n_positives: Ints, k: int, variant: ApVari
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------
@@ -119,11 +123,14 @@ def average_precision(hits: Bools, n_positives: Ints) -> Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     n_positives : (Q,) int
+        Positives of each query in the gallery, ranked or not.
 
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------
@@ -143,6 +150,7 @@ def first_hit_rank(hits: Bools) -> Ints:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
 
     Returns
     -------
@@ -167,10 +175,12 @@ def reciprocal_rank(hits: Bools) -> Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
 
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------
@@ -194,13 +204,16 @@ def ndcg_at(hits: Bools, n_positives: Ints, k: int) -> Floats:
     Parameters
     ----------
     hits : (Q, K) bool
+        Whether the tile at each rank is a positive, best first.
     n_positives : (Q,) int
+        R, the positives of each query in the gallery, ranked or not.
     k : int
         At least 1.
 
     Returns
     -------
     (Q,) float64
+        0 to 1.
 
     Raises
     ------

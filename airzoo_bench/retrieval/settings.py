@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from airzoo_bench.core.settings import Limits, Positive, Ranks, Strict
+from airzoo_bench.core.validation import Limits, Positive, Ranks, Strict
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = [

@@ -26,6 +26,7 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
     Returns
     -------
     (R, L) array
+        The quantile of each level.
     """
     place = levels * (ranked.shape[1] - 1)
     below = np.floor(place).astype(np.intp)
@@ -48,6 +49,7 @@ def percentile_p_values(resamples: Floats) -> Floats:
     Parameters
     ----------
     resamples : (R, B) array
+        B resamples of R statistics; may hold infinity.
 
     Returns
     -------
@@ -91,6 +93,7 @@ def acceleration(moments: Floats) -> Floats:
     Returns
     -------
     (R,) array
+        NaN where all influence values are 0.
     """
     third, second = moments.T
     defined = (second > 0) & np.isfinite(second)
@@ -117,15 +120,19 @@ def interval_limits(
     resamples : (R, B) array
         B resamples of R statistics.
     estimates : (R,) array
+        The statistics of the sample itself.
     scales : (R,) array
         Of what size the numbers are that a statistic was made of: those of a difference may be
         large where it is almost 0, and their rounding with them.
     accelerations : (R,) array
-    resampling : ResamplingConfig
+        From `acceleration`; NaN where BCa does not exist.
+    plan : ResamplingConfig
+        Kind of interval, confidence.
 
     Returns
     -------
     limits : (R, 2) array
+        Low and high.
     exists : (R,) bool
         Whether the method that was asked for exists; elsewhere the limits are percentile's.
     """

@@ -92,7 +92,8 @@ def bootstrap(
     ----------
     sample : Sample
         Values are finite or +inf.
-    resampling : ResamplingConfig
+    plan : ResamplingConfig
+        Number of resamples, seed, kind of interval, confidence.
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second.
     groups : bool
@@ -106,6 +107,11 @@ def bootstrap(
         does not exist: with infinite leave-one-out values, or all resamples on one side.
         Differences of medians always have percentile intervals: BCa's leave out the true
         difference too often where there are few units (docs/statistics.md).
+
+    Raises
+    ------
+    ValueError
+        The sample has no group.
     """
     pairs = np.array(differences, dtype=np.intp).reshape(-1, 2)
     found: dict[str, list[Interval]] = {}
@@ -228,7 +234,22 @@ def _intervals(
 
 
 def few_units(units: int, group: str, unit: str) -> Interval | None:
-    """Say that a group has too few units for an interval; None where it has enough."""
+    """Say that a group has too few units for an interval; None where it has enough.
+
+    Parameters
+    ----------
+    units : int
+        Of the group.
+    group : str
+        Its name, for the reason; empty for the only one.
+    unit : str
+        What a unit is called, such as "query".
+
+    Returns
+    -------
+    Interval or None
+        Without limits, and with the reason.
+    """
     if units >= FEWEST:
         return None
     where = f" in scene {group}" if group else ""

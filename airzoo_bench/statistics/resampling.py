@@ -36,13 +36,41 @@ _EXACT_BITS = 52
 
 
 def stream_key(seed: int, purpose: str, group: str) -> int:
-    """Name a stream: the same for a group whatever other groups there are."""
+    """Name a stream: the same for a group whatever other groups there are.
+
+    Parameters
+    ----------
+    seed : int
+        The user's.
+    purpose : str
+        Such as "bootstrap": different purposes have different streams.
+    group : str
+        Such as a scene.
+
+    Returns
+    -------
+    int
+        A key of the random generator, of 128 bits.
+    """
     text = f"{seed}\n{purpose}\n{group}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
 
 
 def blocks(units: int, resamples: int) -> Iterator[tuple[int, int]]:
-    """Cut resamples into pieces of bounded memory: the first of each, and how many."""
+    """Cut resamples into pieces of bounded memory: the first of each, and how many.
+
+    Parameters
+    ----------
+    units : int
+        What is resampled.
+    resamples : int
+        At least 1.
+
+    Yields
+    ------
+    first, count : int
+        The number of the first resample of a piece, and how many it has.
+    """
     size = max(1, _CELLS // max(units, 1))
     for first in range(0, resamples, size):
         yield first, min(size, resamples - first)
@@ -169,6 +197,7 @@ def leave_one_out(values: Floats, medians: NDArray[np.bool_]) -> Floats:
     Returns
     -------
     (V, N) array
+        The average without each unit.
     """
     averages = np.empty_like(values)
     means = values[~medians]

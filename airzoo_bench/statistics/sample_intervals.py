@@ -26,7 +26,9 @@ def sample_intervals(
     Parameters
     ----------
     sample : Sample
-    resampling : ResamplingConfig
+        Values are finite or +inf.
+    plan : ResamplingConfig
+        Number of resamples, seed, kind of interval, confidence.
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second, both shares or neither.
     groups : bool

@@ -74,10 +74,12 @@ def difference(first: Floats, second: Floats) -> Floats:
     Parameters
     ----------
     first, second : (...) arrays
+        Numbers, which may be infinite; shapes broadcast.
 
     Returns
     -------
     (...) array
+        first - second; 0 where both are infinite.
     """
     both = np.isinf(first) & (first == second)
     return np.subtract(first, second, out=np.zeros(np.broadcast(first, second).shape), where=~both)
@@ -92,6 +94,7 @@ def paired_difference(first: Floats, second: Floats) -> Floats:
     Parameters
     ----------
     first, second : (...) arrays
+        Values of two methods, unit by unit.
 
     Returns
     -------

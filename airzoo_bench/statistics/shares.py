@@ -59,7 +59,18 @@ class Rates:
 
     @classmethod
     def of(cls, values: Floats) -> Rates:
-        """Measure shares, (R, N) from 0 to 1; those that vary as much as hits count as hits."""
+        """Measure shares, (R, N) from 0 to 1; those that vary as much as hits count as hits.
+
+        Parameters
+        ----------
+        values : (R, N) array
+            Shares of N queries, 0 to 1.
+
+        Returns
+        -------
+        Rates
+            Of each of the R rows.
+        """
         count = values.shape[1]
         means = values.mean(axis=1)
         ends = _PRIOR * (means**2 + (1 - means) ** 2)
@@ -77,7 +88,20 @@ Limits = Callable[[Rates, float], Floats]
 
 
 def wilson_limits(rates: Rates, confidence: float) -> Floats:
-    """Return Wilson's limits of rates, (R, 2)."""
+    """Return Wilson's limits of rates, (R, 2).
+
+    Parameters
+    ----------
+    rates : Rates
+        R rates and their numbers of queries.
+    confidence : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    (R, 2) array
+        Low and high, 0 to 1.
+    """
     from scipy.special import ndtri
 
     squared = float(ndtri((1 + confidence) / 2)) ** 2
@@ -90,7 +114,20 @@ def wilson_limits(rates: Rates, confidence: float) -> Floats:
 
 
 def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
-    """Return Jeffreys' limits of rates, (R, 2): 0 where nothing was hit, 1 where everything was."""
+    """Return Jeffreys' limits of rates, (R, 2): 0 where nothing was hit, 1 where everything was.
+
+    Parameters
+    ----------
+    rates : Rates
+        R rates and their numbers of queries.
+    confidence : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    (R, 2) array
+        Low and high, 0 to 1.
+    """
     from scipy.special import betaincinv
 
     hits, misses = rates.means * rates.sizes, (1 - rates.means) * rates.sizes
@@ -112,6 +149,7 @@ def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     scenes : sequence of (R, N) arrays
         R shares, from 0 to 1, of the N queries of each scene.
     confidence : float
+        Between 0 and 1.
 
     Returns
     -------
@@ -135,6 +173,7 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     scenes : sequence of (R, N) arrays
         R differences, from -1 to 1, on the N queries of each scene.
     confidence : float
+        Between 0 and 1.
 
     Returns
     -------

@@ -88,8 +88,8 @@ def paired_permutation(
 
     The statistic is the difference of the averages over groups. Where units are exchangeable
     between the two, each of the 2**k patterns of the k units that differ is as likely as the one
-    observed; p is the share of patterns that differ at least as much, either way. All are tried
-    where they are no more than `resampling.resamples`; else that many random ones are, the same
+    observed; p is the share of patterns that differ at least as much, either way. All are
+    tried where they are no more than `plan.resamples`; else that many random ones are, the same
     for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0.
     Where one side's average is infinite, patterns that make it so too are ordered by wins minus
     losses. Of medians this would test whether units are exchangeable, which they are not where
@@ -98,9 +98,16 @@ def paired_permutation(
     Parameters
     ----------
     sample : Sample
-    resampling : ResamplingConfig
+        Values are finite or +inf.
+    plan : ResamplingConfig
+        Number of patterns that are tried, seed.
     pairs : sequence of (int, int)
         Of variables, both averaged in the same way.
+
+    Returns
+    -------
+    list of PairedTest
+        One for each of `pairs`.
     """
     tests: list[PairedTest | None] = [None] * len(pairs)
     many = []
@@ -226,7 +233,18 @@ def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uin
 
 
 def p_floor(unlike: int) -> float:
-    """Return the least p that any values could have, on as many units as differ."""
+    """Return the least p that any values could have, on as many units as differ.
+
+    Parameters
+    ----------
+    unlike : int
+        Units whose values differ.
+
+    Returns
+    -------
+    float
+        2 / 2**unlike, at most 1.
+    """
     return min(1.0, 2.0 ** (1 - unlike))
 
 
@@ -267,9 +285,16 @@ def paired_tests(
     Parameters
     ----------
     sample : Sample
-    resampling : ResamplingConfig
+        Values are finite or +inf.
+    plan : ResamplingConfig
+        How intervals and tests are made.
     places : sequence of (int, int)
         Of variables, both averaged in the same way.
+
+    Returns
+    -------
+    intervals, tests : list of Interval, list of PairedTest
+        One each for every pair of `places`.
     """
     found = sample_intervals(sample, resampling, places, groups=False)
     by_median = [bool(sample.medians[one]) for one, _ in places]

@@ -15,8 +15,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.core.settings import Name, Strict
-from airzoo_bench.core.validation import nearest, read_toml, validated
+from airzoo_bench.core.validation import Name, Strict, nearest, read_toml, validated
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.table import read_published

@@ -12,12 +12,17 @@ from PIL import Image
 from rasterio import Affine
 
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.frames import to_lonlat
 from tests.geometry.support import looking_down
 from tests.support import NORTH_WEST, PLACE_CRS, run_main, write_raster
 
 NAME = "field"
+RETRIEVAL, MATCHING, RECONSTRUCTION = (
+    f"{NAME}-{track}" for track in ("retrieval", "matching", "reconstruction")
+)
+A, B = f"{NAME}/a", f"{NAME}/b"  # photos
+TILES = [f"{NAME}/160_00000_0000{n}" for n in range(6)]
 GROUND_M = 100.0
 MAP_PX, MAP_GSD = 640, 0.4
 PHOTO_SIZE, FOCAL = (320, 240), 320.0

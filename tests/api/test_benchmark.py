@@ -181,6 +181,6 @@ def test_a_track_that_is_not_served(data: Path) -> None:
         scene.crops()
 
 
-@pytest.mark.parametrize("name", ["benchmark", "cameras", "items", "prediction_writer"])
+@pytest.mark.parametrize("name", ["benchmark", "photos", "map_parts", "prediction_writer"])
 def test_examples_of_docstrings(name: str) -> None:
     assert not doctest.testmod(importlib.import_module(f"airzoo_bench.api.{name}")).failed

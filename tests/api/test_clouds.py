@@ -144,7 +144,7 @@ def test_mistakes_in_clouds_are_refused() -> None:
         for value in (0, -1.0, "none"):
             refused(score, one, one, where=name, **{name: value})
     refused(score, one, one, crop="none", where="crop")
-    refused(score, one, one, threads=0, where="threads")
+    refused(score, one, one, jobs=0, where="jobs")
 
 
 def made(count: int = 12) -> tuple[Array, Array, float]:

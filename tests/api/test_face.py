@@ -81,16 +81,6 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         ab.recal_at_k  # noqa: B018
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_every_function_says_what_it_takes_gives_and_refuses(name: str) -> None:
-    function = getattr(ab, name)
-    text = inspect.getdoc(function) or ""
-    for section in ("Parameters", "Returns", "Raises", "Examples"):
-        assert f"\n{section}\n{'-' * len(section)}\n" in text, section
-    for parameter in inspect.signature(function).parameters:
-        assert re.search(rf"^(.*, )?{parameter}(,.*)?( :|$)", text, re.MULTILINE), parameter
-
-
 def run_examples(name: str, text: str, namespace: dict[str, Any]) -> str:
     """Run doctests, which see and leave names in a namespace; return what they say is wrong."""
     test = doctest.DocTestParser().get_doctest(text, {}, name, name, 0)

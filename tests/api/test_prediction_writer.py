@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +12,11 @@ from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.api.prediction_writer import PredictionWriter
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import sha256_of, sha256_of_tree
-from tests.api.place import NAME
+from tests.api.place import NAME, RETRIEVAL, TILES, A, B
 from tests.api.scored import scored
 from tests.matching import world as matching_world
 from tests.reconstruction import world as reconstruction_world
 from tests.support import MadeScene, files_below
-
-RETRIEVAL, MATCHING, RECONSTRUCTION = (
-    f"{NAME}-{track}" for track in ("retrieval", "matching", "reconstruction")
-)
 
 
 def ranked(scene: MadeScene, number: int) -> list[str]:
@@ -202,163 +199,6 @@ def test_an_exception_leaves_what_was_there(
     assert len(list(tmp_path.iterdir())) == 1
 
 
-XY = np.array([[10.0, 20.0], [30.0, 40.0]])
-TURN = np.diag((1.0, -1.0, -1.0))
-CENTRE = np.array((500_100.0, 5_199_900.0, 190.0))
-K = np.array([[32.0, 0, 16], [0, 32.0, 12], [0, 0, 1]])
-VIEW = {"rotation": TURN, "centre": CENTRE, "intrinsics": K, "depth": np.ones((24, 32))}
-A, B = f"{NAME}/a", f"{NAME}/b"
-TILES = [f"{NAME}/160_00000_0000{n}" for n in range(6)]
-
-
-@pytest.mark.parametrize(
-    ("protocol", "name", "fields", "message"),
-    [
-        (RETRIEVAL, f"{NAME}/aa", {"ranked_ids": TILES}, "is no query of the benchmark.*did you"),
-        (RETRIEVAL, A, {"ranked_ids": [*TILES, "field/9"]}, "'field/9' is no tile of the gallery"),
-        (RETRIEVAL, A, {"ranked_ids": [TILES[0], TILES[0]]}, "ranked more than once"),
-        (RETRIEVAL, A, {"ranked_ids": TILES, "scores": [1, 2]}, r"int64 of shape \(2,\)"),
-        (RETRIEVAL, A, {"ranked_ids": TILES[:3], "scores": [1, 3, 2]}, "not in order"),
-        (RETRIEVAL, A, {"ranked_ids": TILES[:2], "scores": [1, np.nan]}, "NaN or infinite"),
-        (RETRIEVAL, A, {"scores": [1.0]}, "scores is no answer of the retrieval track"),
-        (RETRIEVAL, A, {"ranked_ids": TILES, "descriptor": [1.0]}, "is no answer"),
-        (RETRIEVAL, A, {"map_xy": XY}, "is no answer of the retrieval track"),
-        (RETRIEVAL, A, {}, "nothing is no answer"),
-        (RETRIEVAL, TILES[0], {"descriptor": np.ones((2, 2))}, r"float64 of shape \(2, 2\)"),
-        (RETRIEVAL, TILES[0], {"descriptor": [1, 2]}, "descriptor is int64"),
-        (RETRIEVAL, A, {"descriptor": [1.0, np.inf]}, "NaN or infinite descriptors"),
-        (RETRIEVAL, "elsewhere/a", {"descriptor": [1.0]}, "no query or tile of the benchmark"),
-        (MATCHING, f"{NAME}/x", {"query_xy": XY, "map_xy": XY}, "is no query"),
-        (MATCHING, A, {"query_xy": XY, "map_xy": XY[:1]}, "map_xy has 1 rows, query_xy has 2"),
-        (MATCHING, A, {"query_xy": XY[0], "map_xy": XY}, r"shape \(2,\)(.|\n)*shape \(M, 2\)"),
-        (MATCHING, A, {"query_xy": XY * 20, "map_xy": XY}, "2 of 2 pixels.*outside the photo"),
-        (MATCHING, A, {"query_xy": XY, "map_xy": XY * np.nan}, "map_xy is NaN"),
-        (MATCHING, A, {"query_xy": XY}, "query_xy is no answer of the matching track"),
-        (MATCHING, A, {"rotation": TURN * 2, "centre": CENTRE}, "rotat"),
-        (MATCHING, A, {"rotation": TURN, "centre": CENTRE.astype("f4")}, "centre is float32"),
-        (RECONSTRUCTION, A, {"points": XY}, "is no scene of the benchmark"),
-        (RECONSTRUCTION, NAME, {"points": XY}, r"of shape \(2, 2\)"),
-        (RECONSTRUCTION, NAME, {"points": np.zeros((0, 3))}, "points is empty"),
-        (RECONSTRUCTION, NAME, {"points": np.full((3, 3), np.nan)}, "points is NaN"),
-        (RECONSTRUCTION, f"{NAME}/x", VIEW, "is no photo of the reconstruction"),
-        (
-            RECONSTRUCTION,
-            A,
-            VIEW | {"depth": np.ones((240, 320))},
-            "look of images of about 32 x 24",
-        ),
-        (
-            RECONSTRUCTION,
-            A,
-            VIEW | {"depth": np.ones((12, 16))},
-            "look of images of about 32 x 24",
-        ),
-        (RECONSTRUCTION, A, VIEW | {"depth": np.ones((2, 24, 32))}, "with 2 axes"),
-        (RECONSTRUCTION, A, VIEW | {"confidence": np.ones((2, 2))}, "confidence has shape"),
-        (RECONSTRUCTION, A, {"depth": VIEW["depth"]}, "depth is no answer"),
-    ],
-)
-def test_what_cannot_be_scored_is_refused_at_once(
-    root: Path,
-    field: BlindBenchmark,
-    tmp_path: Path,
-    protocol: str,
-    name: str,
-    fields: dict[str, Any],
-    message: str,
-) -> None:
-    out = tmp_path / ("mine" if protocol == RECONSTRUCTION else "mine.npz")
-    writer = PredictionWriter(out, protocol, field)
-    with pytest.raises(UserError, match=message) as refusal:
-        writer.add(name, **fields)
-    assert str(refusal.value).startswith(f"{out}, {name}")
-    assert len(writer) == 0
-
-
-Add = Callable[[PredictionWriter], None]
-
-
-@pytest.mark.parametrize(
-    ("protocol", "first", "second", "message"),
-    [
-        (
-            RETRIEVAL,
-            lambda w: w.add(A, ranked_ids=TILES),
-            lambda w: w.add(A, ranked_ids=TILES),
-            "was added before",
-        ),
-        (
-            RETRIEVAL,
-            lambda w: w.add(A, ranked_ids=TILES),
-            lambda w: w.add(B, descriptor=[1.0]),
-            "descriptor after answers of another kind",
-        ),
-        (
-            RETRIEVAL,
-            lambda w: w.add(A, ranked_ids=TILES[:2], scores=[2, 1]),
-            lambda w: w.add(B, ranked_ids=TILES[:2], scores=[1, 2]),
-            "scores rise here and fall",
-        ),
-        (
-            RETRIEVAL,
-            lambda w: w.add(A, ranked_ids=TILES),
-            lambda w: w.add(B, ranked_ids=TILES[:2], scores=[1, 2]),
-            "scores with some queries only",
-        ),
-        (
-            RETRIEVAL,
-            lambda w: w.add(A, descriptor=[1.0, 2.0]),
-            lambda w: w.add(TILES[0], descriptor=[1.0]),
-            r"\(1,\)(.|\n)*\(2,\), the shape of the first",
-        ),
-        (
-            RECONSTRUCTION,
-            lambda w: w.add(A, **VIEW),
-            lambda w: w.add(NAME, points=np.ones((3, 3))),
-            "a cloud and depth maps",
-        ),
-        (
-            RECONSTRUCTION,
-            lambda w: w.add(NAME, points=np.ones((3, 3))),
-            lambda w: w.add(A, **VIEW),
-            "a cloud and depth maps",
-        ),
-        (
-            RECONSTRUCTION,
-            lambda w: w.add(A, **VIEW),
-            lambda w: w.add(B, **VIEW | {"depth": np.ones((25, 32))}),
-            "the shape of the first",
-        ),
-        (
-            RECONSTRUCTION,
-            lambda w: w.add(A, **VIEW),
-            lambda w: w.add(B, rotation=TURN, centre=CENTRE),
-            "has no depth",
-        ),
-        (
-            RECONSTRUCTION,
-            lambda w: w.add(A, **VIEW),
-            lambda w: w.add(B, **VIEW, confidence=np.ones((24, 32))),
-            "confidence with some photos only",
-        ),
-    ],
-)
-def test_answers_that_do_not_go_together(
-    root: Path,
-    field: BlindBenchmark,
-    tmp_path: Path,
-    protocol: str,
-    first: Add,
-    second: Add,
-    message: str,
-) -> None:
-    writer = PredictionWriter(tmp_path / "mine.npz", protocol, field)
-    first(writer)
-    with pytest.raises(UserError, match=message):
-        second(writer)
-    assert len(writer) == 1
-
-
 def test_a_tile_without_a_descriptor_is_refused_at_the_end(
     root: Path, field: BlindBenchmark, tmp_path: Path
 ) -> None:
@@ -370,6 +210,35 @@ def test_a_tile_without_a_descriptor_is_refused_at_the_end(
     with pytest.raises(UserError, match=f"no descriptor of tiles: 1 of 274 .{tiles[9].id}"):
         writer.close()
     assert files_below(tmp_path) == set()
+
+
+def test_a_second_writer_of_a_file_is_refused_before_any_work(
+    root: Path, field: BlindBenchmark, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "mine.npz"
+    with PredictionWriter(out, RETRIEVAL, field) as writer:
+        writer.add(A, ranked_ids=TILES)
+        with pytest.raises(UserError, match="is being written by another PredictionWriter"):
+            PredictionWriter("mine.npz", RETRIEVAL, field)
+        run = subprocess.run([sys.executable, "-c", OPEN, str(field.folder)], check=False)
+        assert run.returncode == 5
+        with PredictionWriter("other.npz", RETRIEVAL, field) as other:
+            other.add(A, ranked_ids=TILES[:2])
+    assert files_below(tmp_path) >= {"mine.npz", "other.npz"}
+    assert not list(tmp_path.glob(".*"))
+    with PredictionWriter(out, RETRIEVAL, field) as again:
+        again.add(A, ranked_ids=TILES)
+
+
+OPEN = f"""
+import sys
+import airzoo_bench as ab
+try:
+    ab.PredictionWriter("mine.npz", "{RETRIEVAL}", ab.load_benchmark(sys.argv[1]))
+except ab.UserError as error:
+    sys.exit(5 if "is being written" in str(error) else 6)
+"""
 
 
 def test_places_and_protocols(

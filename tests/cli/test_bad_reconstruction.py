@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from tests.reconstruction.world import (
     PROTOCOL,
     World,

@@ -23,7 +23,7 @@ from airzoo_bench.core.files import (
     sha256_of,
     write_npz,
 )
-from airzoo_bench.core.output_places import check_output_file, check_output_folder
+from airzoo_bench.core.places import check_output_file, check_output_folder
 from airzoo_bench.core.temporaries import clear_abandoned, temporary_file, temporary_folder
 from tests.support import files_below
 

@@ -154,6 +154,13 @@ def test_a_way_of_compression_that_is_not_known(tmp_path: Path) -> None:
         read(changed(path, places(path)[2], "<H", 1))
 
 
+@pytest.mark.parametrize("items", [0, 1, 0xFFFF])
+def test_parts_of_a_point_that_the_record_has_no_room_for(items: int, tmp_path: Path) -> None:
+    path = write_las(tmp_path / "a.laz", made(N))
+    with refused("LASzip record is cut off"):
+        read(changed(path, places(path)[2] + 32, "<H", items))
+
+
 def test_colours_of_eight_bits_in_sixteen(tmp_path: Path) -> None:
     columns = made(N)
     path = write_las(tmp_path / "a.las", columns)

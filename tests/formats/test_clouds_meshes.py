@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, fans, sampled, triangles_of
 from tests.formats.cloud_support import (

@@ -33,7 +33,7 @@ def test_every_kind_gives_points_and_colours(data: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("ascii_", [True, False])
 @pytest.mark.parametrize("compressed", [True, False])
 def test_what_open3d_writes(ascii_: bool, compressed: bool, tmp_path: Path) -> None:
-    from airzoo_bench.core.open3d_loader import load_open3d
+    from airzoo_bench.core.optional_imports import load_open3d
 
     o3d = load_open3d()
     random = np.random.default_rng(1)

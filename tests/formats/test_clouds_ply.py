@@ -32,7 +32,7 @@ def test_every_byte_order_gives_all_columns(order: str, points: int, tmp_path: P
 
 
 def test_open3d_reads_the_same(tmp_path: Path) -> None:
-    from airzoo_bench.core.open3d_loader import load_open3d
+    from airzoo_bench.core.optional_imports import load_open3d
 
     o3d = load_open3d()
     columns = made(200)

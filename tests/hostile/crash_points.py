@@ -1,7 +1,9 @@
 """Kills a writer at every step, or lets each fail; run by test_crashes, prints JSON.
 
-A step is what Python's audit hooks announce: opening to write, making, renaming, removing. Each
-case runs in a forked process of its own, on a folder of its own.
+A step is what Python's audit hooks announce: opening to write, making, renaming, removing. "line"
+kills at every line of Python between them too, as when a file is made and not yet written, and
+"tiny" lets no file grow beyond so many bytes, so that the smallest fail alone. Each case runs in a
+forked process of its own, on a folder of its own.
 """
 
 from __future__ import annotations
@@ -14,50 +16,55 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
-from airzoo_bench.core import exchange
+from airzoo_bench.core import temporaries
 from airzoo_bench.core.files import atomic_entries, atomic_folder, atomic_write
 
 NAMES = ("records", "result", "figures")
 STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "shutil.rmtree")
 _SIZE = 20_000
+LIMITS = {"full": 4096, "tiny": 1}
+"""By how many bytes a file may grow, times the step."""
+_LINES_OF = ("temporaries.py", "files.py")
 _NO_FAULT = 3  # there are fewer steps
 
 
 def fill(folder: Path, text: str) -> None:
     for name in NAMES[:2]:
-        (folder / name).write_text(text * _SIZE)
+        (folder / name).write_text(text)
     (folder / NAMES[2]).mkdir()
-    (folder / NAMES[2] / f"{text}.png").write_text(text * _SIZE)
+    (folder / NAMES[2] / f"{text[0]}.png").write_text(text)
 
 
-def entries(home: Path) -> None:
+def entries(home: Path, text: str) -> None:
     with atomic_entries(home / "out", NAMES) as staged:
-        fill(staged, "b")
+        fill(staged, text)
 
 
-def folder(home: Path) -> None:
+def folder(home: Path, text: str) -> None:
     with atomic_folder(home / "out", replace=True) as staged:
         (staged / "benchmark.toml").touch()
-        fill(staged, "b")
+        fill(staged, text)
 
 
-def file(home: Path) -> None:
+def file(home: Path, text: str) -> None:
     with atomic_write(home / "out" / "result", "w") as stream:
-        stream.write("b" * _SIZE)
+        stream.write(text)
 
 
-def prepare(home: Path, kind: str) -> None:
+def prepare(home: Path, kind: str, text: str) -> None:
     (home / "out").mkdir(parents=True)
-    fill(home / "out", "a")
+    fill(home / "out", text)
     if kind == "folder":
         (home / "out" / "benchmark.toml").touch()
     if kind == "shared":
         (home / "out" / "thesis").write_text("mine")
 
 
-WRITERS: dict[str, Callable[[Path], None]] = {
+Writer = Callable[[Path, str], None]
+WRITERS: dict[str, Writer] = {
     "entries": entries,
     "shared": entries,
     "folder": folder,
@@ -65,32 +72,50 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 }
 
 
-def run(write: Callable[[Path], None], home: Path, fault: str, step: int) -> int:
+class Fault:
+    """What befalls a writer at the n-th step."""
+
+    def __init__(self, kind: str, step: int) -> None:
+        self.kind, self.step, self.count = kind, step, 0
+
+    def arm(self) -> None:
+        if self.kind in LIMITS:
+            most = self.step * LIMITS[self.kind]
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+        elif self.kind == "line":
+            sys.settrace(self._trace)
+        else:
+            sys.addaudithook(self._hook)
+
+    def _hook(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event in STEPS and (event != "open" or _writes(arguments)):
+            self._count()
+
+    def _trace(self, frame: FrameType, event: str, _: object) -> Any:
+        if event == "line":
+            self._count()
+        return self._trace if Path(frame.f_code.co_filename).name in _LINES_OF else None
+
+    def _count(self) -> None:
+        self.count += 1
+        if self.count == self.step and self.kind == "failed":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        if self.count == self.step and self.kind != "none":
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def run(write: Writer, home: Path, text: str, fault: Fault) -> int:
     """Run a writer in a process of its own, and return its exit code, negative for a signal."""
     child = os.fork()
     if child:
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    count = 0
-
-    def hook(event: str, arguments: tuple[Any, ...]) -> None:
-        nonlocal count
-        if event not in STEPS or (event == "open" and not _writes(arguments)):
-            return
-        count += 1
-        if count == step and fault == "killed":
-            os.kill(os.getpid(), signal.SIGKILL)
-        if count == step and fault == "failed":
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    if fault == "full":
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (step * 4096, resource.RLIM_INFINITY))
-    sys.addaudithook(hook)
+    fault.arm()
     try:
-        write(home)
+        write(home, text)
     except Exception:  # noqa: BLE001 - whatever it is, what counts is what is left on the disk
         os._exit(1)
-    os._exit(0 if count >= step or fault == "full" else _NO_FAULT)
+    os._exit(0 if fault.count >= fault.step or fault.kind in LIMITS else _NO_FAULT)
 
 
 def _writes(arguments: tuple[Any, ...]) -> bool:
@@ -115,17 +140,19 @@ def hidden(home: Path) -> list[str]:
 def main() -> None:
     root, kind, fault, swap = Path(sys.argv[1]), sys.argv[2], sys.argv[3], sys.argv[4] == "swap"
     if not swap:
-        exchange._swapped = lambda new, path: False
+        temporaries._swapped = lambda new, path: False
+    size = 1 if fault in ("tiny", "line") else _SIZE
+    old, new = "a" * size, "b" * size
     cases = []
-    for step in range(1, 200):
+    for step in range(1, 2000):
         home = root / str(step)
-        prepare(home, kind)
-        code = run(WRITERS[kind], home, fault, step)
+        prepare(home, kind, old)
+        code = run(WRITERS[kind], home, new, Fault(fault, step))
         left = state(home)
-        again = run(WRITERS[kind], home, "none", -1)
+        again = run(WRITERS[kind], home, new, Fault("none", -1))
         cases.append({"code": code, "left": left, "again": again, "end": state(home)})
         cases[-1]["hidden"] = hidden(home)
-        if code == (0 if fault == "full" else _NO_FAULT):
+        if code == (0 if fault in LIMITS else _NO_FAULT):
             break
     json.dump(cases, sys.stdout)
 

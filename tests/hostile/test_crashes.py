@@ -13,6 +13,9 @@ import pytest
 
 from tests.hostile import crash_points
 
+TWO_STEPS = pytest.mark.parametrize(
+    ("kind", "swap"), [("shared", True), ("entries", False), ("folder", False)]
+)
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks")
 
 
@@ -53,6 +56,15 @@ def test_a_step_that_fails_leaves_what_stood_there(
     kind: str, fault: str, swap: bool, tmp_path: Path
 ) -> None:
     found = cases(tmp_path, kind, fault, swap)
+    check_failures(found, kind)
+
+
+@TWO_STEPS
+def test_a_disk_too_full_for_what_the_writer_notes(kind: str, swap: bool, tmp_path: Path) -> None:
+    check_failures(cases(tmp_path, kind, "tiny", swap), kind)
+
+
+def check_failures(found: list[dict[str, Any]], kind: str) -> None:
     assert len(found) > 3
     for case in found:
         # A step may fail without harm: one that makes what is there, or takes the old away.
@@ -67,8 +79,16 @@ def test_a_step_that_fails_leaves_what_stood_there(
 @pytest.mark.parametrize("kind", list(crash_points.WRITERS))
 def test_killed_at_any_step(kind: str, swap: bool, tmp_path: Path) -> None:
     found = cases(tmp_path, kind, "killed", swap)
+    check_kills(found, kind, in_one_step=kind == "file" or (swap and kind != "shared"))
+
+
+@TWO_STEPS
+def test_killed_at_any_line(kind: str, swap: bool, tmp_path: Path) -> None:
+    check_kills(cases(tmp_path, kind, "line", swap), kind, in_one_step=False)
+
+
+def check_kills(found: list[dict[str, Any]], kind: str, *, in_one_step: bool) -> None:
     assert len(found) > (3 if kind == "file" else 10)
-    in_one_step = kind == "file" or (swap and kind != "shared")
     for case in found:
         if in_one_step:
             assert case["left"] in (whole("a", kind), whole("b", kind))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine

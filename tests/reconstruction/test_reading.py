@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.source import FileCloud
+from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
 from airzoo_bench.reconstruction.sources import DepthMaps
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply

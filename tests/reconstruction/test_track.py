@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from tests.reconstruction.world import (
     ORIGIN,
     SIDE,

@@ -12,7 +12,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.reconstruction.truth import build_truth, read_truth
 from tests.matching.world import made_cameras, made_poses

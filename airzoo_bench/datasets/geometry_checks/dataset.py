@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
-from airzoo_bench.core.data_root import data_root
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.folder_facts import check_scene_entry
 from airzoo_bench.geometry.cameras import Cameras

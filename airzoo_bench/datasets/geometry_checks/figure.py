@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.datasets.geometry_checks.depth_report import QUANTILES, DepthConsistency
 from airzoo_bench.report.figures import COLOURS, new_figure
 

@@ -14,8 +14,8 @@ import pandas as pd
 from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
 from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of
+from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.datasets.folder import (
     SceneTruths,
     copied,
@@ -31,7 +31,7 @@ from airzoo_bench.datasets.mini.world.canvas import SURVEY
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
 from airzoo_bench.datasets.tiles import write_parts
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth

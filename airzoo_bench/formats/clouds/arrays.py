@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.source import (
-    MEND_COPY,
+from airzoo_bench.formats.clouds.cloud import (
+    FIX_COPY,
+    Cloud,
     FileCloud,
     as_colours,
     as_confidence,
-    fault,
-    read_block,
+    read_records,
+    refusal,
     uncounted,
 )
 from airzoo_bench.formats.npy import read_header
@@ -53,12 +53,12 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
     check_fields(arrays, ("points",), _ALLOWED, _EXPECTED)
     for names in (_COLOURS, _CONFIDENCE):
         if len(arrays.names() & set(names)) > 1:
-            raise fault(path, f"holds both {' and '.join(names)}", fix="keep one of the two")
+            raise refusal(path, f"holds both {' and '.join(names)}", fix="keep one of the two")
     points = _column(arrays, "points", 3)
     colours, confidence = _optional(arrays, _COLOURS, 3), _optional(arrays, _CONFIDENCE, 1)
     for name, values in (("colours", colours), ("confidence", confidence)):
         if values is not None and len(values) != len(points):
-            raise fault(
+            raise refusal(
                 path,
                 f"has {len(points):,} points and {len(values):,} rows of {name}",
                 expected="a row a point",
@@ -80,10 +80,10 @@ def open_npy(path: Path) -> FileCloud:
             shape, fortran, dtype = read_header(stream)
             start = stream.tell()
     except ValueError as error:
-        raise fault(path, "the npy header is damaged", fix=MEND_COPY) from error
+        raise refusal(path, "the npy header is damaged", fix=FIX_COPY) from error
     plain = dtype.kind in _NUMBERS and not dtype.hasobject and dtype.itemsize <= 8
     if not plain or len(shape) != 2 or shape[1] != 3 or shape[0] < 0 or fortran:
-        raise fault(
+        raise refusal(
             path,
             f"an array of {str(dtype)[:40]} and shape {str(shape)[:40]}"
             + (" in Fortran's order" if fortran else ""),
@@ -92,7 +92,7 @@ def open_npy(path: Path) -> FileCloud:
         )
     left = path.stat().st_size - start - math.prod(shape) * dtype.itemsize
     if left < 0:
-        raise fault(path, f"ends before {counted(shape[0], 'point')}", fix=MEND_COPY)
+        raise refusal(path, f"ends before {counted(shape[0], 'point')}", fix=FIX_COPY)
     read = partial(_stream, path, dtype, start, shape[0])
     notes = uncounted(left, "bytes", shape[0])
     return FileCloud(path, "npy", shape[0], read, dtype, notes)
@@ -137,8 +137,5 @@ def _slices(
 def _stream(
     path: Path, dtype: np.dtype[Any], start: int, count: int, points: int
 ) -> Iterator[Cloud]:
-    with path.open("rb", buffering=0) as stream:
-        stream.seek(start)
-        for done in range(0, count, points):
-            block = read_block(stream, dtype, 3 * min(points, count - done), path)
-            yield Cloud(block.reshape(-1, 3).astype(np.float64))
+    for block in read_records(path, np.dtype((dtype, (3,))), start, count, points):
+        yield Cloud(block.astype(np.float64))

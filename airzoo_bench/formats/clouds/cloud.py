@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Cloud", "CloudSource"]
+__all__ = [
+    "FIX_COPY",
+    "Cloud",
+    "CloudSource",
+    "FileCloud",
+    "as_colours",
+    "as_confidence",
+    "columns_to_points",
+    "read_records",
+    "refusal",
+    "uncounted",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,4 +55,117 @@ class CloudSource(Protocol):
         """How many points it holds, those with NaN included."""
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most so many at a time."""
+        """Yield all points, at most that many at a time."""
+
+
+FIX_COPY = "write or copy the file again"
+
+
+@dataclass(frozen=True, eq=False)
+class FileCloud:
+    """A cloud in a file, or sampled on a mesh in a file: a `CloudSource`.
+
+    Attributes
+    ----------
+    path : Path
+    kind : str
+        What the file is, for results: ``"PLY (binary)"``.
+    count : int
+        Points, those with NaN included.
+    read : callable
+        Yields all points, at most that many at a time.
+    precision : dtype
+        Type that the coordinates are stored in.
+    notes : tuple of str
+        What the user should know of how it was read.
+    """
+
+    path: Path
+    kind: str
+    count: int
+    read: Callable[[int], Iterator[Cloud]]
+    precision: np.dtype[Any]
+    notes: tuple[str, ...] = ()
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, at most that many at a time.
+
+        Raises
+        ------
+        PredictionError
+            The body of the file is damaged or cut off.
+        """
+        return self.read(points)
+
+
+def refusal(
+    path: Path, what: str, *, expected: str | None = None, fix: str | None = None
+) -> PredictionError:
+    """Make the error of a file."""
+    return PredictionError(what, where=path, expected=expected, fix=fix)
+
+
+def columns_to_points(*columns: NDArray[Any]) -> Floats:
+    """Put three columns (N,) side by side, (N, 3) float64."""
+    points = np.empty((len(columns[0]), 3))
+    for axis, column in enumerate(columns):
+        points[:, axis] = column
+    return points
+
+
+def as_colours(*columns: NDArray[Any]) -> NDArray[np.uint8]:
+    """Put three columns (N,) of colour side by side, (N, 3) uint8.
+
+    Bytes are kept, 16-bit integers lose their lower byte, floating point is taken as 0 to 1; other
+    integers are cut to 0 to 255.
+    """
+    colours = np.empty((len(columns[0]), 3), np.uint8)
+    for axis, column in enumerate(columns):
+        colours[:, axis] = _bytes_of(column)
+    return colours
+
+
+def _bytes_of(column: NDArray[Any]) -> NDArray[Any]:
+    if column.dtype == np.uint8:
+        return column
+    if column.dtype.kind == "u" and column.dtype.itemsize == 2:
+        return np.asarray(column >> 8)
+    if column.dtype.kind == "f":
+        share = np.nan_to_num(column.astype(np.float64), nan=0.0)
+        return np.asarray(np.rint(np.clip(share, 0.0, 1.0) * 255.0))
+    return np.asarray(np.clip(column, 0, 255))
+
+
+def as_confidence(column: NDArray[Any]) -> NDArray[np.float32]:
+    """Turn a column (N,) into float32; what is too large for it becomes infinite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return column.astype(np.float32)
+
+
+def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
+    """Say that more follows the points than the header of a file counts, if it does."""
+    if left <= 0:
+        return ()
+    return (f"{left:,} {what} follow the {count:,} points that its header promises: not read",)
+
+
+def read_records(
+    path: Path, record: np.dtype[Any], start: int, count: int, size: int
+) -> Iterator[NDArray[Any]]:
+    """Yield records from a byte of a file on, at most `size` at a time.
+
+    Raises
+    ------
+    PredictionError
+        The file ends before they do.
+    """
+    with path.open("rb", buffering=0) as stream:
+        stream.seek(start)
+        for done in range(0, count, size):
+            block: NDArray[Any] = np.empty(min(size, count - done), record)
+            view = memoryview(block.view(np.uint8).data) if block.nbytes else memoryview(b"")
+            while view and (got := stream.readinto(view)):
+                view = view[got:]
+            if view:
+                raise refusal(path, "the file ends before its data does", fix=FIX_COPY)
+            yield block

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds import arrays, glb, las, obj, pcd, ply
-from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
-from airzoo_bench.formats.clouds.source import MEND_COPY, FileCloud, fault
 
 __all__ = ["SUFFIXES", "open_cloud"]
 
@@ -75,7 +74,7 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
     if not len(opened.faces):
         return _vertices(opened)
     if sampling is None:
-        raise fault(
+        raise refusal(
             path,
             "is a mesh, and the protocol does not say how meshes are sampled",
             expected="points",
@@ -105,11 +104,11 @@ def _open(path: Path, kind: str, limit_bytes: int) -> FileCloud | Mesh:
 def _kind(path: Path) -> str:
     if not path.is_file():
         what = "a folder, not a file" if path.is_dir() else "no such file"
-        raise fault(path, what, expected=f"one of {', '.join(SUFFIXES)}")
+        raise refusal(path, what, expected=f"one of {', '.join(SUFFIXES)}")
     with path.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
     if not head:
-        raise fault(path, "is empty", fix=MEND_COPY)
+        raise refusal(path, "is empty", fix=FIX_COPY)
     suffix = path.suffix.lower()
     for magic, kind, suffixes in _MAGIC:
         if head.startswith(magic):
@@ -129,7 +128,7 @@ def _looks_like_obj(head: bytes) -> bool:
 
 
 def _misnamed(path: Path, kind: str, expected: str) -> PredictionError:
-    return fault(
+    return refusal(
         path,
         f"is named {path.suffix[:20]!r} but its content is that of {kind}",
         expected=expected,
@@ -143,7 +142,7 @@ def _unknown(path: Path, head: bytes) -> PredictionError:
         return _misnamed(path, "OBJ", "the ending .obj")
     if impression is None:
         impression = f"a file that begins with the bytes {head[:8].hex(' ')}"
-    return fault(
+    return refusal(
         path,
         f"is no cloud that can be read: it looks like {impression}",
         expected=f"the content of one of {', '.join(SUFFIXES)}",

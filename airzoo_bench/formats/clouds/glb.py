@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, as_colours, refusal
 from airzoo_bench.formats.clouds.glb_accessors import Accessors, item, numbers_of
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
-from airzoo_bench.formats.clouds.source import MEND_COPY, as_colours, fault
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["open_glb"]
@@ -50,7 +50,7 @@ def open_glb(path: Path, limit_bytes: int) -> Mesh:
     document, body = _chunks(path, limit_bytes)
     used = [name for name in _REFUSED if name in str(document.get("extensionsRequired", ""))]
     if used:
-        raise fault(
+        raise refusal(
             path,
             f"is compressed by {', '.join(used)}, which is not read here",
             expected="GLB without compression of meshes",
@@ -67,7 +67,7 @@ def open_glb(path: Path, limit_bytes: int) -> Mesh:
 
 def _joined(path: Path, parts: list[tuple[Floats, Ints, NDArray[np.uint8] | None]]) -> Mesh:
     if not parts:
-        raise fault(path, "holds neither triangles nor points", expected="a mesh in its scene")
+        raise refusal(path, "holds neither triangles nor points", expected="a mesh in its scene")
     starts = np.cumsum([0] + [len(vertices) for vertices, _, _ in parts])
     faces = [faces + start for (_, faces, _), start in zip(parts, starts[:-1], strict=True)]
     coloured = [colours for _, _, colours in parts if colours is not None]
@@ -85,7 +85,7 @@ def _joined(path: Path, parts: list[tuple[Floats, Ints, NDArray[np.uint8] | None
 def _chunks(path: Path, limit_bytes: int) -> tuple[dict[str, Any], bytes]:
     size = path.stat().st_size
     if size > limit_bytes:
-        raise fault(
+        raise refusal(
             path,
             f"a GLB file of {size:,} bytes cannot be read in pieces",
             expected=f"at most {limit_bytes:,} bytes",
@@ -94,7 +94,7 @@ def _chunks(path: Path, limit_bytes: int) -> tuple[dict[str, Any], bytes]:
     raw = path.read_bytes()
     words = np.frombuffer(raw[:20].ljust(20, b"\0"), "<u4").tolist()
     if _LARGEST_JSON < words[3] <= size:
-        raise fault(
+        raise refusal(
             path,
             f"its JSON part has {words[3]:,} bytes",
             expected=f"at most {_LARGEST_JSON:,}, with the numbers in the binary part",
@@ -206,4 +206,4 @@ def _faces(indices: Ints, mode: int) -> Ints:
 
 def _damaged(path: Path, reason: str) -> PredictionError:
     readable = "".join(letter for letter in reason if letter.isprintable())
-    return fault(path, f"the GLB file is damaged: {readable}", fix=MEND_COPY)
+    return refusal(path, f"the GLB file is damaged: {readable}", fix=FIX_COPY)

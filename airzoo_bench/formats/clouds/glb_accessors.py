@@ -1,4 +1,4 @@
-"""Arrays inside a GLB file, each held to the bytes that are there."""
+"""Arrays inside a GLB file, each checked against the bytes that are there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.formats.clouds.source import fault
+from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["Accessors", "item", "numbers_of"]
@@ -36,7 +36,7 @@ def item(document: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
 
 
 def numbers_of(values: Any, count: int) -> Floats:
-    """Return so many finite numbers of the document.
+    """Return a number of finite numbers of the document.
 
     Raises
     ------
@@ -64,7 +64,7 @@ class Accessors:
         embedded = _embedded(buffers)
         self._body = body if embedded is None else embedded
         if embedded is None and any("uri" in buffer for buffer in buffers):
-            raise fault(
+            raise refusal(
                 path,
                 "its data lie in another file or address (uri), which is never opened",
                 expected="a GLB file that holds everything itself",

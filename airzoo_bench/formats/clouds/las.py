@@ -2,8 +2,8 @@
 
 The header is a table of fixed places, and laspy reads it trustingly: a number of records of
 4 billion keeps it busy for hours. lazrs in turn takes the memory that the chunk table asks for, and
-ends the whole process where there is none. So every number that memory follows from is held to the
-size of the file first.
+ends the whole process where there is none. So every number that memory follows from is first
+checked against the size of the file.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.laz import beyond_count, open_decompressor
-from airzoo_bench.formats.clouds.source import (
-    MEND_COPY,
+from airzoo_bench.formats.clouds.cloud import (
+    FIX_COPY,
+    Cloud,
     FileCloud,
     columns_to_points,
-    fault,
-    read_block,
+    read_records,
+    refusal,
     uncounted,
 )
+from airzoo_bench.formats.clouds.laz import LazBody
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["LasHeader", "open_las"]
@@ -83,6 +83,11 @@ class LasHeader:
         record: np.dtype[Any] = np.dtype(layout | {"itemsize": self.record_bytes})
         return record
 
+    def compressed_in(self, path: Path, stream: IO[bytes]) -> LazBody:
+        """Return the compressed points of a file."""
+        laszip = self.laszip or b""
+        return LazBody(path, stream, laszip, self.start, self.record_bytes, self.count)
+
 
 def open_las(path: Path) -> FileCloud:
     """Open a LAS or LAZ file.
@@ -109,7 +114,7 @@ def read_header(path: Path) -> LasHeader:
     with path.open("rb") as stream:
         raw = stream.read(375)
         if len(raw) < _SHORTEST or raw[:4] != b"LASF":
-            raise fault(path, "the LAS header is cut off", fix=MEND_COPY)
+            raise refusal(path, "the LAS header is cut off", fix=FIX_COPY)
         header_bytes, start, n_vlrs, form, record_bytes, count = struct.unpack_from(
             "<HIIBHI", raw, 94
         )
@@ -122,7 +127,9 @@ def read_header(path: Path) -> LasHeader:
         laszip = _laszip_record(path, stream, n_vlrs, start - header_bytes)
     numbers = np.frombuffer(raw, "<f8", 6, 131).astype(np.float64)
     if not (np.isfinite(numbers).all() and (numbers[:3] != 0).all()):
-        raise fault(path, f"its scale and offset are {numbers.tolist()}", expected="finite numbers")
+        raise refusal(
+            path, f"its scale and offset are {numbers.tolist()}", expected="finite numbers"
+        )
     compressed = bool(form & 0xC0)
     header = LasHeader(
         version,
@@ -156,9 +163,7 @@ def _more_than_promised(path: Path, header: LasHeader) -> tuple[str, ...]:
         left = header.end - header.start - header.count * header.record_bytes
         return uncounted(left if left >= header.record_bytes else 0, "bytes", header.count)
     with path.open("rb") as stream:
-        stream.seek(header.start)
-        laszip = header.laszip or b""
-        left, what = beyond_count(path, stream, laszip, header.record_bytes, header.count)
+        left, what = header.compressed_in(path, stream).beyond_count()
     return uncounted(left, what, header.count)
 
 
@@ -172,32 +177,32 @@ def _check_header(
     size: int,
 ) -> None:
     if version[0] != 1 or point_format not in _BASE_SIZE:
-        raise fault(
+        raise refusal(
             path,
             f"LAS version {version[0]}.{version[1]} with point format {point_format}",
             expected="version 1.0 to 1.5, point format 0 to 10",
         )
     sound = _SHORTEST <= header_bytes <= start <= size
     if not sound or record_bytes < _BASE_SIZE[point_format]:
-        raise fault(
+        raise refusal(
             path,
             f"the LAS header contradicts itself: points of {record_bytes} bytes from byte {start:,}"
             f" of {size:,}",
-            fix=MEND_COPY,
+            fix=FIX_COPY,
         )
 
 
 def _check_body(path: Path, header: LasHeader, size: int) -> None:
     held = (size - header.start) // header.record_bytes
     if not header.compressed and held < header.count:
-        raise fault(
+        raise refusal(
             path,
             f"its header promises {counted(header.count, 'point')}, the file has room for {held:,}",
             expected="all points that the header promises",
-            fix=MEND_COPY,
+            fix=FIX_COPY,
         )
     if header.compressed and header.laszip is None:
-        raise fault(path, "its points are compressed, but how is not said", fix=MEND_COPY)
+        raise refusal(path, "its points are compressed, but how is not said", fix=FIX_COPY)
 
 
 def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> bytes | None:
@@ -207,7 +212,7 @@ def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> byte
         room -= len(head)
         length = int.from_bytes(head[20:22], "little")
         if len(head) < _VLR_HEADER or room < length:
-            raise fault(path, "its variable length records are cut off", fix=MEND_COPY)
+            raise refusal(path, "its variable length records are cut off", fix=FIX_COPY)
         data = stream.read(length)
         room -= length
         user, number = head[2:18].split(b"\0")[0], int.from_bytes(head[18:20], "little")
@@ -234,15 +239,9 @@ def _read(path: Path, header: LasHeader, shift: int, points: int) -> Iterator[Cl
 
 
 def _records(path: Path, header: LasHeader, points: int) -> Iterator[NDArray[Any]]:
+    if not (header.compressed and header.count):
+        yield from read_records(path, header.record, header.start, header.count, points)
+        return
     with path.open("rb", buffering=0) as stream:
-        stream.seek(header.start)
-        if header.compressed and header.count:
-            body = open_decompressor(
-                path, stream, header.laszip or b"", header.record_bytes, header.count
-            )
-            for done in range(0, header.count, points):
-                raw = body.take(min(points, header.count - done))
-                yield raw.view(header.record)
-            return
-        for done in range(0, header.count, points):
-            yield read_block(stream, header.record, min(points, header.count - done), path)
+        for raw in header.compressed_in(path, stream).records(points):
+            yield raw.view(header.record)

@@ -10,7 +10,7 @@ _LONGEST_LITERAL = 32
 def decompress(data: bytes, size: int) -> bytearray | None:
     """Undo Marc Lehmann's LZF.
 
-    A control byte below 32 announces so many literal bytes and one; another one a copy from what
+    A control byte below 32 announces that many literal bytes plus one; any other a copy of what
     has been written: its upper three bits are the length less two (7: a byte more follows), its
     lower five and the next byte the distance less one.
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.source import FileCloud, fault
+from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = [
@@ -86,7 +85,7 @@ def check_memory(path: Path, vertices: int, faces: int, limit_bytes: int) -> Non
     """Refuse a mesh that takes more memory than the limit."""
     needed = vertices * _BYTES_PER_VERTEX + faces * _BYTES_PER_FACE
     if needed > limit_bytes:
-        raise fault(
+        raise refusal(
             path,
             f"a mesh of {vertices:,} vertices and {faces:,} faces takes {needed:,} bytes of memory",
             expected=f"at most {limit_bytes:,} bytes",
@@ -162,7 +161,7 @@ def face_areas(vertices: Floats, faces: Ints) -> Floats:
 def _checked_ends(mesh: Mesh) -> Floats:
     outside = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
     if outside.any():
-        raise fault(
+        raise refusal(
             mesh.path,
             f"faces with a vertex that is not there: "
             f"{first_of(np.flatnonzero(outside).tolist(), len(mesh.faces))}, counted from 0",
@@ -171,7 +170,7 @@ def _checked_ends(mesh: Mesh) -> Floats:
     areas = face_areas(mesh.vertices, mesh.faces)
     endless = ~np.isfinite(areas)
     if endless.any():
-        raise fault(
+        raise refusal(
             mesh.path,
             f"faces with a corner that is NaN, infinite or absurdly far: "
             f"{first_of(np.flatnonzero(endless).tolist(), len(areas))}, counted from 0",
@@ -182,7 +181,7 @@ def _checked_ends(mesh: Mesh) -> Floats:
         ends: Floats = np.cumsum(areas)
     if not (ends.size and 0.0 < ends[-1] < np.inf):
         total = ends[-1] if ends.size else 0.0
-        raise fault(mesh.path, f"the mesh has an area of {total}", expected="faces with an area")
+        raise refusal(mesh.path, f"the mesh has an area of {total}", expected="faces with an area")
     return ends
 
 

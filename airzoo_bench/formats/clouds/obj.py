@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import as_colours, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory, triangles_of
-from airzoo_bench.formats.clouds.source import as_colours, fault
 from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text, shown
 from airzoo_bench.geometry.arrays import Floats, Ints
 
@@ -70,7 +70,7 @@ def open_obj(path: Path, limit_bytes: int) -> Mesh:
                 pending.flush()
     pending.flush()
     if not pending.n_vertices:
-        raise fault(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
+        raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
     values = np.concatenate(pending.vertices)
     colours: NDArray[np.uint8] | None = None
     if pending.coloured:
@@ -125,4 +125,4 @@ def _from_end(text: TextLines, index: int, vertices: int, line: str) -> int:
 
 
 def _wrong(text: TextLines, line: str, expected: str) -> PredictionError:
-    return text.fault(f"is {shown(line)}", expected)
+    return text.error(f"is {shown(line)}", expected)

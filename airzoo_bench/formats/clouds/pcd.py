@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.lzf import decompress
-from airzoo_bench.formats.clouds.source import (
-    MEND_COPY,
+from airzoo_bench.formats.clouds.cloud import (
+    FIX_COPY,
+    Cloud,
     FileCloud,
     as_confidence,
     columns_to_points,
-    fault,
-    read_block,
+    read_records,
+    refusal,
     uncounted,
 )
+from airzoo_bench.formats.clouds.lzf import decompress
 from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows, shown
 
 __all__ = ["open_pcd"]
@@ -85,7 +85,7 @@ def open_pcd(path: Path, limit_bytes: int) -> FileCloud:
     header = _read_header(path)
     names = [field.name for field in header.fields]
     if not {"x", "y", "z"} <= set(names):
-        raise fault(path, "its FIELDS lack x, y or z", expected="FIELDS x y z, and others")
+        raise refusal(path, "its FIELDS lack x, y or z", expected="FIELDS x y z, and others")
     precision = np.result_type(*(f.type for f in header.fields if f.name in ("x", "y", "z")))
     readers = {"ascii": _read_text, "binary": _read_binary}
     if header.data == "binary_compressed":
@@ -121,19 +121,19 @@ def _read_header(path: Path) -> _Header:
         size = stream.tell()
     if values.get("DATA", []) not in (["ascii"], ["binary"], ["binary_compressed"]):
         said = shown(" ".join(values.get("DATA", [])))
-        raise fault(
+        raise refusal(
             path, f"the PCD header ends with DATA {said}", expected="ascii, binary, ..._compressed"
         )
     points = _one_count(path, values, "POINTS")
     if _one_count(path, values, "WIDTH", points) * _one_count(path, values, "HEIGHT", 1) != points:
-        raise fault(path, "WIDTH times HEIGHT is not POINTS", expected="the same number")
+        raise refusal(path, "WIDTH times HEIGHT is not POINTS", expected="the same number")
     return _Header(_fields(path, values), points, values["DATA"][0], size, lines)
 
 
 def _counts(path: Path, values: dict[str, list[str]], key: str) -> list[int]:
     words = values.get(key, [])
     if not all(word.isascii() and word.isdigit() and len(word) < 19 for word in words):
-        raise fault(path, f"{key} is {shown(' '.join(words))}", expected="counts of 0 or more")
+        raise refusal(path, f"{key} is {shown(' '.join(words))}", expected="counts of 0 or more")
     return [int(word) for word in words]
 
 
@@ -144,7 +144,7 @@ def _one_count(
         return default
     counts = _counts(path, values, key)
     if len(counts) != 1:
-        raise fault(path, f"the PCD header has no {key}", expected=f"{key} and a count")
+        raise refusal(path, f"the PCD header has no {key}", expected=f"{key} and a count")
     return counts[0]
 
 
@@ -153,12 +153,12 @@ def _fields(path: Path, values: dict[str, list[str]]) -> tuple[_Field, ...]:
     sizes = _counts(path, values, "SIZE")
     repeats = _counts(path, values, "COUNT") if "COUNT" in values else [1] * len(names)
     if not len(names) == len(sizes) == len(kinds) == len(repeats):
-        raise fault(path, "FIELDS, SIZE, TYPE and COUNT differ in length", expected="one a field")
+        raise refusal(path, "FIELDS, SIZE, TYPE and COUNT differ in length", expected="one a field")
     fields: list[_Field] = []
     for name, size, kind, count in zip(names, sizes, kinds, repeats, strict=True):
         wrong = size not in _SIZES.get(kind, ()) or not 1 <= count <= _MOST_REPEATS
         if wrong or (name != "_" and name in [field.name for field in fields]):
-            raise fault(
+            raise refusal(
                 path,
                 f"field {shown(name)} has the type {shown(kind)} of {size} bytes, {count} times",
                 expected="each field once, of type F (4, 8), I or U (1, 2, 4, 8)",
@@ -173,11 +173,11 @@ def _refuse_short(path: Path, header: _Header) -> None:
     # In text a number takes two bytes at least, with the blank behind it.
     least = 2 * header.width if header.data == "ascii" else header.record.itemsize
     if header.points * least > room + 1:
-        raise fault(
+        raise refusal(
             path,
             f"its header promises {counted(header.points, 'point')}, and {room:,} bytes are left",
             expected="all points that the header promises",
-            fix=MEND_COPY,
+            fix=FIX_COPY,
         )
 
 
@@ -190,7 +190,7 @@ def _compressed_sizes(path: Path, header: _Header, limit_bytes: int) -> int:
     if packed > path.stat().st_size - header.size - 8 or plain != wanted:
         raise _damaged(path)
     if packed + 2 * plain > limit_bytes:
-        raise fault(
+        raise refusal(
             path,
             f"binary_compressed of {plain:,} bytes cannot be read in pieces",
             expected=f"at most {limit_bytes // 3:,} bytes",
@@ -200,7 +200,7 @@ def _compressed_sizes(path: Path, header: _Header, limit_bytes: int) -> int:
 
 
 def _damaged(path: Path) -> PredictionError:
-    return fault(path, "its compressed points are damaged or cut off", fix=MEND_COPY)
+    return refusal(path, "its compressed points are damaged or cut off", fix=FIX_COPY)
 
 
 def _read_text(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
@@ -221,12 +221,8 @@ def _typed(column: NDArray[np.float64], field: _Field) -> NDArray[Any]:
 
 
 def _read_binary(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
-    with path.open("rb", buffering=0) as stream:
-        stream.seek(header.size)
-        for done in range(0, header.points, points):
-            block = read_block(stream, header.record, min(points, header.points - done), path)
-            columns = {f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields}
-            yield _cloud(header, columns)
+    for block in read_records(path, header.record, header.size, header.points, points):
+        yield _cloud(header, {f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields})
 
 
 def _read_compressed(path: Path, header: _Header, packed: int, points: int) -> Iterator[Cloud]:

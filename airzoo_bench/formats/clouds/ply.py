@@ -11,28 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
-from airzoo_bench.formats.clouds.ply_header import Element, PlyHeader, read_header
-from airzoo_bench.formats.clouds.ply_lists import binary_polygons, end_of_element, text_polygons
-from airzoo_bench.formats.clouds.source import (
-    MEND_COPY,
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.formats.clouds.cloud import (
+    FIX_COPY,
+    Cloud,
     FileCloud,
     as_colours,
     as_confidence,
     columns_to_points,
-    fault,
-    read_block,
+    read_records,
+    refusal,
     uncounted,
 )
-from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows
+from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
+from airzoo_bench.formats.clouds.ply_header import Element, PlyHeader, read_header
+from airzoo_bench.formats.clouds.ply_lists import binary_polygons, end_of_element, text_polygons
+from airzoo_bench.formats.clouds.text_rows import TextLines, lines_beyond, opened_text, parse_rows
 from airzoo_bench.geometry.arrays import Ints
 
-__all__ = ["open_ply"]
+__all__ = ["open_ply", "write_ply"]
 
 _CONFIDENCE = ("confidence", "conf")
 _COLOURS = ("red", "green", "blue")
 _SPLATS = ("f_dc_0", "opacity")
+_ROWS = 1 << 18  # that are written at a time
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colours"
 
@@ -57,13 +59,13 @@ def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
     header = read_header(path)
     vertex = header.element("vertex")
     if vertex is None or not {"x", "y", "z"} <= set(vertex.names):
-        raise fault(
+        raise refusal(
             path,
             "has no vertices" if vertex is None else "its vertices lack x, y or z",
             expected="element vertex with properties x, y, z",
         )
     if vertex.has_lists:
-        raise fault(path, "its vertices hold lists", expected="numbers only in element vertex")
+        raise refusal(path, "its vertices hold lists", expected="numbers only in element vertex")
     cloud = _open_vertices(path, header, vertex)
     faces = header.element("face")
     return _open_mesh(path, header, cloud, faces, limit_bytes) if faces and faces.count else cloud
@@ -118,33 +120,34 @@ def _refuse_short_text(path: Path, header: PlyHeader) -> None:
 
 def _too_few(path: Path, promised: int | str, held: str) -> PredictionError:
     count = f"{promised:,} points" if isinstance(promised, int) else promised
-    return fault(
+    return refusal(
         path,
         f"its header promises {count}, the file has {held}",
         expected="all that the header promises",
-        fix=MEND_COPY,
+        fix=FIX_COPY,
     )
 
 
 def _read_binary(
     path: Path, record: np.dtype[Any], start: int, count: int, points: int
 ) -> Iterator[Cloud]:
-    with path.open("rb", buffering=0) as stream:
-        stream.seek(start)
-        for done in range(0, count, points):
-            block = read_block(stream, record, min(points, count - done), path)
-            yield _cloud({name: block[name] for name in record.names or ()})
+    for block in read_records(path, record, start, count, points):
+        yield _cloud({name: block[name] for name in record.names or ()})
 
 
 def _read_text(path: Path, header: PlyHeader, vertex: Element, points: int) -> Iterator[Cloud]:
     with opened_text(path, header.size, header.lines) as text:
-        for before in header.elements[: header.elements.index(vertex)]:
-            for _ in range(before.count):
-                text.take(1, before.count, "rows before the points")
+        _skip(text, header, vertex, "points")
         width, count = len(vertex.properties), vertex.count
         for done in range(0, count, points):
             rows = parse_rows(text, min(points, count - done), width, count, "points")
             yield _cloud(_typed_columns(vertex, rows))
+
+
+def _skip(text: TextLines, header: PlyHeader, element: Element, what: str) -> None:
+    for before in header.elements[: header.elements.index(element)]:
+        for _ in range(before.count):
+            text.take(1, before.count, f"rows before the {what}")
 
 
 def _typed_columns(vertex: Element, rows: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
@@ -183,7 +186,7 @@ def _open_mesh(
 ) -> Mesh:
     lists = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
     if not lists:
-        raise fault(
+        raise refusal(
             path,
             "its faces have no list of vertices",
             expected="property list uchar int vertex_indices",
@@ -202,7 +205,36 @@ def _triangles(path: Path, header: PlyHeader, faces: Element, name: str, limit_b
         start = _start_of(path, header, faces)
         return binary_polygons(path, faces, name, header.order, start, limit_bytes)
     with opened_text(path, header.size, header.lines) as text:
-        for before in header.elements[: header.elements.index(faces)]:
-            for _ in range(before.count):
-                text.take(1, before.count, "rows before the faces")
+        _skip(text, header, faces, "faces")
         return text_polygons(text, faces, name, limit_bytes)
+
+
+def write_ply(path: Path, cloud: Cloud) -> None:
+    """Write a cloud, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    cloud : Cloud
+        Coordinates are kept to the last bit; colours and confidence go along where there are any.
+
+    Raises
+    ------
+    UserError
+        The file cannot be written, or the disk is full.
+    """
+    columns = [(name, "<f8", column) for name, column in zip("xyz", cloud.points.T, strict=True)]
+    if cloud.colours is not None:
+        columns += [(name, "u1", c) for name, c in zip(_COLOURS, cloud.colours.T, strict=True)]
+    if cloud.confidence is not None:
+        columns.append(("confidence", "<f4", cloud.confidence))
+    kinds = {"<f8": "double", "<f4": "float", "u1": "uchar"}
+    lines = [f"property {kinds[kind]} {name}" for name, kind, _ in columns]
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}", *lines]
+    with atomic_write(path) as stream:
+        stream.write(("\n".join([*head, "end_header"]) + "\n").encode("ascii"))
+        for start in range(0, len(cloud), _ROWS):
+            rows = np.empty(min(_ROWS, len(cloud) - start), [column[:2] for column in columns])
+            for name, _, column in columns:
+                rows[name] = column[start : start + _ROWS]
+            stream.write(rows.tobytes())

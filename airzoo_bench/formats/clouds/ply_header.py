@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.formats.clouds.source import MEND_COPY, fault
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
 from airzoo_bench.formats.clouds.text_rows import shown
 
 __all__ = ["Element", "PlyHeader", "Property", "read_header"]
@@ -105,7 +105,7 @@ def read_header(path: Path) -> PlyHeader:
             case ["property"] if elements:
                 elements[-1] = _with_property(path, elements[-1], words, number)
             case _:
-                raise fault(
+                raise refusal(
                     path,
                     f"line {number} of the header is {shown(line)}",
                     expected="format, element, property or comment",
@@ -113,7 +113,7 @@ def read_header(path: Path) -> PlyHeader:
     names = [one.name for one in elements]
     if order is None or len(set(names)) < len(names):
         what = "no format line" if order is None else "an element twice"
-        raise fault(path, f"the header has {what}", expected="a PLY header", fix=MEND_COPY)
+        raise refusal(path, f"the header has {what}", expected="a PLY header", fix=FIX_COPY)
     return PlyHeader(order, tuple(elements), size, len(lines))
 
 
@@ -127,12 +127,12 @@ def _header_lines(path: Path) -> tuple[list[str], int]:
                 return lines, stream.tell()
             if not line:
                 break
-    raise fault(path, "the PLY header has no line end_header", fix=MEND_COPY)
+    raise refusal(path, "the PLY header has no line end_header", fix=FIX_COPY)
 
 
 def _order(path: Path, words: list[str]) -> str:
     if len(words) != 3 or words[1] not in _ORDERS or words[2] != "1.0":
-        raise fault(
+        raise refusal(
             path,
             f"unknown format {shown(' '.join(words[1:]))}",
             expected=f"{', '.join(_ORDERS)} 1.0",
@@ -144,7 +144,7 @@ def _element(path: Path, words: list[str], number: int) -> Element:
     text = words[2] if len(words) == 3 else ""
     # A number of more digits is absurd anyway, and slow to read.
     if not (text.isascii() and text.isdigit() and len(text) < 20) or int(text) > _MOST_POINTS:
-        raise fault(
+        raise refusal(
             path,
             f"line {number} of the header is {shown(' '.join(words))}",
             expected="element, a name, and a count of 0 or more",
@@ -161,11 +161,11 @@ def _with_property(path: Path, element: Element, words: list[str], number: int) 
         case [_, kind, name] if kind in _TYPES:
             new = Property(name, _TYPES[kind])
         case _:
-            raise fault(
+            raise refusal(
                 path,
                 f"line {number} of the header is {shown(' '.join(words))}",
                 expected="property, a type such as float or uchar (or list and two types), a name",
             )
     if name in element.names:
-        raise fault(path, f"property {shown(name)} of {shown(element.name)} stands twice")
+        raise refusal(path, f"property {shown(name)} of {shown(element.name)} stands twice")
     return Element(element.name, element.count, (*element.properties, new))

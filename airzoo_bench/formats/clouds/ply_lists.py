@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
 from airzoo_bench.formats.clouds.meshes import check_memory, fans, triangles_of
 from airzoo_bench.formats.clouds.ply_header import Element
-from airzoo_bench.formats.clouds.source import MEND_COPY, fault
 from airzoo_bench.formats.clouds.text_rows import TextLines, shown
 from airzoo_bench.geometry.arrays import Ints
 
@@ -101,7 +101,7 @@ def _text_polygon(text: TextLines, element: Element, name: str, line: str) -> li
 
 
 def _no_face(text: TextLines, line: str) -> PredictionError:
-    return text.fault(f"is {shown(line)}", "a face: how many vertices, and their indices")
+    return text.error(f"is {shown(line)}", "a face: how many vertices, and their indices")
 
 
 def _runs(
@@ -147,7 +147,7 @@ def _record_at(
             end += counter.itemsize
             fields.append((_counter(one.name), counter))
         if length < 0:
-            raise fault(path, f"a list of {element.name[:20]!r} has the length {length}")
+            raise refusal(path, f"a list of {element.name[:20]!r} has the length {length}")
         end += length * kind.itemsize
         if end > len(body):
             raise _cut_off(path, element)
@@ -160,10 +160,10 @@ def _counter(name: str) -> str:
 
 
 def _cut_off(path: Path, element: Element) -> PredictionError:
-    return fault(
+    return refusal(
         path,
         f"the file ends within its element {element.name[:20]!r}, or a list in it claims an absurd "
         "length",
         expected=f"{element.count:,} rows, as its header says",
-        fix=MEND_COPY,
+        fix=FIX_COPY,
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.source import MEND_COPY, fault
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["TextLines", "lines_beyond", "opened_text", "parse_rows", "shown"]
@@ -33,32 +33,32 @@ class TextLines:
             line = self._stream.readline(_LONGEST_LINE)
             self.number += 1
             if len(line) >= _LONGEST_LINE:
-                raise self.fault("is endless", f"lines below {_LONGEST_LINE:,} characters")
+                raise self.error("is endless", f"lines below {_LONGEST_LINE:,} characters")
             if not line:
                 return None
             if not line.isspace():
                 return line
 
     def take(self, count: int, of: int, what: str) -> tuple[list[str], list[int]]:
-        """Return so many lines and their numbers, or say how many there are."""
+        """Return a number of lines with their line numbers, or say how many there are."""
         lines, numbers = [], []
         for _ in range(count):
             line = self.next()
             if line is None:
-                raise fault(
+                raise refusal(
                     self.path,
                     f"the file ends at line {self.number - 1}",
                     expected=f"{of:,} {what}, as its header says",
-                    fix=MEND_COPY,
+                    fix=FIX_COPY,
                 )
             lines.append(line)
             numbers.append(self.number)
         return lines, numbers
 
-    def fault(self, what: str, expected: str, number: int | None = None) -> PredictionError:
-        """Make the fault of a line, the last one read unless told."""
+    def error(self, what: str, expected: str, number: int | None = None) -> PredictionError:
+        """Make the error of a line, the last one read unless told."""
         line = self.number if number is None else number
-        return fault(self.path, f"line {line} {what}", expected=expected)
+        return refusal(self.path, f"line {line} {what}", expected=expected)
 
 
 @contextmanager
@@ -82,7 +82,7 @@ def lines_beyond(path: Path, offset: int, count: int) -> int:
 
 
 def parse_rows(text: TextLines, count: int, columns: int, of: int, what: str) -> Floats:
-    """Read so many rows of so many numbers.
+    """Read a number of rows, each of a number of columns.
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ def _wrong_line(
 ) -> PredictionError:
     for line, number in zip(lines, numbers, strict=True):
         if not _is_row(line, columns):
-            return text.fault(f"is {shown(line)}", f"{columns} numbers", number)
-    return text.fault("or one before it cannot be read", f"{columns} numbers")
+            return text.error(f"is {shown(line)}", f"{columns} numbers", number)
+    return text.error("or one before it cannot be read", f"{columns} numbers")
 
 
 def _is_row(line: str, columns: int) -> bool:

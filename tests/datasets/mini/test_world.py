@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.open3d_loader import load_open3d
+from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.datasets.mini.world.build import build_world, digest
 from airzoo_bench.datasets.mini.world.city_plan import city_plan
 from airzoo_bench.datasets.mini.world.meshes import building_mesh

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError, first_of
-from airzoo_bench.core.settings import SAFE_NAME
+from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.mini.rendering.renderer import check_size
 from airzoo_bench.datasets.mini.rendering.weather import conditions
 from airzoo_bench.datasets.mini.world.model import CRS

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.files import atomic_write, fingerprint
-from airzoo_bench.core.output_places import check_output_folder
+from airzoo_bench.core.parallel import parallel_map
+from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.datasets.mini.export.frame_list import (
     IMAGE_SUFFIX,
     FrameList,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.matplotlib_loader import default_style
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
 from airzoo_bench.datasets.mini.flights.placement import Airspace

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.core.files import atomic_write, read_text
-from airzoo_bench.core.settings import SAFE_NAME
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.core.validation import SAFE_NAME, nearest
 from airzoo_bench.datasets.mini.flights.trajectory import Trajectory, rounded
 from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.geometry.arrays import Floats

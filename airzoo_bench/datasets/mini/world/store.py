@@ -28,11 +28,11 @@ from pydantic import ValidationError
 from rasterio import Affine
 from rasterio.io import MemoryFile
 
-from airzoo_bench.core.data_root import DATA_VARIABLE
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
 from airzoo_bench.core.files import atomic_folder, canonical_json, sha256_of
-from airzoo_bench.core.settings import Strict
+from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.validation import Strict
 from airzoo_bench.datasets.mini.world.model import CRS, Buildings, Mesh, Region, World
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import read_rgb

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.workers import parallel_map
+from airzoo_bench.core.parallel import parallel_map
 
 SCRIPT = """
 import sys, time
 from functools import partial
 from pathlib import Path
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.workers import parallel_map
+from airzoo_bench.core.parallel import parallel_map
 
 def slow(folder, number):
     with atomic_write(folder / f"{number}.bin") as stream:
@@ -53,7 +53,7 @@ def test_an_error_of_a_worker_is_the_parents() -> None:
 
 LARGE = """
 import sys
-from airzoo_bench.core.workers import parallel_map
+from airzoo_bench.core.parallel import parallel_map
 
 def large(number):
     return bytes(1 << 20)

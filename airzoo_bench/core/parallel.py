@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 from typing import TypeVar, cast
 
@@ -14,16 +16,17 @@ __all__ = ["parallel_map"]
 T = TypeVar("T")
 R = TypeVar("R")
 
+_QUIET = "ignore:resource_tracker"
 # In a worker: whether it is at work on an item, and whether it was told to end.
 _working = False
 _ending = False
 
 
-def parallel_map(work: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
+def parallel_map(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[R]:
     """Yield the work done on each item, in order.
 
     Processes are spawned, since a fork would copy the thread pools of faiss and BLAS in whatever
-    state they are. Work and items must be picklable; with one worker it is done right here. Where
+    state they are. Work and items must be picklable; with one job it is done right here. Where
     the iteration ends early, by Ctrl-C or an error, so does the work, at once, and what it was
     writing is taken away.
 
@@ -31,15 +34,16 @@ def parallel_map(work: Callable[[T], R], items: Sequence[T], workers: int) -> It
     ----------
     work : callable
     items : sequence
-    workers : int
+    jobs : int
         Processes, at least 1.
     """
-    if workers == 1:
+    if jobs == 1:
         yield from map(work, items)
         return
-    with ProcessPoolExecutor(workers, get_context("spawn"), _obey_the_parent) as pool:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _obey_the_parent) as pool:
         # Not `pool.map`, which cancels what is left, and so trips the pool over workers that ended.
-        left = deque(pool.submit(_unless_ending, work, item) for item in items)
+        with _without_ctrl_c():
+            left = deque(pool.submit(_unless_ending, work, item) for item in items)
         try:
             while left:
                 yield cast(R, left.popleft().result())
@@ -47,6 +51,24 @@ def parallel_map(work: Callable[[T], R], items: Sequence[T], workers: int) -> It
             for process in active_children():
                 process.terminate()
             raise
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Start processes that a Ctrl-C does not reach, not even while they import; it waits for here.
+
+    What a stopped run leaves of locks its tracker clears, which need not warn of it.
+    """
+    if _QUIET not in sys.warnoptions:
+        sys.warnoptions.append(_QUIET)
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _obey_the_parent() -> None:

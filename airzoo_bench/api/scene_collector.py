@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,27 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airzoo_bench.api.arrays import coordinates, numbers, same_index
 from airzoo_bench.api.benchmark import BlindScene
-from airzoo_bench.api.claims import Fields, coordinates, index_of, precise
-from airzoo_bench.api.row_file import RowFile
+from airzoo_bench.api.collectors import Collector, Fields, RowFile, index_of
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.files import write_npz
+from airzoo_bench.core.files import atomic_entries, write_npz
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
 
-__all__ = ["ReconstructionClaims", "entries_of"]
+__all__ = ["SceneCollector"]
+
+_ENDINGS = (".ply", ".cameras.npz", ".npz")
 
 
-def entries_of(scenes: Sequence[BlindScene]) -> tuple[str, ...]:
-    """Return the names of all files that a prediction of some scenes may have."""
-    endings = (".ply", ".cameras.npz", ".npz")
-    return ("protocol.txt", *(f"{scene.id}{ending}" for scene in scenes for ending in endings))
-
-
-class ReconstructionClaims:
+class SceneCollector(Collector):
     """A cloud a scene with the cameras of its photos, or a depth map a photo.
 
     Parameters
@@ -51,7 +48,7 @@ class ReconstructionClaims:
         }
 
     def add(self, name: str, fields: Fields) -> None:
-        """Check and keep a cloud, a camera or a depth map; see `Claims.add`."""
+        """See `Collector.add`: of a cloud, a camera or a depth map."""
         if "points" in fields:
             index_of(name, dict.fromkeys(self._scenes, 0), "scene of the benchmark")
             self._add_cloud(name, fields)
@@ -61,10 +58,11 @@ class ReconstructionClaims:
         self._scenes[scene].add(row, name, fields)
 
     def _add_cloud(self, scene: str, fields: Fields) -> None:
-        points = precise("points", fields["points"], (None, 3))
+        same_index(fields)
+        points = coordinates("points", fields["points"], any_history=True)
         colours = fields.get("colours")
         if colours is not None:
-            colours = coordinates("colours", colours, (len(points), 3))
+            colours = numbers("colours", colours, (len(points), 3))
             if colours.dtype != np.uint8:
                 raise PredictionError(f"colours are {colours.dtype}", expected="uint8")
         if not len(points):
@@ -73,17 +71,21 @@ class ReconstructionClaims:
         write_ply(self._out / f"{scene}.ply", Cloud(points, colours))
 
     def missing(self) -> tuple[str, ...]:
-        """Return the scenes without a cloud or a depth map."""
+        """See `Collector.missing`: scenes without a cloud or a depth map."""
         return tuple(name for name, scene in self._scenes.items() if not scene.has_geometry)
 
-    def write(self) -> Path:
-        """Write what belongs to whole scenes, and return the folder of all that is finished."""
+    def write(self, path: Path, protocol: str) -> None:
+        """See `Collector.write`."""
         for name, scene in self._scenes.items():
             arrays = scene.arrays()
             if arrays:
                 ending = ".npz" if "depth" in arrays else ".cameras.npz"
                 write_npz(self._out / f"{name}{ending}", arrays)
-        return self._out
+        (self._out / "protocol.txt").write_text(f"{protocol}\n", encoding="utf-8")
+        entries = [f"{name}{ending}" for name in self._scenes for ending in _ENDINGS]
+        with atomic_entries(path, ("protocol.txt", *entries)) as folder:
+            for entry in self._out.iterdir():
+                shutil.move(entry, folder / entry.name)
 
 
 class _Scene:
@@ -152,15 +154,15 @@ class _Scene:
 
 def _extrinsics(name: str, rotation: ArrayLike, centre: ArrayLike) -> NDArray[np.float64]:
     """Return a camera's [R | t], (3, 4)."""
-    turned = precise("rotation", rotation, (3, 3))
-    place = precise("centre", centre, (3,))
+    turned = coordinates("rotation", rotation, (3, 3), any_history=True)
+    place = coordinates("centre", centre, (3,), any_history=True)
     poses = Poses.from_centres(turned[None], place[None], [name])
     return np.concatenate([poses.rotation[0], poses.translation[0][:, None]], axis=1)
 
 
 def _intrinsics(name: str, matrix: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return a camera's K (3, 3), which must be of the depth map's size."""
-    given = precise("intrinsics", matrix, (3, 3))
+    given = coordinates("intrinsics", matrix, (3, 3), any_history=True)
     height, width = shape
     cameras = Cameras.from_matrices(given[None], width, height, names=[name])
     refuse_other_resolution(cameras, [name], "intrinsics")

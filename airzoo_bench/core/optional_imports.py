@@ -1,13 +1,13 @@
-"""The one place that imports Matplotlib: pictures look alike whatever the person has set.
-
-A ``matplotlibrc`` in the working folder, the person's own, or ``MPLBACKEND`` would rule fonts,
-sizes and even whether a picture can be drawn: none of them is followed.
-"""
+"""The only imports of Matplotlib, Open3D and pycolmap, each slow or with a will of its own."""
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
+import signal
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -16,8 +16,10 @@ from typing import Any
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["default_style", "load_matplotlib"]
+__all__ = ["default_style", "load_matplotlib", "load_open3d", "load_pycolmap"]
 
+# Pictures look alike whatever the person has set: a ``matplotlibrc`` in the working folder, the
+# person's own, or MPLBACKEND would rule fonts, sizes and whether a picture can be drawn at all.
 _BACKEND = "MPLBACKEND"
 # What a whole process has, not a picture.
 _OF_PROCESS = ("backend", "backend_fallback", "date.epoch", "interactive", "timezone", "toolbar")
@@ -73,3 +75,43 @@ def default_style(changes: dict[str, Any] | None = None) -> Iterator[None]:
     settings = {name: defaults[name] for name in defaults if name not in _OF_PROCESS}
     with matplotlib.rc_context(settings | (changes or {})):
         yield
+
+
+@cache
+def load_open3d() -> ModuleType:
+    """Import Open3D and return the module.
+
+    Version 0.20 links against libusb, which slim machines lack; the wheel ``libusb-package``
+    carries it. Loaded with global symbols before the import, it is found.
+
+    Raises
+    ------
+    ImportError
+        It is not installed, or a library that it needs is missing.
+    """
+    if sys.platform == "linux":
+        _load_libusb()
+    return importlib.import_module("open3d")
+
+
+def _load_libusb() -> None:
+    import libusb_package
+
+    path = libusb_package.get_library_path()
+    if path is not None:
+        ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+
+
+@cache
+def load_pycolmap() -> ModuleType:
+    """Import pycolmap, quiet but for warnings, and return the module.
+
+    Its log takes SIGTERM for itself, to print a trace; the handler from before is put back, so that
+    a process that is told to end can tidy up.
+    """
+    before = signal.getsignal(signal.SIGTERM)
+    module = importlib.import_module("pycolmap")
+    if threading.current_thread() is threading.main_thread() and before is not None:
+        signal.signal(signal.SIGTERM, before)
+    module.logging.minloglevel = module.logging.Level.WARNING.value
+    return module

@@ -1,4 +1,7 @@
-"""Places for output: whether a file or folder may stand there, asked before work is done for it."""
+"""Where benchmark folders lie, and where output may stand, asked before work is done for it.
+
+Every command asks: nothing heavy is imported here.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,14 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import UsageError, UserError
 
-__all__ = ["cannot_write", "check_output_file", "check_output_folder", "followed"]
+__all__ = [
+    "DATA_VARIABLE",
+    "cannot_write",
+    "check_output_file",
+    "check_output_folder",
+    "data_root",
+    "followed",
+]
 
 
 def check_output_folder(folder: Path, names: Iterable[str]) -> None:
@@ -84,7 +94,7 @@ def _check_place(path: Path, fix: str) -> None:
         raise UsageError("a folder, not a file", where=path, fix=fix)
     if not path.is_file():
         raise UsageError("a pipe or a device, not a file", where=path, fix=fix)
-    # Whoever may do everything would not want to replace what is marked as read-only either.
+    # Even root would not want to replace what is marked as read-only.
     if not path.stat().st_mode & 0o222 or not os.access(path, os.W_OK):
         raise UsageError("a read-only file, which is not replaced", where=path, fix=fix)
 
@@ -98,3 +108,17 @@ def _check_folder(path: Path) -> None:
         raise UsageError(
             "nothing may be written into this folder", where=place, fix="name another one"
         )
+
+
+DATA_VARIABLE = "AIRZOO_BENCH_DATA"
+"""The variable of the environment that names the folder."""
+
+
+def data_root() -> Path:
+    """Return the folder in which benchmark folders lie: AIRZOO_BENCH_DATA, else a cache folder."""
+    named = os.environ.get(DATA_VARIABLE)
+    if named:
+        return Path(named).expanduser()
+    from platformdirs import user_cache_path
+
+    return user_cache_path("airzoo-bench") / "data"
