@@ -17,7 +17,6 @@ from airzoo_bench.core.errors import (
     UserError,
     first_of,
 )
-from airzoo_bench.core.files import check_new_folder
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.poses import PosedPhotos
@@ -73,9 +72,8 @@ class PhotoSources:
         return {key: path for key, path in parts.items() if path is not None}
 
 
-def check_target(sources: PhotoSources, folder: Path, *, replace: bool) -> None:
-    """Refuse a folder that may not be made, above all one that holds the sources."""
-    check_new_folder(folder, replace=replace)
+def check_target(sources: PhotoSources, folder: Path) -> None:
+    """Refuse to make a folder that holds the sources."""
     target = folder.resolve()
     for source in (sources.poses, *sources.kept.values()):
         if target in (source.resolve(), *source.resolve().parents):

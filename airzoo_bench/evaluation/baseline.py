@@ -8,32 +8,14 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.protocol.lookup import protocol_of_track
 
-__all__ = ["DOUBLED", "Baseline", "Option", "run_baseline"]
+__all__ = ["DOUBLED", "Baseline", "run_baseline"]
 
 S = TypeVar("S")
-
-
-@dataclass(frozen=True)
-class Option:
-    """Of a baseline's settings, the field that carries it is an option of the command.
-
-    Attributes
-    ----------
-    name : str
-        Without its hyphens; where the field is a bool, ``--no-`` before it turns it off.
-    help : str
-    least, most : float, optional
-        What may be asked for.
-    """
-
-    name: str
-    help: str
-    least: float | None = None
-    most: float | None = None
 
 
 DOUBLED = Option("double", "Look for the finest features too, for four times the time.")

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.workers import parallel_map
-from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.evaluation.baseline import DOUBLED
 from airzoo_bench.geometry.sift import extract
 
 __all__ = ["VladSettings", "describe", "learn_words", "root_sift", "vlad"]

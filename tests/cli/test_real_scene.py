@@ -21,6 +21,7 @@ from tests.support import photo_protocols
 
 @pytest.fixture(scope="module")
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from airzoo_bench.datasets.dataset import PrepareSettings
     from airzoo_bench.datasets.photos import prepare_photos
     from airzoo_bench.datasets.sources import PhotoSources
 
@@ -34,8 +35,7 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     prepare_photos(
         sources,
         photo_protocols("brighton", (256, 128)),
-        root / "brighton",
-        crops_on_disk=True,
+        PrepareSettings(root / "brighton", root, crops_on_disk=True),
     )
     return root
 

@@ -14,6 +14,7 @@ import rasterio
 from rasterio import Affine
 
 from airzoo_bench.core.errors import UserError
+from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.plausibility import plausibility_warnings
 from airzoo_bench.datasets.scene_facts import SceneFacts
@@ -30,7 +31,8 @@ def sources(brighton: Path) -> PhotoSources:
 
 
 def facts_of(sources: PhotoSources, folder: Path) -> SceneFacts:
-    return prepare_photos(sources, photo_protocols("park", (256, 128)), folder / "park").facts
+    settings = PrepareSettings(folder / "park", folder)
+    return prepare_photos(sources, photo_protocols("park", (256, 128)), settings).facts["park"]
 
 
 def test_the_sound_scene(sources: PhotoSources, tmp_path: Path) -> None:

@@ -21,7 +21,8 @@ from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.images import photo_size, read_grey
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.photos import Prepared, prepare_photos
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
@@ -51,7 +52,7 @@ def prepared(
     sources = PhotoSources(
         place.images, place.poses, place.dom, place.dsm, options.pop("crs", None)
     )
-    return prepare_photos(sources, chosen, folder, **options)
+    return prepare_photos(sources, chosen, PrepareSettings(folder, folder.parent, **options))
 
 
 def truth_in(folder: Path) -> RetrievalTruth:
@@ -92,7 +93,7 @@ def test_the_truth_is_that_of_the_geometry(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth.queries["altitude_m"], 100.0)
     np.testing.assert_allclose(truth.queries["pitch_deg"], 90.0)
     assert truth.excluded.empty
-    assert result.without_pose == ()
+    assert result.facts["park"].inputs.unposed == ()
 
 
 def test_the_same_sources_give_the_same_bytes(tmp_path: Path) -> None:
@@ -169,7 +170,7 @@ def test_photos_that_nothing_answers_are_listed_with_the_reason(tmp_path: Path) 
         {"id": "park/unposed", "image": "unposed.jpg", "reason": "no pose"},
         {"id": "park/up", "image": "up.jpg", "reason": "no ray meets the ground"},
     ]
-    assert result.without_pose == ("unposed.jpg",)
+    assert result.facts["park"].inputs.unposed == ("unposed.jpg",)
     assert truth_in(tmp_path / "park").without_ground_point == 1
 
 
@@ -401,11 +402,13 @@ def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
         brighton / "dom_10cm.tif",
         brighton / "dsm_10cm.tif",
     )
-    result = prepare_photos(sources, photo_protocols("park", (512,)), tmp_path / "park")
+    result = prepare_photos(
+        sources, photo_protocols("park", (512,)), PrepareSettings(tmp_path / "park", tmp_path)
+    )
     truth = truth_in(tmp_path / "park")
     assert len(truth.queries) + len(truth.excluded) == 18
     assert len(truth.queries) > 0
-    assert result.without_pose == ()
+    assert result.facts["park"].inputs.unposed == ()
     assert truth.queries["pitch_deg"].between(60, 90).all()
     assert (truth.positives.counts > 0).all()
 
@@ -416,7 +419,9 @@ def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
     np.save(cloud, np.random.default_rng(0).uniform(0, 100, (50, 3)))
     sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
     with pytest.raises(BenchmarkError, match="in the CRS of the poses"):
-        prepare_photos(sources, photo_protocols("park", (64,)), tmp_path / "park")
+        prepare_photos(
+            sources, photo_protocols("park", (64,)), PrepareSettings(tmp_path / "park", tmp_path)
+        )
     assert not (tmp_path / "park").exists()
 
 
@@ -427,7 +432,11 @@ def test_a_true_cloud_makes_truth_for_reconstruction(tmp_path: Path) -> None:
     centres = np.array([image["center"] for image in images])
     np.save(cloud, np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0))
     sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
-    result = prepare_photos(sources, photo_protocols("park", (64,)), tmp_path / "park", copy=True)
+    result = prepare_photos(
+        sources,
+        photo_protocols("park", (64,)),
+        PrepareSettings(tmp_path / "park", tmp_path, copy=True),
+    )
     assert "park-reconstruction" in result.protocols
     truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
     assert len(truth.photos) == 4

@@ -15,6 +15,7 @@ from airzoo_bench.core.files import atomic_write, fingerprint
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.version import __version__
+from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
 from airzoo_bench.evaluation.baseline import Baseline, run_baseline
 from airzoo_bench.evaluation.evaluate import evaluate
@@ -41,7 +42,7 @@ def demo_benchmark(
     root : Path
         The data root.
     seed, jobs, progress, note
-        See `prepare_airzoo_mini`.
+        See `dataset.PrepareSettings`.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def demo_benchmark(
         A folder cannot be written, or the disk is full.
     """
     protocols = mini_protocols(seed)
-    folder = root / protocols.retrieval.benchmark
+    folder = root / protocols.every[0].benchmark
     if folder.is_dir():
         try:
             benchmark = Benchmark.open(folder)
@@ -59,9 +60,8 @@ def demo_benchmark(
             note(f"{fault.what}; {folder} is made again")
         else:
             return folder
-    prepare_airzoo_mini(
-        root, folder, protocols, seed=seed, jobs=jobs, replace=True, progress=progress, note=note
-    )
+    settings = PrepareSettings(folder, root, replace=True, jobs=jobs, progress=progress, note=note)
+    prepare_airzoo_mini(seed, settings)
     return folder
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -11,18 +10,11 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
-from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.workers import parallel_map
-from airzoo_bench.datasets.folder import (
-    SceneTruths,
-    copied,
-    left_in_place,
-    write_folder_files,
-    write_scene,
-)
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX
 from airzoo_bench.datasets.mini.export.frames import render_frames
 from airzoo_bench.datasets.mini.export.photos import (
@@ -35,22 +27,19 @@ from airzoo_bench.datasets.mini.export.photos import (
 from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
-from airzoo_bench.datasets.tiles import write_parts
+from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.formats.clouds.ply_writer import write_ply
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.prepare import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.prepared import grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.voxels import VoxelGrid
-from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = ["MiniProtocols", "PreparedMini", "make_worlds", "mini_protocols", "prepare_airzoo_mini"]
+__all__ = ["make_worlds", "mini_protocols", "prepare_airzoo_mini"]
 
 P = TypeVar("P", bound=Protocol)
 
@@ -59,23 +48,9 @@ _CLOUD_VOXEL_M = 0.5
 _RENDERED = "frames"
 
 
-@dataclass(frozen=True)
-class MiniProtocols:
-    """The protocols of AirZoo-Mini, all of the same benchmark and scenes."""
-
-    retrieval: RetrievalProtocol
-    matching: MatchingProtocol
-    reconstruction: ReconstructionProtocol
-
-    @property
-    def every(self) -> tuple[Protocol, ...]:
-        """All of them."""
-        return (self.retrieval, self.matching, self.reconstruction)
-
-
-def mini_protocols(seed: int) -> MiniProtocols:
+def mini_protocols(seed: int) -> BenchmarkProtocols:
     """Return the shipped protocols; with a seed of its own, the benchmark is another."""
-    return MiniProtocols(
+    return BenchmarkProtocols(
         _protocol("retrieval", RetrievalProtocol, seed),
         _protocol("matching", MatchingProtocol, seed),
         _protocol("reconstruction", ReconstructionProtocol, seed),
@@ -91,28 +66,7 @@ def _protocol(track: str, kind: type[P], seed: int) -> P:
     return protocol.model_copy(update=changes | {"title": f"{protocol.title}, seed {seed}"})
 
 
-@dataclass(frozen=True)
-class PreparedMini:
-    """What `prepare_airzoo_mini` made: the folder, and what is in it by scene."""
-
-    folder: Path
-    scenes: dict[str, SceneTruths]
-
-
-def prepare_airzoo_mini(
-    root: Path,
-    folder: Path,
-    protocols: MiniProtocols,
-    *,
-    seed: int = 0,
-    jobs: int = 1,
-    tiles_on_disk: bool = False,
-    crops_on_disk: bool = False,
-    copy: bool = False,
-    replace: bool = False,
-    progress: Progress = silent,
-    note: Callable[[str], None] = lambda _: None,
-) -> PreparedMini:
+def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
     """Make worlds, fly over them, take photos and work out the truth of every track.
 
     Worlds and photos are kept below the data root; what is there and sound is not made again, so
@@ -120,56 +74,30 @@ def prepare_airzoo_mini(
 
     Parameters
     ----------
-    root : Path
-        The data root.
-    folder : Path
-        The benchmark folder; it appears when it is complete.
-    protocols : MiniProtocols
     seed : int
         Of worlds, flights, photos and priors.
-    jobs : int
-        Processes; the benchmark does not depend on it.
-    tiles_on_disk, crops_on_disk : bool
-        See `photos.prepare_photos`.
-    copy : bool
-        Copy photos, maps and clouds into the folder; otherwise they stay below the data root.
-    replace : bool
-        Whether a folder that stands there is replaced.
-    progress : Progress
-    note : callable
-        Takes a sentence for the user.
+    settings : PrepareSettings
 
     Raises
     ------
     UserError
         A folder cannot be written, or the disk is full.
     """
-    check_new_folder(folder, replace=replace)
-    regions = [REGIONS[scene.id] for scene in protocols.retrieval.scenes]
-    worlds = make_worlds(regions, root, seed, jobs=jobs, progress=progress, note=note)
+    protocols = mini_protocols(seed)
+    regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
+    worlds = make_worlds(
+        regions,
+        settings.root,
+        seed,
+        jobs=settings.jobs,
+        progress=settings.progress,
+        note=settings.note,
+    )
     scenes = [
-        _photographed(region, world, seed, jobs, progress)
+        _scene(region, world, seed, protocols, settings)
         for region, world in zip(regions, worlds, strict=True)
     ]
-    truths = {scene.region.name: _truths(scene, protocols) for scene in scenes}
-    with atomic_folder(folder, replace=replace) as staged:
-        entries = []
-        for scene in scenes:
-            name = scene.region.name
-            home = write_scene(staged, name, truths[name])
-            write_parts(
-                home,
-                truths[name],
-                scene.inputs.gallery_map,
-                tiles=tiles_on_disk,
-                crops=crops_on_disk,
-                progress=progress,
-            )
-            images = scene.inputs.photos["image"].tolist()
-            kept = copied(staged, name, scene.files, images) if copy else left_in_place(scene.files)
-            entries.append(_entry(scene, truths[name], kept))
-        write_folder_files(staged, protocols.every, entries)
-    return PreparedMini(folder, truths)
+    return write_benchmark(scenes, protocols, settings)
 
 
 def make_worlds(
@@ -197,27 +125,27 @@ def _world(region: Region, root: Path, seed: int) -> tuple[Path, list[str]]:
     return ensure_world(region, seed, root, build_world, said.append), said
 
 
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """A region with its photos, as `prepare` finds a scene of own photos."""
-
-    region: Region
-    inputs: SceneInputs
-    files: dict[str, Path]
-
-
-def _photographed(region: Region, world: Path, seed: int, jobs: int, progress: Progress) -> _Scene:
+def _scene(
+    region: Region,
+    world: Path,
+    seed: int,
+    protocols: BenchmarkProtocols,
+    settings: PrepareSettings,
+) -> SceneContent:
+    """Take the photos of a region, and make the truth of all tracks."""
     photos = mini_photos(region, load_world(world).dsm, seed)
     rendered = world.with_name(f"{world.name}-{_RENDERED}")
-    render_frames(
-        photos.frames, partial(load_world, world), rendered, workers=jobs, progress=progress
-    )
+    jobs, progress = settings.jobs, settings.progress
+    load = partial(load_world, world)
+    render_frames(photos.frames, load, rendered, workers=jobs, progress=progress)
     cloud = rendered / "cloud.ply"
     voxels = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
     write_ply(cloud, seen_surface(photos, rendered, voxels, progress))
     files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
     files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
-    return _Scene(region, _inputs(region, photos, files, seed), files)
+    inputs = _inputs(region, photos, files, seed)
+    surveyed = inputs.photos["sequence"] == SURVEY
+    return SceneContent(inputs, build_truths(inputs, protocols, cloud, surveyed), files)
 
 
 def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -> SceneInputs:
@@ -235,27 +163,3 @@ def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -
     table = table.join(conditions, on="id")
     dom, gallery = open_info(files["dom"]), open_info(files["gallery"])
     return SceneInputs(region.name, table, CRS, dom, files["dsm"], plane, gallery=gallery)
-
-
-def _truths(scene: _Scene, protocols: MiniProtocols) -> SceneTruths:
-    inputs, retrieval, matching = scene.inputs, protocols.retrieval, protocols.matching
-    surveyed = inputs.photos["sequence"] == SURVEY
-    return SceneTruths(
-        inputs.photos,
-        build_retrieval_truth(inputs, retrieval.gallery, retrieval.ground_truth),
-        build_matching_truth(inputs, matching.crop, matching.prior),
-        build_reconstruction_truth(inputs, scene.files["cloud"], surveyed),
-    )
-
-
-def _entry(scene: _Scene, truths: SceneTruths, kept: dict[str, str]) -> SceneFile:
-    name = scene.region.name
-    return SceneFile(
-        id=name,
-        title=name.capitalize(),
-        crs=CRS,
-        plane_height_m=scene.inputs.plane_height_m,
-        dsm_sha256=sha256_of(scene.files["dsm"]),
-        cloud_sha256=truths.reconstruction.cloud_sha256 if truths.reconstruction else None,
-        **kept,
-    )

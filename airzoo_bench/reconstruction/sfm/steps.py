@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.pycolmap_loader import load_pycolmap
 from airzoo_bench.core.temporaries import temporary_folder
-from airzoo_bench.evaluation.baseline import DOUBLED, Option
+from airzoo_bench.evaluation.baseline import DOUBLED
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.sift import extract, mutual_nearest
