@@ -15,7 +15,7 @@ import numpy as np
 from airzoo_bench.benchmark.folder import DATA_VARIABLE, Benchmark
 from airzoo_bench.cli.main import app
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
-from airzoo_bench.datasets.mini.export.photos import depth_to_points, mini_photos
+from airzoo_bench.datasets.mini.prepare import depth_to_points, mini_photos
 from airzoo_bench.datasets.mini.world.model import REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import write_raster
 from airzoo_bench.datasets.truths import build_truths

@@ -13,7 +13,7 @@ from pyproj import CRS
 from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from airzoo_bench.datasets.photo_facts import GpsFacts, PriorFacts
+from airzoo_bench.datasets.photo_facts import GpsFacts
+from airzoo_bench.datasets.prior_facts import PriorFacts
 from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = ["fact_lines"]

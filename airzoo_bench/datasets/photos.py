@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
@@ -15,8 +15,7 @@ from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.map_facts import check_overlap
-from airzoo_bench.datasets.photo_facts import Cameras3D, camera_facts
-from airzoo_bench.datasets.photo_files import PhotoFiles, survey_photos
+from airzoo_bench.datasets.photo_facts import Cameras3D, PhotoFiles, camera_facts, survey_photos
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.prior_file import read_prior_file, with_given
 from airzoo_bench.datasets.raster_checks import (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.datasets.photo_facts import Cameras3D
 from airzoo_bench.datasets.scene_facts import footprints_of

@@ -9,22 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.benchmark.queries import POSE_COLUMNS, cameras_of, poses_of
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, cameras_of, poses_of
 from airzoo_bench.datasets.dji import PhotoPrior
-from airzoo_bench.datasets.map_facts import MapFacts, map_facts
-from airzoo_bench.datasets.map_shift import MapShift, map_shift
-from airzoo_bench.datasets.photo_facts import (
-    Cameras3D,
-    GpsFacts,
+from airzoo_bench.datasets.map_facts import MapFacts, MapShift, map_facts, map_shift
+from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PhotoFiles, gps_facts, median
+from airzoo_bench.datasets.prior_facts import (
     PriorFacts,
     WithoutPrior,
-    gps_facts,
-    median,
     prior_facts,
     without_prior,
 )
-from airzoo_bench.datasets.photo_files import PhotoFiles
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
+from airzoo_bench.benchmark.queries import SceneInputs, with_unposed
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.reconstruction.truth import ReconstructionTruth

@@ -21,7 +21,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
 from airzoo_bench.datasets.mini.export.frame_list import FrameList
-from airzoo_bench.datasets.mini.export.photos import ROLL, Photos, mini_photos
+from airzoo_bench.datasets.mini.prepare import ROLL, Photos, mini_photos
 from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.sources import PhotoSources
 from airzoo_bench.formats.clouds.formats import open_cloud

@@ -59,7 +59,7 @@ class Level(Dataset[LevelOptions]):
         return "level"
 
     def prepare(self, options: LevelOptions, settings: PrepareSettings) -> Prepared:
-        from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+        from airzoo_bench.benchmark.queries import SceneInputs, photo_table
         from airzoo_bench.datasets.folder import SceneContent, write_benchmark
         from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
         from airzoo_bench.geometry.cameras import Cameras

@@ -16,11 +16,10 @@ from PIL import Image
 from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.datasets.folder_facts import folder_facts
-from airzoo_bench.datasets.geometry_checks.dataset import open_benchmark
+from airzoo_bench.datasets.geometry_checks.dataset import folder_facts, open_benchmark
 from airzoo_bench.datasets.plausibility import kinds_and_warnings
 from airzoo_bench.datasets.plausibility_kinds import Kind
-from airzoo_bench.datasets.prior_errors import prior_errors, turned_priors
+from airzoo_bench.datasets.prior_facts import prior_errors, turned_priors
 from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
@@ -678,19 +677,23 @@ def test_turned_priors_are_told_from_the_truth(seed: int) -> None:
     truth = Poses.from_centres(
         angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), np.zeros((12, 3))
     )
-    assert turned_priors(poses(yaw, pitch, roll), truth) == []
-    errors = prior_errors(poses(yaw, pitch, roll), truth)
-    assert (errors.rotation_deg < 15).all()
-    assert (errors.pitch_deg <= errors.rotation_deg + 1e-9).all()
-    (half,) = turned_priors(poses(np.where(np.arange(12) < 5, yaw + 180, yaw), pitch, roll), truth)
-    assert half.what == "yaw is 180 degrees off"
-    assert half.rows.tolist() == [True] * 5 + [False] * 7
+    assert turned_priors(poses(yaw, pitch, roll), truth) == {}
+    _, _, pitch_deg, rotation_deg = prior_errors(poses(yaw, pitch, roll), truth)
+    assert (rotation_deg < 15).all()
+    assert (pitch_deg <= rotation_deg + 1e-9).all()
+    half = turned_priors(poses(np.where(np.arange(12) < 5, yaw + 180, yaw), pitch, roll), truth)
+    ((what, rows),) = half.items()
+    assert what == "yaw is 180 degrees off"
+    assert rows.tolist() == [True] * 5 + [False] * 7
     for off, what in ((90, "yaw is 90 degrees too large"), (-90, "yaw is 90 degrees too small")):
-        (found,) = turned_priors(poses(yaw + off, pitch, roll), truth)
-        assert (found.what, found.rows.all()) == (what, True)
+        ((found, rows),) = turned_priors(poses(yaw + off, pitch, roll), truth).items()
+        assert (found, rows.all()) == (what, True)
     away = np.abs(np.abs(yaw) % 90 - 45) < 20
     negated = turned_priors(poses(-yaw, pitch, roll), truth)
-    assert not away.any() or negated[0].what in ("yaw has the wrong sign", "yaw is 180 degrees off")
+    assert not away.any() or next(iter(negated)) in (
+        "yaw has the wrong sign",
+        "yaw is 180 degrees off",
+    )
     nonsense = turned_priors(poses(yaw + 135, pitch, roll), truth)
-    assert nonsense[-1].what == "rotation is more than 45 degrees off"
-    assert sum(one.rows for one in nonsense).tolist() == [1] * 12
+    assert list(nonsense)[-1] == "rotation is more than 45 degrees off"
+    assert sum(nonsense.values()).tolist() == [1] * 12

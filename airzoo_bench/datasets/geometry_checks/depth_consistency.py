@@ -142,8 +142,7 @@ def _inverse_depths(target: Frame, corner: Ints) -> Floats:
     if target.kind is DepthKind.RAY:
         pixels = np.stack(np.broadcast_arrays(column, row), axis=-1).reshape(1, -1, 2) + 0.5
         depth *= back_project(target.camera, pixels)[0, :, 2].reshape(depth.shape)
-    inverse: Floats = 1.0 / depth
-    return inverse
+    return 1.0 / depth
 
 
 def _smooth(inverse: Floats) -> Bools:

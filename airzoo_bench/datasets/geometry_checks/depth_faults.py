@@ -225,8 +225,7 @@ def _fit(error: Floats, design: Floats, pair: Ints) -> tuple[Floats, float]:
 def _visible(design: Floats) -> Floats:
     """Orthonormal directions (k, v) of the parameters that errors depend on."""
     power, directions = np.linalg.eigh(_gram(design, design) / len(design))
-    kept: Floats = directions[:, power > _UNSEEN**2]
-    return kept
+    return directions[:, power > _UNSEEN**2]
 
 
 def _clustered(residual: Floats, columns: Floats, limit: float, pair: Ints) -> Floats:
@@ -236,8 +235,7 @@ def _clustered(residual: Floats, columns: Floats, limit: float, pair: Ints) -> F
     sums = np.add.reduceat(score[order], starts, axis=0)
     inner = columns[np.abs(residual) <= limit]
     bread = np.linalg.pinv(_gram(inner, inner))
-    covariance: Floats = bread @ _gram(sums, sums) @ bread
-    return covariance
+    return bread @ _gram(sums, sums) @ bread
 
 
 def _gram(a: Floats, b: Floats) -> Floats:

@@ -24,9 +24,13 @@ from airzoo_bench.datasets.geometry_checks.depth_faults import (
     design_rows,
     explain,
 )
-from airzoo_bench.datasets.geometry_checks.depth_frames import FrameStore, Sampling
+from airzoo_bench.datasets.geometry_checks.depth_frames import (
+    FrameStore,
+    PairRule,
+    Sampling,
+    choose_pairs,
+)
 from airzoo_bench.datasets.geometry_checks.depth_maps import find_depths
-from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule, choose_pairs
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 if TYPE_CHECKING:

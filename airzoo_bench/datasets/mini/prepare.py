@@ -1,35 +1,46 @@
-"""``prepare airzoo-mini``: the world that is made on the spot becomes a benchmark folder."""
+"""``prepare airzoo-mini``: the world that is made on the spot becomes a benchmark folder.
+
+Two flights go over each region. The survey is flown on one day and serves reconstruction; the
+barrel roll goes through every weather and time of day, so that retrieval and matching can be broken
+down by condition.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.workers import parallel_map
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import SceneContent, write_benchmark
-from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX
-from airzoo_bench.datasets.mini.export.frames import render_frames
-from airzoo_bench.datasets.mini.export.photos import (
-    SURVEY,
-    Photos,
-    mini_photos,
-    noisy_priors,
-    seen_surface,
-)
+from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX, FrameList
+from airzoo_bench.datasets.mini.export.frames import frame_paths, read_depth, render_frames
+from airzoo_bench.datasets.mini.flights.keyframes import key_frames
+from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
+from airzoo_bench.datasets.mini.flights.trajectory import Airspace, trajectory_poses
+from airzoo_bench.datasets.mini.rendering.renderer import default_camera
+from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply_writer import write_ply
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.attitude import angles_to_rotations, rotations_to_angles
+from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.medians import median_height
+from airzoo_bench.geometry.poses import Poses, camera_to_world
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
@@ -39,13 +50,130 @@ from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = ["make_worlds", "mini_protocols", "prepare_airzoo_mini"]
+__all__ = [
+    "ROLL",
+    "SURVEY",
+    "Photos",
+    "make_worlds",
+    "mini_photos",
+    "mini_protocols",
+    "noisy_priors",
+    "prepare_airzoo_mini",
+    "seen_surface",
+]
 
 P = TypeVar("P", bound=Protocol)
 
+SURVEY, ROLL = "survey", "roll"
+
+_SURVEY_SIDE_M = 100.0
+_SURVEY_SPACING_M = 50.0
+_SURVEY_OVERLAP = 0.55
+_ROLL_OVERLAP = 0.25
+_ROLL_PHOTOS = 30  # each of the 15 conditions twice
+
+# Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
+# and gimbal (yaw, pitch, roll).
+_GPS_M = (2.0, 2.0, 3.0)
+_ANGLES_DEG = (2.0, 0.7, 0.5)
+_UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
+_BITS = 16
+
+_CLOUD_DECIMALS = 4
 # The voxels of the protocol: exact depth then gives the true points themselves.
 _CLOUD_VOXEL_M = 0.5
 _RENDERED = "frames"
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """The photos of a region; `sequence` says of each whether it is of `SURVEY` or `ROLL`."""
+
+    frames: FrameList
+    sequence: tuple[str, ...]
+
+
+def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> Photos:
+    """Plan the photos of a region, above its surface model (H, W).
+
+    The seed is that of the barrel roll, the order of conditions, and the noise of the photos.
+    """
+    camera = default_camera()
+    airspace = Airspace.over(region, dsm)
+    surveyed = survey(airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
+    surveyed = surveyed.take(key_frames(surveyed, camera, airspace.ground_m, _SURVEY_OVERLAP))
+    rolled = barrel_roll(airspace, seed)
+    keys = key_frames(rolled, camera, airspace.ground_m, _ROLL_OVERLAP)
+    count = min(len(keys), _ROLL_PHOTOS)
+    rolled = rolled.take(keys[np.arange(count) * len(keys) // count])
+    flights = ((SURVEY, surveyed), (ROLL, rolled))
+    poses = [trajectory_poses(flight) for _, flight in flights]
+    every = [(weather, time) for time in TIMES for weather in WEATHERS]
+    # 7 has no factor in common with 15: all come by in an order that mixes them.
+    turns = [every[(7 * number + seed) % len(every)] for number in range(count)]
+    weather, time = zip(*[("sunny", "day")] * len(surveyed), *turns, strict=True)
+    frames = FrameList(
+        names=tuple(f"{name}_{row:04d}" for name, flight in flights for row in range(len(flight))),
+        camera=camera,
+        # Photos are taken from where the truth will say, to the last bit.
+        poses=Poses(
+            rotation=np.concatenate([part.rotation for part in poses]),
+            centres=np.concatenate([part.centres for part in poses]),
+        ).rounded(),
+        weather=weather,
+        time_of_day=time,
+        seed=seed,
+    )
+    return Photos(frames, tuple(name for name, flight in flights for _ in range(len(flight))))
+
+
+def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
+    """Return what GPS and gimbal would have said of true poses, the same on every machine.
+
+    Each photo's noise depends on its name and the seed alone, not on the other photos; yaw is
+    counted from the grid's north.
+    """
+    unit = np.array([_normal_numbers(name, seed) for name in names]).reshape(-1, 6)
+    centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
+    turns = unit[:, 3:] * np.array(_ANGLES_DEG)
+    yaw, pitch, roll = (rotations_to_angles(poses.rotation, convergence_deg=0.0) + turns).T
+    return Poses.from_centres(angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), centres)
+
+
+def _normal_numbers(name: str, seed: int) -> Floats:
+    """Return six numbers of unit variance: sums of uniform ones, in whole numbers till the end."""
+    blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
+    digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
+    words = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
+    total = words.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << _BITS)
+    return np.asarray(total / (2 << _BITS), dtype=np.float64)
+
+
+def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progress) -> Cloud:
+    """Return every surface that photos of the survey see, from exact depth, a point a voxel.
+
+    The photos were rendered to a folder, and the grid is empty at first. The cloud is in
+    `model.CRS`, to 0.1 mm, and without colours: those of photos depend on the processor in the last
+    bit, the points do not.
+    """
+    frames = photos.frames
+    rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
+    for row in progress(rows, "true cloud", len(rows)):
+        depth = read_depth(frame_paths(folder, frames.names[row])[1]).astype(np.float64)
+        points = depth_to_points(depth, depth > 0, frames.camera, frames.poses.take(row))
+        grid.add(Cloud(points))
+    cloud = grid.cloud()
+    return replace(cloud, points=np.round(cloud.points, _CLOUD_DECIMALS) + 0.0)
+
+
+def depth_to_points(depth: Floats, chosen: Bools, camera: Cameras, pose: Poses) -> Floats:
+    """Back-project chosen pixels of a z-depth map (H, W) to the world, (N, 3) in order of rows."""
+    rows, columns = np.nonzero(chosen)
+    pixels = np.stack([columns + 0.5, rows + 0.5], axis=-1)
+    rays = back_project(camera, pixels[None])[0]
+    points = rays / rays[:, 2:] * depth[rows, columns][:, None]
+    world: Floats = camera_to_world(pose, points[None])[0]
+    return world
 
 
 def mini_protocols(seed: int) -> BenchmarkProtocols:

@@ -18,15 +18,13 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene, scenes_of_benchmark
-from airzoo_bench.datasets.geometry_checks.depth_frames import Sampling
+from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
 from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
 from airzoo_bench.datasets.geometry_checks.depth_report import (
     DepthConsistency,
     check_depth_consistency,
 )
-from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
-from airzoo_bench.datasets.mini.export.photos import depth_to_points
-from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
+from airzoo_bench.datasets.mini.prepare import depth_to_points, prepare_airzoo_mini
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.resources import Resources
 from airzoo_bench.geometry.arrays import Floats

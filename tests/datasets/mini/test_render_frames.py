@@ -23,7 +23,7 @@ from airzoo_bench.datasets.mini.export.frames import (
     render_frames,
     world_key,
 )
-from airzoo_bench.datasets.mini.rendering.noise import seed_of
+from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import Renderer
 from airzoo_bench.datasets.mini.world.model import CRS, World
 from airzoo_bench.geometry.arrays import Floats

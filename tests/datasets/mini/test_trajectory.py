@@ -13,9 +13,10 @@ from pyproj import Geod, Transformer
 
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.datasets.mini.flights import trajectory_files
-from airzoo_bench.datasets.mini.flights.placement import allowed_box, check_inside
 from airzoo_bench.datasets.mini.flights.trajectory import (
     Trajectory,
+    allowed_box,
+    check_inside,
     rounded,
     trajectory_poses,
 )

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from airzoo_bench.datasets.mini.noise import Dice, direction, hash_of, value_noise
+from airzoo_bench.datasets.mini.world.build import lit, resampled, sunlit
 from airzoo_bench.datasets.mini.world.canvas import line_height
-from airzoo_bench.datasets.mini.world.maps import lit, resampled, sunlit
 from airzoo_bench.datasets.mini.world.model import OLDER_SUN, SURVEY_SUN, Light
-from airzoo_bench.datasets.mini.world.noise import Dice, direction, hash_of, value_noise
 from airzoo_bench.datasets.mini.world.shapes import Frame, Polygon, Raster, Rect, Stroke
 
 NOON_SOUTH = Light((0.0, -0.6, 0.8), (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))

@@ -29,7 +29,7 @@ from airzoo_bench.datasets.mini.export.frame_list import (
     colmap_texts,
     frames_csv,
 )
-from airzoo_bench.datasets.mini.rendering.noise import seed_of
+from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import RENDERER_VERSION, Frame, Renderer
 from airzoo_bench.datasets.mini.world.model import World
 from airzoo_bench.geometry.cameras import Cameras

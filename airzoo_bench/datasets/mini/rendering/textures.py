@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.noise import Singles, floor_log2, hash64, uniforms
+from airzoo_bench.datasets.mini.noise import Singles, floor_log2, hash64, uniforms
 from airzoo_bench.datasets.mini.world.model import World
 
 __all__ = ["Texture", "surroundings"]

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.rendering.noise import Singles, volume_noise
+from airzoo_bench.datasets.mini.noise import Singles, volume_noise
 from airzoo_bench.datasets.mini.world.model import SURVEY_SUN, Light
 
 __all__ = [

@@ -6,10 +6,10 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.city_blocks import fill_block
 from airzoo_bench.datasets.mini.world.city_site import Site, anywhere
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.plan import Plan
 from airzoo_bench.datasets.mini.world.shapes import (
     Frame,

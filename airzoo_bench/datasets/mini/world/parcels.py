@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.world.noise import Dice, direction
+from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.plan import Plan
 from airzoo_bench.datasets.mini.world.shapes import (
     Frame,

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.noise import Dice
 from airzoo_bench.datasets.mini.world.shapes import Frame, Line, Point, Rect, Shape, square
 from airzoo_bench.datasets.mini.world.terrain import GRID_M
 from airzoo_bench.geometry.arrays import Bools, Floats

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.parcels import parcels, use_parcel
 from airzoo_bench.datasets.mini.world.plan import Plan, add_barn, add_house
 from airzoo_bench.datasets.mini.world.shapes import (

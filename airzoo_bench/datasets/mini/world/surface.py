@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.mini.noise import Textures, hash_of, textures
 from airzoo_bench.datasets.mini.world.canvas import Canvas, Palette
 from airzoo_bench.datasets.mini.world.model import Light, Material, Mesh
-from airzoo_bench.datasets.mini.world.noise import Textures, hash_of, textures
 from airzoo_bench.datasets.mini.world.plan import Colour, Plan, colours
 from airzoo_bench.datasets.mini.world.roofs import paint_roof
 from airzoo_bench.datasets.mini.world.shapes import Raster

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.mini.noise import octaves
 from airzoo_bench.datasets.mini.world.model import SIDE_M, Material, Mesh
-from airzoo_bench.datasets.mini.world.noise import octaves
 from airzoo_bench.datasets.mini.world.shapes import Raster
 from airzoo_bench.geometry.arrays import Floats
 
