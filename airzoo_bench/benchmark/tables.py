@@ -35,7 +35,7 @@ _LARGEST_WHOLE = 1 << 31
 _LARGEST, _LARGEST_LON, _LARGEST_LAT = 1e9, 540.0, 90.0
 _NAMED = 3
 _SHOWN = 40
-_MEND = "correct it, or prepare the benchmark again"
+_FIX = "correct it, or prepare the benchmark again"
 
 
 def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = ()) -> pd.DataFrame:
@@ -172,7 +172,7 @@ def _refuse(path: Path, name: str, values: list[Any], wrong: list[bool], expecte
             f"column '{name}', {'; '.join(named)}{more}",
             where=path,
             expected=f"{expected} (rows are counted from 1, below the head)",
-            fix=_MEND,
+            fix=_FIX,
         )
 
 

@@ -152,7 +152,7 @@ def _print_track(track: str, text: str, left_out: int = 0) -> None:
 
 def _warn(facts: SceneFacts) -> None:
     from airzoo_bench.core.errors import first_of
-    from airzoo_bench.datasets.plausibility import plausibility_warnings
+    from airzoo_bench.datasets.facts_lines import plausibility_warnings
 
     for sentence in plausibility_warnings(facts):
         say(f"warning: {sentence}")

@@ -142,7 +142,7 @@ def _check_place(cloud: Path, box: Box, inputs: SceneInputs) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Watched:
-    """A cloud that keeps every so-manieth point of what is read."""
+    """A cloud that keeps evenly spaced points, some 65,000 in all, of what is read."""
 
     source: CloudSource
     kept: list[Floats] = field(default_factory=list)

@@ -56,13 +56,13 @@ def check_overlap(dom: RasterInfo, dsm: RasterInfo) -> None:
     Raises
     ------
     RasterError
-        With the extent of both.
+        With the bounds of both.
     """
     # One within the other may lie between the points that are looked at.
     if _share_over(dom, dsm) == 0.0 and _share_over(dsm, dom) == 0.0:
         raise RasterError(
             f"does not overlap the surface model: in the CRS of that, the map spans "
-            f"{_extent(dom, dsm)}, the surface model {_extent(dsm, dsm)}",
+            f"{_bounds(dom, dsm)}, the surface model {_bounds(dsm, dsm)}",
             where=dom.path,
             expected=f"a map of the place of {dsm.path}",
             fix="look at the geotransform and the CRS of both",
@@ -90,7 +90,7 @@ def _share_over(above: RasterInfo, below: RasterInfo) -> float:
     return float(((pixels >= 0) & (pixels <= (below.width, below.height))).all(axis=1).mean())
 
 
-def _extent(info: RasterInfo, frame: RasterInfo) -> str:
+def _bounds(info: RasterInfo, frame: RasterInfo) -> str:
     corners = np.array(((0, 0), (1, 0), (0, 1), (1, 1))) * (info.width, info.height)
     world = pixel_to_world(info.transform, corners)
     world = change_of_plane(info.crs, frame.crs)(world)

@@ -10,7 +10,7 @@ from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, poses_of
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PhotoFiles
-from airzoo_bench.datasets.plausibility_kinds import (
+from airzoo_bench.datasets.plausibility import (
     DAYS_APART,
     FAR_M,
     FAR_SHARE,
@@ -20,7 +20,7 @@ from airzoo_bench.datasets.plausibility_kinds import (
     Found,
     Kind,
 )
-from airzoo_bench.datasets.prior_facts import PriorFacts, WithoutPrior
+from airzoo_bench.datasets.priors import PriorFacts, WithoutPrior
 from airzoo_bench.datasets.raster_checks import FOOT_M
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to

@@ -17,7 +17,7 @@ from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.map_facts import check_overlap
 from airzoo_bench.datasets.photo_facts import Cameras3D, PhotoFiles, camera_facts, survey_photos
 from airzoo_bench.datasets.poses import read_poses
-from airzoo_bench.datasets.prior_file import read_prior_file, with_given
+from airzoo_bench.datasets.priors import read_prior_file, with_given
 from airzoo_bench.datasets.raster_checks import (
     check_above_surface,
     check_map,

@@ -13,7 +13,7 @@ from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, cameras_of
 from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.map_facts import MapFacts, MapShift, map_facts, map_shift
 from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PhotoFiles, gps_facts, median
-from airzoo_bench.datasets.prior_facts import (
+from airzoo_bench.datasets.priors import (
     PriorFacts,
     WithoutPrior,
     prior_facts,
@@ -31,7 +31,7 @@ from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 __all__ = ["SceneFacts", "footprints_of", "scene_facts"]
 
@@ -96,7 +96,7 @@ class SceneFacts:
 
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""
-        cameras, gps, priors = self.cameras, self.gps, self.priors
+        cameras, over, shift = self.cameras, self.cloud_over_surface_m, self.shift
         return {
             "photos": len(self.inputs.photos),
             "height_over_surface_m": _json(cameras.height_m),
@@ -109,22 +109,10 @@ class SceneFacts:
             "photos_without_prior": {
                 what: len(ids) for what, ids in self.without_prior.lacking.items()
             },
-            "gps": None
-            if gps is None
-            else {
-                "photos": gps.photos,
-                "distance_m": _json(gps.distance_m),
-                "height_m": _json(gps.height_m),
-            },
-            "priors": None
-            if priors is None
-            else {
-                "photos": priors.photos,
-                "position_m": _json(priors.position_m),
-                "yaw_deg": _json(priors.yaw_deg),
-                "pitch_deg": _json(priors.pitch_deg),
-                "rotation_deg": _json(priors.rotation_deg),
-            },
+            "gps": _figures(self.gps, "photos", "distance_m", "height_m"),
+            "priors": _figures(
+                self.priors, "photos", "position_m", "yaw_deg", "pitch_deg", "rotation_deg"
+            ),
             "map_px": [self.inputs.dom.width, self.inputs.dom.height],
             "map_gsd_m": list(self.map_gsd_m),
             "map_shown": self.map.shown,
@@ -134,12 +122,10 @@ class SceneFacts:
             "corners_on_surface": _json(self.on_surface),
             "surface_valid_share": self.survey.valid_share,
             "surface_m": [self.survey.low, self.inputs.plane_height_m, self.survey.high],
-            "cloud_over_surface_m": _json(math.nan)
-            if self.cloud_over_surface_m is None
-            else _json(self.cloud_over_surface_m),
+            "cloud_over_surface_m": None if over is None else _json(over),
             "dropped_tiles": self.dropped_tiles,
-            "map_shift_px": None if self.shift is None else list(self.shift.pixels),
-            "map_flipped": None if self.shift is None else self.shift.flipped or None,
+            "map_shift_px": None if shift is None else list(shift.pixels),
+            "map_flipped": None if shift is None else shift.flipped or None,
             "crop_share": _json(_mean(self.crop_shares)),
             "chance_of_positive": _json(_mean(self.positive_shares)),
         }
@@ -178,7 +164,7 @@ def scene_facts(
         survey,
         cameras,
         files,
-        _same_pose(inputs.photos),
+        tuple(inputs.photos["id"][inputs.photos.duplicated(list(POSE_COLUMNS))]),
         gps_facts(inputs, metadata),
         without_prior(inputs.photos, metadata),
         prior_facts(inputs.photos),
@@ -214,12 +200,12 @@ def _share_inside(corners: Floats, inputs: SceneInputs, raster: RasterInfo) -> f
     return float(((pixels >= 0.0) & (pixels <= (raster.width, raster.height))).all(axis=-1).mean())
 
 
-def _same_pose(photos: pd.DataFrame) -> tuple[str, ...]:
-    return tuple(photos["id"][photos.duplicated(list(POSE_COLUMNS))])
-
-
 def _mean(values: Floats | None) -> float:
     return math.nan if values is None or not len(values) else float(np.mean(values))
+
+
+def _figures(facts: GpsFacts | PriorFacts | None, *names: str) -> dict[str, float | None] | None:
+    return None if facts is None else {name: _json(getattr(facts, name)) for name in names}
 
 
 def _json(value: float) -> float | None:

@@ -16,10 +16,10 @@ from PIL import Image
 from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.datasets.facts_lines import kinds_and_warnings
 from airzoo_bench.datasets.geometry_checks.dataset import folder_facts, open_benchmark
-from airzoo_bench.datasets.plausibility import kinds_and_warnings
-from airzoo_bench.datasets.plausibility_kinds import Kind
-from airzoo_bench.datasets.prior_facts import prior_errors, turned_priors
+from airzoo_bench.datasets.plausibility import Kind
+from airzoo_bench.datasets.priors import prior_errors, turned_priors
 from airzoo_bench.geometry.attitude import angles_to_rotations
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses

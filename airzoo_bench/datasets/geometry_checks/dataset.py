@@ -1,4 +1,7 @@
-"""What is checked: cameras and poses of a scene, from a benchmark folder or from a pose file."""
+"""What is checked: cameras and poses of a scene, from a benchmark folder or from a pose file.
+
+Of a folder, what its parts say of each other is measured too, as `prepare photos` does.
+"""
 
 from __future__ import annotations
 
@@ -82,7 +85,7 @@ class PosedScene:
         Raises
         ------
         UserError
-            See `datasets.folder_facts.folder_facts`.
+            See `folder_facts`.
         """
         return None if self.benchmark is None else folder_facts(self.benchmark, self.name)
 
@@ -173,7 +176,7 @@ def _scene(benchmark: Benchmark, scene: SceneFile) -> PosedScene:
     )
 
 
-_MEND = "put back what was changed, or prepare the benchmark again"
+_FIX = "put back what was changed, or prepare the benchmark again"
 _ROUNDED_M = 2e-3  # altitudes are written to 1 mm
 
 
@@ -197,7 +200,7 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
                 f"{float((photos['z'] - photos['altitude_m']).median()):g} m",
                 where=where,
                 expected="the height that altitude_m in queries.csv is above",
-                fix=_MEND,
+                fix=_FIX,
             )
     dsm = benchmark.resolve(scene.dsm or "")
     if not scene.dsm or not dsm.is_file():
@@ -207,14 +210,14 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
             f"its CRS is {scene.crs}, that of the surface model {describe_crs(open_info(dsm).crs)}",
             where=where,
             expected="poses and surface model in one CRS",
-            fix=_MEND,
+            fix=_FIX,
         )
     if scene.dsm_sha256 is not None and sha256_of(dsm) != scene.dsm_sha256:
         raise BenchmarkError(
             "the surface model is not the one that the benchmark was prepared with",
             where=dsm,
             expected=f"SHA-256 {scene.dsm_sha256[:12]}…",
-            fix=_MEND,
+            fix=_FIX,
         )
 
 
@@ -274,7 +277,7 @@ def _check_windows(truth: RetrievalTruth, dom: RasterInfo) -> None:
             f"{ends[:, 1].max()}",
             where=dom.path,
             expected="the map that the benchmark was prepared with",
-            fix=_MEND,
+            fix=_FIX,
         )
 
 

@@ -27,7 +27,7 @@ from airzoo_bench.geometry.rays import intersect_plane
 __all__ = ["CORNER_COLUMNS", "NamedFootprints", "cast_corners", "read_footprints"]
 
 CORNER_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
-"""Of a CSV of footprints beside ``id``, as in a benchmark folder's ``footprints.csv``."""
+"""Of a CSV of footprints, next to ``id``, as in a benchmark folder's ``footprints.csv``."""
 
 
 @dataclass(frozen=True, eq=False)

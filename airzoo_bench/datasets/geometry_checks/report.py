@@ -13,10 +13,10 @@ import numpy as np
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.datasets.facts_lines import plausibility_warnings
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
 from airzoo_bench.datasets.geometry_checks.depth_report import FLOATING_BELOW, DepthConsistency
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
-from airzoo_bench.datasets.plausibility import plausibility_warnings
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
 from airzoo_bench.geometry.units import check_true_metres

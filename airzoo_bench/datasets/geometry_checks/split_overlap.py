@@ -205,11 +205,11 @@ def _polygons(lonlat: Floats, rows: Ints) -> tuple[Any, Ints]:
 
 
 def _unwrapped(lonlat: Floats) -> Floats:
-    """Put the corners of each footprint beside its first, which lies within +-180 degrees."""
+    """Unwrap the corners of each footprint about its first, which is put within +-180 degrees."""
     lon = lonlat[..., 0]
     first = (lon[:, :1] + 180.0) % 360.0 - 180.0
-    beside = first + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
-    return np.stack((beside, lonlat[..., 1]), axis=-1)
+    lon = first + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+    return np.stack((lon, lonlat[..., 1]), axis=-1)
 
 
 def _with_copies(lonlat: Floats, other: Floats) -> tuple[Floats, Ints]:

@@ -102,7 +102,7 @@ def run_track(
     chosen = next(one for one in mini_protocols(seed).every if one.track == track.name)
     folder = home / track.name
     predictions, mark = folder / baseline.out, folder / ".made-from.json"
-    made_from = fingerprint([__version__, chosen.settings(), _content(data)])
+    made_from = fingerprint([__version__, chosen.settings(), Benchmark.open(data).file.checksums])
     if not predictions.exists() or _read_mark(mark) != made_from:
         mark.unlink(missing_ok=True)
         run_baseline(
@@ -120,10 +120,6 @@ def run_track(
     )
     save(scored, folder)
     return scored.result
-
-
-def _content(data: Path) -> dict[str, str]:
-    return Benchmark.open(data).file.checksums
 
 
 def _read_mark(path: Path) -> str | None:
