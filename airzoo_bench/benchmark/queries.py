@@ -54,7 +54,7 @@ def query_table(
     poses: Poses,
     priors: Poses | None,
 ) -> pd.DataFrame:
-    """Lay out N queries, a row each, without conditions.
+    """Lay out N queries in a row each, without conditions.
 
     Parameters
     ----------

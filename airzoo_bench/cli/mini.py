@@ -142,9 +142,7 @@ def render(
     folder = _folder(region, seed)
     made = _world(folder)
     check_inside(flown, made.region, made.dsm, trajectory)
-    counts = render_frames(
-        frames, partial(load_world, folder), out, workers=jobs, progress=progress
-    )
+    counts = render_frames(frames, partial(load_world, folder), out, jobs=jobs, progress=progress)
     were = agreeing(counts.kept, "was", "were")
     kept = f", {counts.kept} {were} there already" if counts.kept else ""
     say(f"rendered {counted(counts.rendered, 'frame')} into {out}{kept}")

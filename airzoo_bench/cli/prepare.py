@@ -106,8 +106,7 @@ def _prepare(
         _print_scene(dataset, prepared, scene, truths)
     for facts in prepared.facts.values():
         _warn(facts)
-    for protocol in prepared.protocols:
-        track = protocol.rsplit("-", 1)[1]
+    for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
         say(f"next: airzoo-bench baseline {track} {protocol}{with_data(out)} --out {file}")
 

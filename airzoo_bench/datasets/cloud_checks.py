@@ -36,7 +36,7 @@ _UNIT_KEYS = {3076: "coordinates", 4099: "heights"}
 
 
 def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
-    """Read a true cloud to its end, and hold it against where cameras and surface model are.
+    """Read a true cloud completely, and compare its place with that of cameras and surface model.
 
     A damaged cloud, or one of another frame or unit, is then found now and not when scoring.
 
@@ -63,7 +63,7 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
 
 
 def check_cloud_crs(cloud: Path, crs: str) -> None:
-    """Refuse a LAS or LAZ cloud that says of itself to be in another CRS, or not in metres.
+    """Refuse a LAS or LAZ cloud whose header states another CRS, or a unit other than metres.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _stated(cloud: Path, where: str) -> tuple[CRS | None, dict[str, float]]:
 
 
 def _units(data: bytes) -> Iterator[tuple[str, float]]:
-    """Units that a GeoTIFF key directory states by their EPSG code (GeoTIFF 1.1, 7.1)."""
+    """Yield the units that a GeoTIFF key directory states by EPSG code (GeoTIFF 1.1, 7.1)."""
     known = {unit.code: unit.conv_factor for unit in get_units_map(category="linear").values()}
     for key, place, _, value in struct.iter_unpack("<4H", data[8 : len(data) // 8 * 8]):
         if key in _UNIT_KEYS and place == 0 and str(value) in known:

@@ -63,8 +63,8 @@ class Prepared:
     ----------
     folder : Path
         The benchmark folder.
-    protocols : tuple of str
-        The names of the protocols in it.
+    protocols : mapping of str to str
+        The names of the protocols in it, with their tracks.
     truths : mapping of str to SceneTruths
         By scene.
     facts : mapping of str to SceneFacts
@@ -72,7 +72,7 @@ class Prepared:
     """
 
     folder: Path
-    protocols: tuple[str, ...]
+    protocols: Mapping[str, str]
     truths: Mapping[str, SceneTruths]
     facts: Mapping[str, SceneFacts] = field(default_factory=dict)
 

@@ -46,7 +46,7 @@ _ALTITUDE_SIGN = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
 
 @dataclass(frozen=True)
 class PhotoPrior:
-    """Position and attitude by a photo's own word.
+    """Position and attitude that a photo's metadata state.
 
     Attributes
     ----------

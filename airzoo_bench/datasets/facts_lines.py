@@ -1,4 +1,4 @@
-"""The facts of a scene as a person reads them: a line a part, and a sentence a warning."""
+"""The facts of a scene for people: a line for each part, a sentence for each warning."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def fact_lines(facts: SceneFacts) -> list[str]:
 
 
 def plausibility_warnings(facts: SceneFacts) -> list[str]:
-    """Return what is suspect in a scene, a sentence each; none where nothing is."""
+    """Return the warnings about a scene, a sentence each."""
     return [sentence for _, sentence in kinds_and_warnings(facts)]
 
 
 def kinds_and_warnings(facts: SceneFacts) -> list[tuple[Kind, str]]:
-    """Return what is suspect in a scene: the kind, and a sentence with the figures."""
+    """Return the warnings about a scene: the kind, and a sentence with the figures."""
     return [*height_warnings(facts), *photo_warnings(facts), *map_warnings(facts)]
 
 

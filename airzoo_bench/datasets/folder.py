@@ -14,6 +14,7 @@ import tomli_w
 from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.benchmark.queries import SceneInputs, write_queries
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_folder, sha256_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
@@ -40,7 +41,7 @@ _WINDOW = ["x", "y", "width", "height"]
 
 @dataclass(frozen=True, eq=False)
 class SceneContent:
-    """All that a benchmark folder has of a scene.
+    """What is written of a scene into a benchmark folder.
 
     Attributes
     ----------
@@ -62,18 +63,24 @@ class SceneContent:
 def write_benchmark(
     scenes: Sequence[SceneContent], protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
-    """Write the folder, with those protocols that there is truth for in every scene.
+    """Write the benchmark folder, with each protocol that has truth in every scene.
 
     Raises
     ------
     UserError
-        A map cannot be read, or the folder not be written.
+        No track has truth in every scene, a map cannot be read, or the folder not be written.
     """
     served = [
         protocol
         for protocol in protocols.every
         if all(getattr(scene.truths, protocol.track) is not None for scene in scenes)
     ]
+    if not served:
+        raise BenchmarkError(
+            "there is no track that every scene has truth for",
+            where=settings.folder,
+            fix="look which scenes lack photos with a prior, a map or a cloud",
+        )
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
         for scene in scenes:
             _write_scene(staged / "scenes" / scene.inputs.scene, scene, settings)
@@ -85,14 +92,14 @@ def write_benchmark(
         _write_folder_files(staged, served, entries)
     return Prepared(
         settings.folder,
-        tuple(protocol.name for protocol in served),
+        {protocol.name: protocol.track for protocol in served},
         {scene.inputs.scene: scene.truths for scene in scenes},
         {scene.inputs.scene: scene.facts for scene in scenes if scene.facts is not None},
     )
 
 
 def _write_scene(home: Path, scene: SceneContent, settings: PrepareSettings) -> None:
-    """Write a scene's table of photos, its truth, and tiles and crops where these are wanted."""
+    """Write a scene's table of photos, its truth and, where asked for, tiles and crops."""
     truths, progress = scene.truths, settings.progress
     write_queries(home, truths.photos)
     if truths.retrieval is not None:
@@ -115,7 +122,7 @@ def _entry(scene: SceneContent, title: str, places: Mapping[str, str]) -> SceneF
         title=title,
         crs=scene.inputs.crs,
         plane_height_m=scene.inputs.plane_height_m,
-        dsm_sha256=sha256_of(scene.files["dsm"]),
+        dsm_sha256=sha256_of(scene.inputs.dsm),
         cloud_sha256=None if reconstruction is None else reconstruction.cloud_sha256,
         **places,
     )
@@ -195,7 +202,7 @@ def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None
 
 
 def _write_list(path: Path, parts: pd.DataFrame, whole: RasterInfo) -> None:
-    """Write a row a part of a map, with the transform of its own pixels to the map's CRS."""
+    """Write a row for each part of a map, with the transform of its pixels to the map's CRS."""
     a, b, _, d, e, _ = whole.transform[:6]
     corners = pixel_to_world(whole.transform, parts[["x", "y"]].to_numpy(np.float64))
     transform = {"a": a, "b": b, "c": corners[:, 0], "d": d, "e": e, "f": corners[:, 1]}

@@ -1,4 +1,4 @@
-"""What a map shows, how much of it the surface model covers, and whether they lie on each other.
+"""What a map shows, how much of it the surface model covers, and whether the two are aligned.
 
 A shift is found by the grids of both and by where they are empty; what cannot be seen so is not
 found: maps and models without holes whose grids differ anyway.
@@ -70,7 +70,7 @@ def check_overlap(dom: RasterInfo, dsm: RasterInfo) -> None:
 
 
 def map_facts(dom: RasterInfo, dsm: RasterInfo) -> MapFacts:
-    """Look at a map, in at most 2,048 cells a side, and where the surface model lies.
+    """Measure what a map shows, in 2,048 cells a side at most, and how far the DSM covers it.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def map_facts(dom: RasterInfo, dsm: RasterInfo) -> MapFacts:
 
 
 def _share_over(above: RasterInfo, below: RasterInfo) -> float:
-    """Share of a raster that lies within another's rectangle, by points on a grid."""
+    """Share of a raster that lies within another's rectangle, sampled on a grid."""
     steps = np.linspace(0.0, 1.0, _POINTS)
     grid = np.stack(np.meshgrid(steps * above.width, steps * above.height), axis=-1)
     world = pixel_to_world(above.transform, grid.reshape(-1, 2))
@@ -99,7 +99,7 @@ def _bounds(info: RasterInfo, frame: RasterInfo) -> str:
 
 
 def _commonest(dom: RasterInfo) -> tuple[float, float, tuple[float, ...]]:
-    """Shares of pixels shown, and of these in the most frequent colour; and that colour."""
+    """Return the share of pixels shown, that of their most frequent colour, and the colour."""
     scale = max(1.0, max(dom.width, dom.height) / _CELLS)
     shape = tuple(max(1, round(side / scale)) for side in (dom.height, dom.width))
     with small_cache(), opened(dom.path) as dataset:
@@ -183,7 +183,7 @@ def _by_masks(dom: RasterInfo, dsm: RasterInfo) -> MapShift | None:
 
 
 def _flipped(known: Bools, shown: Bools, upright: float) -> MapShift | None:
-    """Tell a map that fits the surface model when it is turned over, and does not as it is."""
+    """Find a map that fits the surface model only when it is flipped."""
     ways = {
         "upside down": shown[::-1],
         "mirrored": shown[:, ::-1],
@@ -211,7 +211,7 @@ def _scale(info: RasterInfo) -> float:
 
 
 def _coloured(dom: RasterInfo) -> Bools:
-    """Cells of the map that are not empty: not masked, and not black all through."""
+    """Cells of the map that are not empty: neither masked nor black in all bands."""
     shape = tuple(max(1, round(side / _scale(dom))) for side in (dom.height, dom.width))
     with opened(dom.path) as dataset:
         bands = min(dataset.count, 3)

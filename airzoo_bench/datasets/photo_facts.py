@@ -122,7 +122,7 @@ def camera_facts(photos: pd.DataFrame, dsm: Path, metadata: Mapping[str, PhotoPr
 
 
 def gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFacts | None:
-    """Hold poses against the photos' own GPS; None where no photo has a position."""
+    """Compare poses with the photos' own GPS; None where no photo has a position."""
     rows = [metadata.get(name, PhotoPrior()) for name in inputs.photos["image"]]
     placed = np.array([row.lon is not None for row in rows], dtype=bool)
     if not placed.any():
@@ -173,7 +173,7 @@ class PhotoFiles:
 
 
 def survey_photos(folder: Path, names: Iterable[str]) -> PhotoFiles:
-    """Look which photos are the same file, and which camera took them when.
+    """Find which photos are the same file, which camera took them, and on which days.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def survey_photos(folder: Path, names: Iterable[str]) -> PhotoFiles:
 
 
 def _copies(paths: Mapping[str, Path]) -> tuple[tuple[str, ...], ...]:
-    """Group names by their bytes, which are read of files of one size only."""
+    """Group names by the files' content, which is read only where sizes are equal."""
     sizes = _grouped({name: str(path.stat().st_size) for name, path in paths.items()})
     alike = [name for group in sizes.values() if len(group) > 1 for name in group]
     found = _grouped({name: sha256_of(paths[name]) for name in alike})
@@ -220,7 +220,7 @@ def _camera_and_day(path: Path) -> tuple[str, date | None]:
 
 
 def _text(value: object) -> str:
-    """Return a text of EXIF, which may hold anything, as one that prints."""
+    """Return an EXIF text, which may hold anything, without unprintable characters."""
     text = value.strip("\0 ") if isinstance(value, str) else ""
     return "".join(one for one in text if one.isprintable())[:40]
 

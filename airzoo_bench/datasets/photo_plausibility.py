@@ -1,4 +1,4 @@
-"""What photos, their poses and their priors make one suspect, a sentence each."""
+"""Warnings about photos, their poses and their priors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TRUTH_STEP_M = 1e-4
 
 
 def photo_warnings(facts: SceneFacts) -> Found:
-    """Yield what is suspect of the photos of a scene, their poses and their priors."""
+    """Yield warnings about the photos of a scene, their poses and their priors."""
     yield from _of_files(facts.files, len(facts.inputs.photos))
     yield from _of_cameras(facts)
     yield from _of_focal_lengths(facts)

@@ -122,7 +122,7 @@ def _read(
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
-    """Return a prior for each photo, NaN where its metadata have none; None where none has any."""
+    """Return a prior for each photo, NaN where its metadata lack one; None where all lack one."""
     whole = {name: prior for name, prior in metadata.items() if prior.is_complete}
     if not whole:
         return None

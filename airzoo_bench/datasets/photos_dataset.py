@@ -140,7 +140,7 @@ class Photos(Dataset[PhotoOptions]):
 
 
 def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:
-    """Return the overlap to use: what was given, else the protocol's, if it goes by overlap."""
+    """Return the overlap to use: the one given, else the protocol's if the rule is overlap."""
     goes_by_overlap = rule == "iou" or (rule is None and base is not None)
     return base if given is None and goes_by_overlap else given
 

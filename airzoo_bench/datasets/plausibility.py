@@ -88,17 +88,17 @@ class Kind(Enum):
 
 
 Found = Iterator[tuple[Kind, str]]
-"""Kinds of warnings, each with a sentence that has the figures."""
+"""Warnings: their kind, and a sentence with the figures."""
 
 
 def height_warnings(facts: SceneFacts) -> Found:
-    """Yield what is suspect of a scene's surface model and of its cloud over it."""
+    """Yield warnings about a scene's surface model, and about its cloud over it."""
     yield from _of_surface(facts)
     yield from _of_cloud(facts)
 
 
 def map_warnings(facts: SceneFacts) -> Found:
-    """Yield what is suspect of a scene's map, and of the crops and tiles that are cut from it."""
+    """Yield warnings about a scene's map, and about the crops and tiles that are cut from it."""
     for part in (_of_picture, _of_map, _of_surface_bounds, _of_crops, _of_positives):
         yield from part(facts)
 

@@ -43,7 +43,7 @@ _CENTRE_KEYS = AliasChoices("center", "center_utm")
 
 
 class _Lenient(BaseModel):
-    """Takes keys of other tools, but neither a mistyped one of ours nor one twice."""
+    """Accepts keys of other tools, but no misspelt key of ours and no two names of one key."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -288,7 +288,7 @@ def _check_centred(photos: PosedPhotos, path: Path) -> None:
 
 
 def _sizes_of(photos: PosedPhotos, size: NDArray[np.int64]) -> str:
-    """Name the sizes of photos and which have them, where there are several."""
+    """List the photos by size, where there are several sizes."""
     found = sorted({(int(width), int(height)) for width, height in size})
     groups = [
         f"{width}x{height} px: "

@@ -157,7 +157,7 @@ class WithoutPrior:
 
 
 def prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
-    """Hold priors against poses; None where no photo has a prior."""
+    """Compare priors with poses; None where no photo has a prior."""
     there = photos[_with_prior(photos)]
     if there.empty:
         return None
@@ -245,7 +245,7 @@ def turned_priors(priors: Poses, poses: Poses) -> dict[str, Bools]:
 
 
 def _corrected(priors: Poses) -> dict[str, Floats]:
-    """Rotations of the priors without each mistake, by what the mistake is."""
+    """Return the rotations of the priors with each mistake corrected, by the mistake."""
     yaw, pitch, roll = rotations_to_angles(priors.rotation, convergence_deg=0.0).T
     angles = {
         "yaw is 180 degrees off": (yaw + 180.0, pitch, roll),

@@ -1,4 +1,4 @@
-"""What `prepare` holds, compared: poses with GPS, priors, maps, crops and tiles."""
+"""Facts about a scene, from comparing its poses with GPS, priors, maps, crops and tiles."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _FAR_M = 1e6
 
 @dataclass(frozen=True, eq=False)
 class SceneFacts:
-    """What a scene's parts say of each other; None for parts that are not there.
+    """Figures from comparing a scene's parts; None for parts that are missing.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ def scene_facts(
 
 
 def footprints_of(inputs: SceneInputs) -> tuple[float, float, Floats]:
-    """Median pixel and longer side (m) of photos on the plane, and the corners (N, 4, 2) there."""
+    """Return medians of pixel size and longer side (m) on the plane, and the corners (N, 4, 2)."""
     cameras, poses = cameras_of(inputs.photos), poses_of(inputs.photos)
     above = poses.centres[:, 2] - inputs.plane_height_m
     gsd = above / cameras.focal.mean(axis=1)

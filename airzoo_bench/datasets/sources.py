@@ -1,4 +1,4 @@
-"""The parts of a scene where the user keeps them: found, measured, held to what is needed."""
+"""The source files of a scene: where they are, and checks that they can be used."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class PhotoSources:
 
     @property
     def kept(self) -> dict[str, Path]:
-        """What the benchmark refers to, by the name that benchmark.toml has for it."""
+        """The files that the benchmark refers to, by their key in benchmark.toml."""
         parts = {"images": self.images, "dom": self.dom, "dsm": self.dsm, "cloud": self.cloud}
         return {key: path for key, path in parts.items() if path is not None}
 
@@ -107,7 +107,7 @@ def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
 
 
 def check_names(names: tuple[str, ...], folder: Path) -> None:
-    """Refuse photos whose names cannot become ids, or become the same."""
+    """Refuse photos whose names cannot become ids, or would become the same id."""
     odd = [repr(name) for name in names if not name.isprintable() or len(name) > _LONGEST_PATH]
     if odd:
         raise BenchmarkError(
@@ -127,7 +127,7 @@ def check_names(names: tuple[str, ...], folder: Path) -> None:
 
 
 def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
-    """Return the CRS of the poses, which must be projected, in true metres, and that of the DSM.
+    """Return the CRS of the poses: projected, in true metres, and the same as the DSM's.
 
     Raises
     ------

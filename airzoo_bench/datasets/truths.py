@@ -34,7 +34,7 @@ class BenchmarkProtocols:
 
     @property
     def every(self) -> tuple[Protocol, ...]:
-        """Those that there are."""
+        """The protocols that are not None."""
         three = (self.retrieval, self.matching, self.reconstruction)
         return tuple(protocol for protocol in three if protocol is not None)
 

@@ -8,18 +8,22 @@ from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, cast, get_args, get_type_hints
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core import registry
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.options import Option
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
+from airzoo_bench.datasets.folder import SceneContent, write_benchmark
+from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
 from airzoo_bench.protocol.model import ProtocolScene
 from tests.datasets.parts import hold_tiles
 from tests.support import (
@@ -59,9 +63,6 @@ class Level(Dataset[LevelOptions]):
         return "level"
 
     def prepare(self, options: LevelOptions, settings: PrepareSettings) -> Prepared:
-        from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-        from airzoo_bench.datasets.folder import SceneContent, write_benchmark
-        from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
         from airzoo_bench.geometry.cameras import Cameras
         from airzoo_bench.geometry.poses import Poses
         from airzoo_bench.geometry.rasters import open_info
@@ -202,3 +203,13 @@ def test_options_are_held_to_their_bounds(
 ) -> None:
     assert run_main("prepare", "level", "--source", place.dom.parent, "--scenes", 3) == 2
     assert "--scenes" in capsys.readouterr().err
+
+
+def test_scenes_without_truth_make_no_folder(tmp_path: Path) -> None:
+    settings, inputs = PrepareSettings(tmp_path / "made", tmp_path), cast("SceneInputs", None)
+    nothing = SceneContent(inputs, SceneTruths(pd.DataFrame(), None, None, None), {})
+    with pytest.raises(BenchmarkError, match="no track that every scene"):
+        write_benchmark(
+            [nothing], photo_protocols("level", (64,)), PrepareSettings(tmp_path / "made", tmp_path)
+        )
+    assert not (tmp_path / "made").exists()

@@ -80,7 +80,7 @@ class PosedScene:
     benchmark: Benchmark | None = None
 
     def facts(self) -> SceneFacts | None:
-        """Compare what the scene's folder holds; None for pose files, and without its maps.
+        """Compare the parts of the scene's folder; None for pose files and where maps are missing.
 
         Raises
         ------
@@ -181,7 +181,7 @@ _ROUNDED_M = 2e-3  # altitudes are written to 1 mm
 
 
 def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFrame) -> None:
-    """Hold what benchmark.toml says of a scene, which has no checksum, against what has one.
+    """Check a scene's entry in benchmark.toml, which has no checksum, against files that have one.
 
     The ground plane is held against the photos' altitudes, the CRS against the surface model, and
     the surface model against its checksum, where these are there.

@@ -1,4 +1,4 @@
-"""Frames with depth, read when they are needed and sampled by a seed, and which are compared."""
+"""Frames with depth: read on demand, sampled by a seed, and paired for comparison."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Frame:
 
 
 class FrameStore:
-    """N frames, of which as many are kept as fit 256 MiB.
+    """N frames, read on demand and cached in up to 256 MiB.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class FrameStore:
         return len(self.depths)
 
     def frame(self, index: int) -> Frame:
-        """Return a frame, read if it is not kept.
+        """Return a frame, reading it unless it is cached.
 
         Raises
         ------
@@ -139,7 +139,7 @@ _BLOCK = 64
 
 
 class PairRule(StrEnum):
-    """Which pairs are compared."""
+    """Which pairs of frames are compared."""
 
     NEIGHBOURS = "neighbours"
     """Each frame with the next in the order of ids."""

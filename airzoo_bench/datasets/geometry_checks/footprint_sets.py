@@ -135,7 +135,7 @@ def _read_csv(path: Path) -> NamedFootprints:
 
 
 def _round_pole(lonlat: Floats) -> Bools:
-    """Tell footprints whose border goes once round the earth."""
+    """Find footprints whose border goes once round the earth."""
     lon = lonlat[..., 0]
     steps = (np.roll(lon, -1, axis=1) - lon + 180.0) % 360.0 - 180.0
     round_it: Bools = np.abs(steps.sum(axis=1)) > 180.0

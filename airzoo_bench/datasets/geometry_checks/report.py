@@ -174,7 +174,7 @@ def _conventions(depth: DepthConsistency) -> list[str]:
 
 
 def geometry_table(checked: list[SceneGeometry]) -> Table:
-    """Lay out the checks, a row a scene, failures and notes below."""
+    """Lay out the checks in a row for each scene, with failures and notes below."""
     rows = tuple(Row(tuple(Cell(value) for value in _row(one))) for one in checked)
     notes = [
         f"{one.scene.name}: {text}"

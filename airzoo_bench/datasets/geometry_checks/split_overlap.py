@@ -82,13 +82,13 @@ class SplitOverlap:
 
     @property
     def unknown(self) -> list[str]:
-        """Photos of either set of which it is not known where they look."""
+        """Photos of either set whose footprint is not known."""
         sets = (self.train, self.test)
         return [s.ids[row] for s in sets for row in np.flatnonzero(s.unknown)]
 
     @property
     def passes(self) -> bool:
-        """Whether nothing overlaps, and all photos could be looked at."""
+        """Whether nothing overlaps, and all footprints are known."""
         return self.pairs == 0 and not self.unknown
 
 

@@ -265,7 +265,7 @@ def _scene(
     rendered = world.with_name(f"{world.name}-{_RENDERED}")
     jobs, progress = settings.jobs, settings.progress
     load = partial(load_world, world)
-    render_frames(photos.frames, load, rendered, workers=jobs, progress=progress)
+    render_frames(photos.frames, load, rendered, jobs=jobs, progress=progress)
     cloud = rendered / "cloud.ply"
     voxels = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
     write_ply(cloud, seen_surface(photos, rendered, voxels, progress))

@@ -80,7 +80,7 @@ class Texture:
 def _split(
     position: Singles, size: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Part 256ths of texels into whole ones, from the centre of the first on, and the rest."""
+    """Split 256ths of texels into whole texels, from the centre of the first on, and the rest."""
     fixed = position.astype(np.int64) - 128
     np.clip(fixed, 0, (size - 1) << 8, out=fixed)
     return fixed >> 8, fixed & 255

@@ -87,7 +87,7 @@ def _middle(outline: Line) -> Point:
 
 
 def _shrunk(polygon: Polygon, margin_m: float) -> Polygon:
-    """Return it drawn towards its middle, by about a margin."""
+    """Return a polygon shrunk towards its middle by about a margin."""
     middle = _middle(polygon.points)
     share = max(1.0 - margin_m / (0.5 * math.sqrt(_area(polygon.points)) + 1e-9), 0.1)
     return Polygon(tuple(_between(middle, p, share) for p in polygon.points), polygon.frame)

@@ -26,7 +26,7 @@ __all__ = [
 _Indices = NDArray[np.int64]
 
 GRID_M = 2.0
-"""The heights of the land are those at the corners of a grid of this size."""
+"""Spacing of the grid on whose corners the land's heights are given."""
 
 LAND_X: Floats = np.arange(round(SIDE_M / GRID_M) + 1).astype(np.float64)[None, :] * GRID_M
 LAND_Y: Floats = LAND_X.T
