@@ -16,6 +16,7 @@ from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.map_facts import check_overlap
 from airzoo_bench.datasets.photo_facts import Cameras3D, PhotoFiles, camera_facts, survey_photos
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file, with_given
 from airzoo_bench.datasets.raster_checks import (
@@ -28,7 +29,6 @@ from airzoo_bench.datasets.raster_checks import (
 )
 from airzoo_bench.datasets.scene_facts import SceneFacts, scene_facts
 from airzoo_bench.datasets.sources import (
-    PhotoSources,
     check_names,
     check_target,
     metric_crs,
@@ -46,7 +46,7 @@ __all__ = ["prepare_photos"]
 
 
 def prepare_photos(
-    sources: PhotoSources, protocols: BenchmarkProtocols, settings: PrepareSettings
+    sources: PhotoOptions, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Make a benchmark folder with one scene, for every track that its sources serve.
 
@@ -71,7 +71,7 @@ def prepare_photos(
     truths = build_truths(inputs, protocols, sources.cloud)
     if truths.retrieval is not None and truths.retrieval.truth.queries.empty:
         raise _nothing_to_ask(truths.retrieval, sources, read)
-    scene = SceneContent(inputs, truths, sources.kept, read.facts(truths, above))
+    scene = SceneContent(inputs, truths, sources.files, read.facts(truths, above))
     return write_benchmark([scene], protocols, settings)
 
 
@@ -100,7 +100,7 @@ class _Read:
 
 
 def _read(
-    sources: PhotoSources, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
+    sources: PhotoOptions, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
 ) -> _Read:
     photos = read_poses(sources.poses, sizes)
     check_names(photos.names, sources.images)
@@ -134,7 +134,7 @@ def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
     return Poses(rotation=rotation, centres=centres)
 
 
-def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources, read: _Read) -> UserError:
+def _nothing_to_ask(prepared: PreparedScene, sources: PhotoOptions, read: _Read) -> UserError:
     survey, centres = read.survey, read.inputs.photos[["x", "y", "z"]].median()
     lowest = f"{survey.at_low / survey.valid:.0%} of the heights are exactly {survey.low:.10g} m: "
     tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "

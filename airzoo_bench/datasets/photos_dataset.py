@@ -64,6 +64,12 @@ class PhotoOptions:
     ] = None
     iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
 
+    @property
+    def files(self) -> dict[str, Path]:
+        """What the benchmark refers to, by the name that benchmark.toml has for it."""
+        files = {"images": self.images, "dom": self.dom, "dsm": self.dsm, "cloud": self.cloud}
+        return {key: path for key, path in files.items() if path is not None}
+
 
 class Photos(Dataset[PhotoOptions]):
     """A scene of own photos, their poses, a map and a surface model."""
@@ -101,7 +107,6 @@ class Photos(Dataset[PhotoOptions]):
     def prepare(self, options: PhotoOptions, settings: PrepareSettings) -> Prepared:
         """Make the folder, see `photos.prepare_photos`."""
         from airzoo_bench.datasets.photos import prepare_photos
-        from airzoo_bench.datasets.sources import PhotoSources
         from airzoo_bench.datasets.truths import BenchmarkProtocols
         from airzoo_bench.matching.settings import MatchingProtocol
         from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
@@ -127,16 +132,7 @@ class Photos(Dataset[PhotoOptions]):
             protocol_for(matching, name, {}),
             protocol_for(reconstruction, name, {}),
         )
-        sources = PhotoSources(
-            options.images,
-            options.poses,
-            options.dom,
-            options.dsm,
-            options.crs,
-            options.cloud,
-            options.priors,
-        )
-        return prepare_photos(sources, protocols, settings)
+        return prepare_photos(options, protocols, settings)
 
 
 def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:

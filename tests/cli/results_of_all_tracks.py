@@ -23,7 +23,7 @@ from airzoo_bench.datasets.mini import prepare as airzoo_mini
 from airzoo_bench.datasets.mini.export.frame_list import FrameList
 from airzoo_bench.datasets.mini.prepare import ROLL, Photos, mini_photos
 from airzoo_bench.datasets.photos import prepare_photos
-from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
@@ -74,7 +74,9 @@ def _taken(frames: FrameList, rows: list[int]) -> FrameList:
 def real_scene(root: Path, home: Path) -> Path:
     """Prepare Brighton Beach."""
     rasters = (home / "dom_10cm.tif", home / "dsm_10cm.tif")
-    sources = PhotoSources(home / "images", home / "poses.json", *rasters, cloud=home / "model.laz")
+    sources = PhotoOptions(
+        "brighton", home / "images", home / "poses.json", *rasters, cloud=home / "model.laz"
+    )
     settings = PrepareSettings(root / "brighton", root)
     prepare_photos(sources, photo_protocols("brighton", (256, 128)), settings)
     return root / "brighton"

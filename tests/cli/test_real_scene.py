@@ -23,10 +23,11 @@ from tests.support import photo_protocols
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from airzoo_bench.datasets.dataset import PrepareSettings
     from airzoo_bench.datasets.photos import prepare_photos
-    from airzoo_bench.datasets.sources import PhotoSources
+    from airzoo_bench.datasets.photos_dataset import PhotoOptions
 
     root = tmp_path_factory.mktemp("data")
-    sources = PhotoSources(
+    sources = PhotoOptions(
+        "park",
         brighton / "images",
         brighton / "poses.json",
         brighton / "dom_10cm.tif",

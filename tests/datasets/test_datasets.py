@@ -209,7 +209,5 @@ def test_scenes_without_truth_make_no_folder(tmp_path: Path) -> None:
     settings, inputs = PrepareSettings(tmp_path / "made", tmp_path), cast("SceneInputs", None)
     nothing = SceneContent(inputs, SceneTruths(pd.DataFrame(), None, None, None), {})
     with pytest.raises(BenchmarkError, match="no track that every scene"):
-        write_benchmark(
-            [nothing], photo_protocols("level", (64,)), PrepareSettings(tmp_path / "made", tmp_path)
-        )
+        write_benchmark([nothing], photo_protocols("level", (64,)), settings)
     assert not (tmp_path / "made").exists()

@@ -20,7 +20,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.photos import prepare_photos
-from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
@@ -46,8 +46,8 @@ def prepared(
     """Prepare a place with tiles of 64 px, 50 % overlap."""
     sizes = options.pop("tile_sizes_px", (64,))
     chosen = photo_protocols("park", sizes, truth)
-    sources = PhotoSources(
-        place.images, place.poses, place.dom, place.dsm, options.pop("crs", None)
+    sources = PhotoOptions(
+        "park", place.images, place.poses, place.dom, place.dsm, crs=options.pop("crs", None)
     )
     return prepare_photos(sources, chosen, PrepareSettings(folder, folder.parent, **options))
 
@@ -341,7 +341,8 @@ def test_a_file_name_that_is_no_text(
 
 
 def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
-    sources = PhotoSources(
+    sources = PhotoOptions(
+        "park",
         brighton / "images",
         brighton / "poses.json",
         brighton / "dom_10cm.tif",
@@ -362,7 +363,7 @@ def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     cloud = tmp_path / "cloud.npy"
     np.save(cloud, np.random.default_rng(0).uniform(0, 100, (50, 3)))
-    sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
+    sources = PhotoOptions("park", place.images, place.poses, place.dom, place.dsm, cloud)
     with pytest.raises(BenchmarkError, match="in the CRS of the poses"):
         prepare_photos(
             sources, photo_protocols("park", (64,)), PrepareSettings(tmp_path / "park", tmp_path)
@@ -376,7 +377,7 @@ def test_a_true_cloud_makes_truth_for_reconstruction(tmp_path: Path) -> None:
     images = json.loads(place.poses.read_text())["images"].values()
     centres = np.array([image["center"] for image in images])
     np.save(cloud, np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0))
-    sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
+    sources = PhotoOptions("park", place.images, place.poses, place.dom, place.dsm, cloud)
     result = prepare_photos(
         sources,
         photo_protocols("park", (64,)),
