@@ -127,9 +127,9 @@ def poses_of(queries: pd.DataFrame, columns: tuple[str, ...] = POSE_COLUMNS) -> 
     return Poses(rotation=quaternion_to_matrix(numbers[:, :4]), centres=numbers[:, 4:])
 
 
-def conditions_of(queries: pd.DataFrame, others: Sequence[str] = ()) -> pd.DataFrame:
-    """Return the columns that are neither identity nor geometry, nor among `others`."""
-    known = {*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *POSE_COLUMNS, *PRIOR_COLUMNS, *others}
+def conditions_of(queries: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that are neither identity nor geometry."""
+    known = {*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *POSE_COLUMNS, *PRIOR_COLUMNS}
     names = [name for name in queries.columns if name not in known]
     return queries[names].reset_index(drop=True)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,10 +15,9 @@ from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.map_facts import check_overlap
-from airzoo_bench.datasets.photo_facts import Cameras3D, PhotoFiles, camera_facts, survey_photos
 from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
-from airzoo_bench.datasets.priors import read_prior_file, with_given
+from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.raster_checks import (
     check_above_surface,
     check_map,
@@ -27,7 +26,7 @@ from airzoo_bench.datasets.raster_checks import (
     often_lowest,
     surveyed,
 )
-from airzoo_bench.datasets.scene_facts import SceneFacts, scene_facts
+from airzoo_bench.datasets.scene_facts import MeasuredScene, scene_facts
 from airzoo_bench.datasets.sources import (
     check_names,
     check_target,
@@ -35,12 +34,11 @@ from airzoo_bench.datasets.sources import (
     photo_sizes,
     vertical_unit_m,
 )
-from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
-from airzoo_bench.geometry.blocks import HeightSurvey
+from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.geometry.medians import median_height
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.retrieval.prepare import PreparedScene
+from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["prepare_photos"]
 
@@ -69,39 +67,17 @@ def prepare_photos(
         check_tile_count(inputs.dom, protocols.retrieval.gallery)
     above = check_cloud(sources.cloud, inputs) if sources.cloud is not None else None
     truths = build_truths(inputs, protocols, sources.cloud)
-    if truths.retrieval is not None and truths.retrieval.truth.queries.empty:
-        raise _nothing_to_ask(truths.retrieval, sources, read)
-    scene = SceneContent(inputs, truths, sources.files, read.facts(truths, above))
+    retrieval = None if truths.retrieval is None else truths.retrieval.truth
+    if retrieval is not None and retrieval.queries.empty:
+        raise _nothing_to_ask(retrieval, sources, read)
+    facts = scene_facts(read, retrieval, truths.matching, above)
+    scene = SceneContent(inputs, truths, sources.files, facts)
     return write_benchmark([scene], protocols, settings)
-
-
-@dataclass(frozen=True, eq=False)
-class _Read:
-    """The sources, read and measured."""
-
-    inputs: SceneInputs
-    survey: HeightSurvey
-    metadata: dict[str, PhotoPrior]
-    files: PhotoFiles
-    cameras: Cameras3D
-
-    def facts(self, truths: SceneTruths, cloud_over_surface_m: float | None) -> SceneFacts:
-        retrieval = None if truths.retrieval is None else truths.retrieval.truth
-        return scene_facts(
-            self.inputs,
-            self.metadata,
-            self.files,
-            retrieval,
-            truths.matching,
-            survey=self.survey,
-            cameras=self.cameras,
-            cloud_over_surface_m=cloud_over_surface_m,
-        )
 
 
 def _read(
     sources: PhotoOptions, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
-) -> _Read:
+) -> MeasuredScene:
     photos = read_poses(sources.poses, sizes)
     check_names(photos.names, sources.images)
     crs = metric_crs(sources, photos).to_string()
@@ -112,13 +88,12 @@ def _read(
     shown = progress(photos.names, "metadata", len(photos.names))
     given = read_prior_file(sources.priors, sizes) if sources.priors is not None else {}
     metadata = {
-        name: with_given(read_prior(sources.images / name), given.get(name, {})) for name in shown
+        name: replace(read_prior(sources.images / name), **given.get(name, {})) for name in shown
     }
     table = photo_table(scene, photos.names, photos.cameras, poses, _priors(metadata, crs), plane)
     unposed = tuple(sorted(set(sizes) - set(photos.names)))
     inputs = SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
-    files = survey_photos(sources.images, photos.names)
-    return _Read(inputs, survey, metadata, files, camera_facts(table, sources.dsm, metadata))
+    return MeasuredScene.of(inputs, metadata, survey, sources.images)
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
@@ -134,11 +109,11 @@ def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
     return Poses(rotation=rotation, centres=centres)
 
 
-def _nothing_to_ask(prepared: PreparedScene, sources: PhotoOptions, read: _Read) -> UserError:
+def _nothing_to_ask(truth: RetrievalTruth, sources: PhotoOptions, read: MeasuredScene) -> UserError:
     survey, centres = read.survey, read.inputs.photos[["x", "y", "z"]].median()
     lowest = f"{survey.at_low / survey.valid:.0%} of the heights are exactly {survey.low:.10g} m: "
     tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "
-    excluded = prepared.truth.excluded
+    excluded = truth.excluded
     reasons = excluded["reason"].value_counts()
     listed = "; ".join(f"{counted(count, 'photo')}: {reason}" for reason, count in reasons.items())
     return BenchmarkError(

@@ -7,7 +7,7 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,6 @@ __all__ = [
     "WithoutPrior",
     "prior_facts",
     "read_prior_file",
-    "with_given",
     "without_prior",
 ]
 
@@ -78,11 +77,6 @@ def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, fl
     there = set(photos)
     _refuse_names([name for name in names if name not in there], "no photos", path)
     return {row["image"]: _values(row, number, path) for number, row in enumerate(rows, start=2)}
-
-
-def with_given(prior: PhotoPrior, given: dict[str, float]) -> PhotoPrior:
-    """Return a photo's prior with what was given for it in place of its own."""
-    return replace(prior, **given)
 
 
 def _values(row: dict[str, str], line: int, path: Path) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,15 @@ import numpy as np
 from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, cameras_of, poses_of
 from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.map_facts import MapFacts, MapShift, map_facts, map_shift
-from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PhotoFiles, gps_facts, median
+from airzoo_bench.datasets.photo_facts import (
+    Cameras3D,
+    GpsFacts,
+    PhotoFiles,
+    camera_facts,
+    gps_facts,
+    median,
+    survey_photos,
+)
 from airzoo_bench.datasets.priors import (
     PriorFacts,
     WithoutPrior,
@@ -33,22 +42,51 @@ from airzoo_bench.retrieval.truth import RetrievalTruth
 if TYPE_CHECKING:
     pass
 
-__all__ = ["SceneFacts", "footprints_of", "scene_facts"]
+__all__ = ["MeasuredScene", "SceneFacts", "footprints_of", "scene_facts"]
 
 _FAR_M = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class SceneFacts:
-    """Figures from comparing a scene's parts; None for parts that are missing.
+class MeasuredScene:
+    """A scene's parts, each measured by itself.
 
     Attributes
     ----------
     inputs : SceneInputs
+    metadata : mapping of str to PhotoPrior
+        By file name; photos without an entry have none.
     survey : HeightSurvey
         Of the surface model.
-    cameras : Cameras3D
     files : PhotoFiles
+    cameras : Cameras3D
+    """
+
+    inputs: SceneInputs
+    metadata: Mapping[str, PhotoPrior]
+    survey: HeightSurvey
+    files: PhotoFiles
+    cameras: Cameras3D
+
+    @classmethod
+    def of(
+        cls,
+        inputs: SceneInputs,
+        metadata: Mapping[str, PhotoPrior],
+        survey: HeightSurvey,
+        images: Path,
+    ) -> MeasuredScene:
+        """Measure the photos of a folder, those that have metadata, and the cameras."""
+        cameras = camera_facts(inputs.photos, inputs.dsm, metadata)
+        return cls(inputs, metadata, survey, survey_photos(images, metadata), cameras)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFacts(MeasuredScene):
+    """Figures from comparing a scene's parts; None for parts that are missing.
+
+    Attributes
+    ----------
     same_pose : tuple of str
         Ids of photos whose pose is that of a photo before them.
     gps : GpsFacts or None
@@ -74,10 +112,6 @@ class SceneFacts:
         Tiles that are not in the gallery since they hold too little of the map.
     """
 
-    inputs: SceneInputs
-    survey: HeightSurvey
-    cameras: Cameras3D
-    files: PhotoFiles
     same_pose: tuple[str, ...]
     gps: GpsFacts | None
     without_prior: WithoutPrior
@@ -132,38 +166,32 @@ class SceneFacts:
 
 
 def scene_facts(
-    inputs: SceneInputs,
-    metadata: Mapping[str, PhotoPrior],
-    files: PhotoFiles,
+    scene: MeasuredScene,
     retrieval: RetrievalTruth | None,
     matching: MatchingTruth | None,
-    *,
-    survey: HeightSurvey,
-    cameras: Cameras3D,
     cloud_over_surface_m: float | None,
 ) -> SceneFacts:
     """Compare the parts of a scene with each other.
 
     Parameters
     ----------
-    inputs : SceneInputs
-    metadata : mapping of str to PhotoPrior
-        By file name; photos without an entry have none.
-    files : PhotoFiles
+    scene : MeasuredScene
     retrieval, matching
         The truths, where there are.
-    survey, cameras, cloud_over_surface_m
-        What was measured before.
+    cloud_over_surface_m : float or None
+        See `cloud_checks.check_cloud`; None without a cloud.
     """
+    inputs, metadata = scene.inputs, scene.metadata
     gsd, footprint, corners = footprints_of(inputs)
     dsm = open_info(inputs.dsm)
     area = inputs.dom.width * inputs.dom.height
     shares = None if retrieval is None else retrieval.positives.counts / len(retrieval.tiles)
     return SceneFacts(
         inputs,
-        survey,
-        cameras,
-        files,
+        metadata,
+        scene.survey,
+        scene.files,
+        scene.cameras,
         tuple(inputs.photos["id"][inputs.photos.duplicated(list(POSE_COLUMNS))]),
         gps_facts(inputs, metadata),
         without_prior(inputs.photos, metadata),

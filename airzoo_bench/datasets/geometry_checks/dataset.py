@@ -17,11 +17,10 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.cloud_checks import check_cloud
-from airzoo_bench.datasets.dji import PhotoPrior, read_prior
+from airzoo_bench.datasets.dji import read_prior
 from airzoo_bench.datasets.map_facts import check_overlap
-from airzoo_bench.datasets.photo_facts import camera_facts, survey_photos
 from airzoo_bench.datasets.raster_checks import check_map, surveyed
-from airzoo_bench.datasets.scene_facts import SceneFacts, scene_facts
+from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_facts
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
@@ -254,18 +253,16 @@ def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
     if retrieval is not None and entry.gallery is None:
         _check_windows(retrieval, inputs.dom)
     check_overlap(inputs.dom, open_info(dsm))
-    metadata = _metadata(benchmark.resolve(entry.images), photos)
+    images = benchmark.resolve(entry.images)
+    there = [name for name in photos["image"] if (images / name).is_file()]
+    metadata = {name: read_prior(images / name) for name in there}
     has_matching = "matching" in tracks and (home / "matching").is_dir()
     cloud = benchmark.resolve(entry.cloud) if entry.cloud else None
     return scene_facts(
-        inputs,
-        metadata,
-        survey_photos(benchmark.resolve(entry.images), metadata),
+        MeasuredScene.of(inputs, metadata, surveyed(dsm), images),
         retrieval,
         read_matching_truth(benchmark, scene) if has_matching else None,
-        survey=surveyed(dsm),
-        cameras=camera_facts(photos, dsm, metadata),
-        cloud_over_surface_m=check_cloud(cloud, inputs) if cloud and cloud.is_file() else None,
+        check_cloud(cloud, inputs) if cloud and cloud.is_file() else None,
     )
 
 
@@ -279,11 +276,3 @@ def _check_windows(truth: RetrievalTruth, dom: RasterInfo) -> None:
             expected="the map that the benchmark was prepared with",
             fix=_FIX,
         )
-
-
-def _metadata(folder: Path, photos: pd.DataFrame) -> dict[str, PhotoPrior]:
-    found = {}
-    for name in photos["image"]:
-        if (folder / name).is_file():
-            found[name] = read_prior(folder / name)
-    return found

@@ -102,12 +102,11 @@ class FrameStore:
         """
         frame = self._kept.pop(index, None) or self._read(index)
         self._kept[index] = frame
-        while len(self._kept) > 2 and self._bytes() > _CACHE_BYTES:
+        sizes = [f.depth.nbytes + f.points.nbytes for f in self._kept.values()]
+        while len(sizes) > 2 and sum(sizes) > _CACHE_BYTES:
             self._kept.popitem(last=False)
+            del sizes[0]
         return frame
-
-    def _bytes(self) -> int:
-        return sum(f.depth.nbytes + f.points.nbytes for f in self._kept.values())
 
     def _read(self, index: int) -> Frame:
         camera, pose = self.cameras.take(index), self.poses.take(index)

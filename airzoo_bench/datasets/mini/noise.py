@@ -59,14 +59,14 @@ def hash_of(seed: int, *keys: Any) -> NDArray[np.uint64]:
     return state
 
 
-def direction(step: int, turn: int = 256) -> tuple[float, float]:
+def direction(step: int) -> tuple[float, float]:
     """Return cosine and sine of a step of the circle, counter-clockwise from east, without a sine.
 
-    The steps are nearly, not exactly, of equal length; `turn` of them, a multiple of 4, go round.
+    The steps are nearly, not exactly, of equal length; 256 of them go round.
     """
-    quarter, rest = divmod(step % turn, turn // 4)
+    quarter, rest = divmod(step % 256, 64)
     # The tangent of the half angle runs from 0 to 1; a cubic keeps the steps nearly equal.
-    share = rest / (turn // 4)
+    share = rest / 64
     tangent = share * (0.7854 + 0.2146 * share * share)
     square = 1.0 + tangent * tangent
     cosine, sine = (1.0 - tangent * tangent) / square, 2.0 * tangent / square

@@ -33,7 +33,8 @@ def parcels(dice: Dice, outline: Line, largest_m2: float) -> list[Polygon]:
     The axes of each are along its longest edge.
     """
     x, y = middle = _middle(outline)
-    frame = Frame(*middle, *_direction_of_longest(outline))
+    longest = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
+    frame = Frame(*middle, longest.cosine, longest.sine)
     size = _area(outline)
     if size < largest_m2 * dice.real(0.45, 1.0):
         return [Polygon(outline, frame)]
@@ -46,11 +47,6 @@ def parcels(dice: Dice, outline: Line, largest_m2: float) -> list[Polygon]:
     point = (x + along[1] * off, y - along[0] * off)
     halves = _half(outline, point, along), _half(outline, point, (-along[0], -along[1]))
     return [part for half in halves for part in parcels(dice, half, largest_m2)]
-
-
-def _direction_of_longest(outline: Line) -> Point:
-    frame = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
-    return frame.cosine, frame.sine
 
 
 def _half(outline: Line, point: Point, along: Point) -> Line:
