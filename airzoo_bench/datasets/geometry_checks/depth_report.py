@@ -129,6 +129,12 @@ class DepthConsistency:
         chosen |= self.frames["floating"] >= most
         return self.frames[chosen].sort_values("median", ascending=False, kind="stable")
 
+    @property
+    def passes(self) -> bool:
+        """Whether nothing is wrong with the median, single frames or all frames together."""
+        sound = self.median < self.median_below and self.floating < FLOATING_BELOW
+        return sound and self.everywhere is None and self.bad_frames.empty
+
 
 def check_depth_consistency(
     scene: PosedScene,
