@@ -33,7 +33,7 @@ class Parts(StrEnum):
 
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", "-o", help="The folder to make (default: its name, in the data root)."),
+    typer.Option("--out", "-o", help="The folder to make (default: in the data root)."),
 ]
 TilesOption = Annotated[
     Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
