@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -15,9 +16,10 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
-from airzoo_bench.datasets.mini.export.photos import depth_to_points, mini_photos
+from airzoo_bench.datasets.mini.prepare import depth_to_points, mini_photos
 from airzoo_bench.datasets.mini.world.model import REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import write_raster
+from airzoo_bench.datasets.truths import build_truths
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
@@ -44,12 +46,10 @@ def flights(home: Path) -> dict[str, str]:
             write_raster(files[key], np.repeat(dsm[..., None], 3, axis=2).astype(np.uint8), region)
         photos = mini_photos(region, dsm, 0)
         inputs = airzoo_mini._inputs(region, photos, files, 0)
-        scene = airzoo_mini._Scene(region, inputs, files)
         gallery = protocols.retrieval.gallery.model_copy(update={"gsd_m": "any"})
         retrieval = protocols.retrieval.model_copy(update={"gallery": gallery})
-        truth = airzoo_mini.build_retrieval_truth(inputs, gallery, retrieval.ground_truth).truth
-        matching = protocols.matching
-        crops = airzoo_mini.build_matching_truth(scene.inputs, matching.crop, matching.prior)
+        truths = build_truths(inputs, replace(protocols, retrieval=retrieval))
+        truth, crops = truths.retrieval.truth, truths.matching
         depth = np.tile(np.arange(100.0, 164.0), (48, 1))
         camera, poses = photos.frames.camera, photos.frames.poses
         points = [depth_to_points(depth, depth > 0, camera, poses.take(n)) for n in range(8)]

@@ -13,9 +13,9 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.datasets.photos import PhotoProtocols
+from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, protocol_for, shipped_protocols
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
@@ -288,7 +288,7 @@ def run_main(*arguments: object) -> int:
 
 def photo_protocols(
     name: str, tile_sizes_px: tuple[int, ...], ground_truth: dict[str, Any] | None = None
-) -> PhotoProtocols:
+) -> BenchmarkProtocols:
     """Return the protocols that `prepare photos` would start from, for a benchmark of that name."""
     shipped = shipped_protocols()
     tracks = ("retrieval", "matching", "reconstruction")
@@ -297,7 +297,7 @@ def photo_protocols(
     assert isinstance(matching, MatchingProtocol)
     assert isinstance(reconstruction, ReconstructionProtocol)
     changes = {"gallery": {"tile_sizes_px": tile_sizes_px}, "ground_truth": ground_truth or {}}
-    return PhotoProtocols(
+    return BenchmarkProtocols(
         protocol_for(retrieval, name, changes),
         protocol_for(matching, name, {}),
         protocol_for(reconstruction, name, {}),

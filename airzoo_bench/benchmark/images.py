@@ -19,7 +19,7 @@ __all__ = ["photo_size", "read_grey", "read_rgb_photo", "read_tile"]
 _UPRIGHT = 1
 _TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
 _ORIENTATION_TAG = 0x0112
-_MEND = "put the photos back where benchmark.toml says, or prepare with --copy"
+_FIX = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 
 def photo_size(path: Path) -> tuple[int, int]:
@@ -69,7 +69,7 @@ def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
 def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
     from PIL.Image import Resampling
 
-    with opened_photo(path, _MEND) as image:
+    with opened_photo(path, _FIX) as image:
         scale = min(1.0, long_side / max(image.size))
         size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
         # libjpeg skips what is thrown away. It rounds sizes up, so that the last row and

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
 
 if TYPE_CHECKING:
@@ -23,11 +25,15 @@ __all__ = [
     "IDENTITY_COLUMNS",
     "POSE_COLUMNS",
     "PRIOR_COLUMNS",
+    "SceneInputs",
     "cameras_of",
     "conditions_of",
+    "photo_id",
+    "photo_table",
     "poses_of",
     "query_table",
     "read_queries",
+    "with_unposed",
     "write_queries",
 ]
 
@@ -48,7 +54,7 @@ def query_table(
     poses: Poses,
     priors: Poses | None,
 ) -> pd.DataFrame:
-    """Lay out N queries, a row each, without conditions.
+    """Lay out N queries in a row each, without conditions.
 
     Parameters
     ----------
@@ -121,9 +127,9 @@ def poses_of(queries: pd.DataFrame, columns: tuple[str, ...] = POSE_COLUMNS) -> 
     return Poses(rotation=quaternion_to_matrix(numbers[:, :4]), centres=numbers[:, 4:])
 
 
-def conditions_of(queries: pd.DataFrame, others: Sequence[str] = ()) -> pd.DataFrame:
-    """Return the columns that are neither identity nor geometry, nor among `others`."""
-    known = {*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *POSE_COLUMNS, *PRIOR_COLUMNS, *others}
+def conditions_of(queries: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that are neither identity nor geometry."""
+    known = {*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *POSE_COLUMNS, *PRIOR_COLUMNS}
     names = [name for name in queries.columns if name not in known]
     return queries[names].reset_index(drop=True)
 
@@ -148,3 +154,95 @@ def _pose_numbers(poses: Poses) -> NDArray[np.float64]:
 
 def _named(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     return dict(zip(names, values.T, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class SceneInputs:
+    """Photos with poses, a map and a surface model.
+
+    Attributes
+    ----------
+    scene : str
+        The scene's id.
+    photos : DataFrame
+        A row a photo, sorted by id, as `photo_table` makes it.
+    crs : str
+        Projected CRS of poses and surface model, in metres.
+    dom : RasterInfo
+        The map, in any CRS.
+    dsm : Path
+        The surface model.
+    plane_height_m : float
+        z0, the median of the valid heights.
+    unposed : tuple of str
+        File names of photos without a pose, which no track can ask.
+    gallery : RasterInfo, optional
+        The map that tiles are cut from, where it is another than `dom`.
+    """
+
+    scene: str
+    photos: pd.DataFrame
+    crs: str
+    dom: RasterInfo
+    dsm: Path
+    plane_height_m: float
+    unposed: tuple[str, ...] = ()
+    gallery: RasterInfo | None = None
+
+    @property
+    def gallery_map(self) -> RasterInfo:
+        """The map that tiles are cut from."""
+        return self.gallery or self.dom
+
+
+def photo_id(scene: str, image: str) -> str:
+    """Return the id of a photo: the scene, and the file's name without its ending."""
+    return f"{scene}/{Path(image).with_suffix('').as_posix()}"
+
+
+def photo_table(
+    scene: str,
+    images: tuple[str, ...],
+    cameras: Cameras,
+    poses: Poses,
+    priors: Poses | None,
+    plane_height_m: float,
+) -> pd.DataFrame:
+    """Lay out a scene's photos, sorted by id, with altitude and pitch as conditions.
+
+    Poses and priors are those of the truth from here on, see `Poses.rounded`.
+
+    Parameters
+    ----------
+    scene : str
+    images : tuple of N str
+        File names, relative to the photos' folder; without their endings they become ids.
+    cameras, poses : Cameras, Poses
+    priors : Poses, optional
+        Poses from metadata; NaN where a photo has none.
+    plane_height_m : float
+        Altitudes are above it.
+    """
+    ids = [photo_id(scene, name) for name in images]
+    poses, priors = poses.rounded(), None if priors is None else priors.rounded()
+    axis_z = poses.rotation[:, 2, 2]
+    below_horizon = np.degrees(np.arcsin(np.clip(-axis_z, -1, 1)))
+    table = query_table(ids, images, cameras, poses, priors).assign(
+        altitude_m=np.round(poses.centres[:, 2] - plane_height_m, 3),
+        pitch_deg=np.round(below_horizon, 3),
+    )
+    return table.sort_values("id", kind="stable", ignore_index=True)
+
+
+def with_unposed(left_out: pd.DataFrame, inputs: SceneInputs) -> pd.DataFrame:
+    """Add the photos without a pose to a track's list of those left out, sorted by id."""
+    import pandas as pd
+
+    if not inputs.unposed:
+        return left_out
+    # Names that no text file can hold are written as Python would escape them.
+    names = [name.encode("utf-8", "backslashreplace").decode() for name in inputs.unposed]
+    ids = [photo_id(inputs.scene, name) for name in names]
+    rows = pd.DataFrame({"id": ids, "image": names, "reason": "no pose"})
+    parts = [part for part in (left_out, rows) if not part.empty]
+    return pd.concat(parts).sort_values("id", kind="stable", ignore_index=True)

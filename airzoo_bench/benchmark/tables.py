@@ -35,7 +35,7 @@ _LARGEST_WHOLE = 1 << 31
 _LARGEST, _LARGEST_LON, _LARGEST_LAT = 1e9, 540.0, 90.0
 _NAMED = 3
 _SHOWN = 40
-_MEND = "correct it, or prepare the benchmark again"
+_FIX = "correct it, or prepare the benchmark again"
 
 
 def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = ()) -> pd.DataFrame:
@@ -61,6 +61,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
         The file is missing or damaged, lacks a column, or a value is none of its column's kind: the
         message names column, row and value.
     """
+    import pandas as pd
     import pyarrow as pa
 
     if not path.is_file():
@@ -70,7 +71,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
             fix="prepare the benchmark again; `check` needs no truth, `eval` does",
         )
     try:
-        table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else _csv(path)
     except (ValueError, OSError, OverflowError, csv.Error, pa.ArrowException) as error:
         raise BenchmarkError(
             f"not a readable table: {(str(error) or type(error).__name__).splitlines()[0][:200]}",
@@ -105,19 +106,14 @@ def _csv(path: Path) -> pd.DataFrame:
     )
 
 
-def _parquet(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    return pd.read_parquet(path)
-
-
 def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
     """Return a column as what its name promises, or refuse the first values that are none."""
     import pandas as pd
 
     name, values = str(column.name), column.tolist()
     if name in _TEXTS:
-        _refuse(path, name, values, [not _is_text(value) for value in values], "text that prints")
+        odd = [not (isinstance(v, str) and v and v.isprintable()) for v in values]
+        _refuse(path, name, values, odd, "text that prints")
         if name == "id":
             _refuse(path, name, values, column.duplicated().tolist(), "each id once")
         return column.astype(str)
@@ -141,10 +137,6 @@ def _limit(name: str) -> float:
     if "lon" in parts or "lat" in parts:
         return _LARGEST_LON if "lon" in parts else _LARGEST_LAT
     return _LARGEST
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and bool(value) and value.isprintable()
 
 
 def _number(value: object) -> float:
@@ -172,7 +164,7 @@ def _refuse(path: Path, name: str, values: list[Any], wrong: list[bool], expecte
             f"column '{name}', {'; '.join(named)}{more}",
             where=path,
             expected=f"{expected} (rows are counted from 1, below the head)",
-            fix=_MEND,
+            fix=_FIX,
         )
 
 

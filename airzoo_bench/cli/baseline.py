@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.built import BuiltGroup, bounded, parameter, with_parameters
+from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
 from airzoo_bench.cli.common import (
     DataOption,
     JobsOption,
@@ -23,7 +23,6 @@ from airzoo_bench.core.registry import TRACKS
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
-    from airzoo_bench.evaluation.parts import Baseline, Option
 
 __all__ = ["app"]
 
@@ -43,10 +42,7 @@ class _BaselineGroup(BuiltGroup):
             parameter("protocol", Annotated[str, typer.Argument(help="Name or .toml file.")]),
             parameter("out", out, Path(baseline.out)),
             parameter("data", DataOption, None),
-            *(
-                parameter(field, bounded(one.name, kind, one.help, one.least, one.most), default)
-                for field, one, kind, default in _options(baseline)
-            ),
+            *option_parameters(type(baseline.settings)),
             parameter("jobs", JobsOption, 2),
         ]
         command = with_parameters(partial(_predict, thing), parameters, baseline.summary)
@@ -61,21 +57,6 @@ app = typer.Typer(
 @app.callback()
 def _group() -> None:
     """Run a plain method that needs no weights."""
-
-
-def _options(baseline: Baseline[Any]) -> list[tuple[str, Option, type[Any], Any]]:
-    """Return the fields of a baseline's settings that are options, with their defaults."""
-    from airzoo_bench.evaluation.parts import Option
-
-    hints = get_type_hints(type(baseline.settings), include_extras=True)
-    found = []
-    for field in fields(baseline.settings):
-        hint = hints[field.name]
-        for extra in get_args(hint)[1:] if get_origin(hint) is Annotated else ():
-            if isinstance(extra, Option):
-                default = getattr(baseline.settings, field.name)
-                found.append((field.name, extra, type(default), default))
-    return found
 
 
 def _predict(

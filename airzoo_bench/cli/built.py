@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, fields
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_args, get_type_hints
 
 import typer
 from typer.core import TyperGroup
 
 from airzoo_bench.cli.common import examples, in_panels
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.registry import Registry
 
-__all__ = ["BuiltGroup", "bounded", "parameter", "with_parameters"]
+__all__ = ["BuiltGroup", "option_parameters", "parameter", "with_parameters"]
 
 
 class BuiltGroup(TyperGroup):
@@ -63,13 +65,25 @@ def parameter(name: str, kind: Any, default: Any = Parameter.empty) -> Parameter
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
-def bounded(
-    name: str, kind: type[Any], help_text: str, least: float | None, most: float | None
-) -> Any:
+def option_parameters(settings: type[Any]) -> list[Parameter]:
+    """Return a parameter for each field of a settings dataclass that carries an `Option`."""
+    hints = get_type_hints(settings, include_extras=True)
+    found = []
+    for field in fields(settings):
+        kind, *extras = get_args(hints[field.name]) or (None,)
+        default = Parameter.empty if field.default is MISSING else field.default
+        for one in extras:
+            if isinstance(one, Option):
+                found.append(parameter(field.name, _typed(kind, one), default))
+    return found
+
+
+def _typed(kind: Any, one: Option) -> Any:
     """Return the type of an option, as a number within bounds or as a flag."""
     if kind is bool:
-        return Annotated[bool, typer.Option(f"--{name}/--no-{name}", help=help_text)]
-    return Annotated[kind, typer.Option(f"--{name}", min=least, max=most, help=help_text)]
+        return Annotated[bool, typer.Option(f"--{one.name}/--no-{one.name}", help=one.help)]
+    option = typer.Option(f"--{one.name}", min=one.least, max=one.most, help=one.help)
+    return Annotated[kind, option]
 
 
 def with_parameters(

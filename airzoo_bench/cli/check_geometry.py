@@ -12,8 +12,7 @@ from airzoo_bench.cli.common import Format, FormatOption, examples, progress, pu
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
-    from airzoo_bench.datasets.geometry_checks.depth_frames import Sampling
-    from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
+    from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 
 __all__ = [
@@ -84,9 +83,8 @@ def check_geometry(
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
     from airzoo_bench.core.places import check_output_folder
-    from airzoo_bench.datasets.geometry_checks.depth_frames import Sampling
+    from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
     from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
-    from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
     from airzoo_bench.datasets.geometry_checks.report import (
         OUTPUT_NAMES,
         geometry_table,
@@ -107,7 +105,7 @@ def check_geometry(
         show(geometry_table(checked), form)
     for path in save_report(checked, out) if out is not None else ():
         say(f"wrote {path}")
-    if any(one.faults for one in checked):
+    if any(one.failures for one in checked):
         raise typer.Exit(1)
 
 
@@ -127,8 +125,11 @@ def check_split(
     Exit code 1 where one does, with the pairs named.
     """
     from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
-    from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits
-    from airzoo_bench.datasets.geometry_checks.split_report import split_table, split_values
+    from airzoo_bench.datasets.geometry_checks.split_overlap import (
+        compare_splits,
+        split_table,
+        split_values,
+    )
 
     sets = [read_footprints(place, max_range) for place in (train, test)]
     found = compare_splits(*sets, csv=out, progress=progress)

@@ -50,7 +50,7 @@ def _group() -> None:
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
     from airzoo_bench.core.places import data_root
-    from airzoo_bench.datasets.mini.flights.placement import allowed_box
+    from airzoo_bench.datasets.mini.flights.trajectory import allowed_box
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.world.model import REGIONS
 
@@ -81,7 +81,7 @@ def trajectory(
     from airzoo_bench.datasets.mini.export.pictures import draw_flight
     from airzoo_bench.datasets.mini.flights.keyframes import key_frames
     from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-    from airzoo_bench.datasets.mini.flights.placement import Airspace
+    from airzoo_bench.datasets.mini.flights.trajectory import Airspace
     from airzoo_bench.datasets.mini.flights.trajectory_files import write_trajectory
     from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 
@@ -125,8 +125,7 @@ def render(
 
     from airzoo_bench.datasets.mini.export.frame_list import FrameList
     from airzoo_bench.datasets.mini.export.frames import render_frames
-    from airzoo_bench.datasets.mini.flights.placement import check_inside
-    from airzoo_bench.datasets.mini.flights.trajectory import trajectory_poses
+    from airzoo_bench.datasets.mini.flights.trajectory import check_inside, trajectory_poses
     from airzoo_bench.datasets.mini.flights.trajectory_files import read_trajectory
     from airzoo_bench.datasets.mini.rendering.renderer import default_camera
     from airzoo_bench.datasets.mini.world.store import load_world
@@ -143,9 +142,7 @@ def render(
     folder = _folder(region, seed)
     made = _world(folder)
     check_inside(flown, made.region, made.dsm, trajectory)
-    counts = render_frames(
-        frames, partial(load_world, folder), out, workers=jobs, progress=progress
-    )
+    counts = render_frames(frames, partial(load_world, folder), out, jobs=jobs, progress=progress)
     were = agreeing(counts.kept, "was", "were")
     kept = f", {counts.kept} {were} there already" if counts.kept else ""
     say(f"rendered {counted(counts.rendered, 'frame')} into {out}{kept}")

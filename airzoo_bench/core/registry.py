@@ -151,8 +151,8 @@ TRACKS = Registry(
 DATASETS = Registry(
     "airzoo_bench.datasets",
     {
-        "photos": "airzoo_bench.cli.prepare:PHOTOS",
-        "airzoo-mini": "airzoo_bench.cli.prepare:AIRZOO_MINI",
+        "photos": "airzoo_bench.datasets.photos_dataset:PHOTOS",
+        "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

@@ -13,7 +13,7 @@ from pyproj import CRS
 from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
@@ -35,7 +35,7 @@ _UNIT_KEYS = {3076: "coordinates", 4099: "heights"}
 
 
 def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
-    """Read a true cloud to its end, and hold it against where cameras and surface model are.
+    """Read a true cloud completely, and compare its place with that of cameras and surface model.
 
     A damaged cloud, or one of another frame or unit, is then found now and not when scoring.
 
@@ -62,7 +62,7 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
 
 
 def check_cloud_crs(cloud: Path, crs: str) -> None:
-    """Refuse a LAS or LAZ cloud that says of itself to be in another CRS, or not in metres.
+    """Refuse a LAS or LAZ cloud whose header states another CRS, or a unit other than metres.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def _stated(cloud: Path, where: str) -> tuple[CRS | None, dict[str, float]]:
 
 
 def _units(data: bytes) -> Iterator[tuple[str, float]]:
-    """Units that a GeoTIFF key directory states by their EPSG code (GeoTIFF 1.1, 7.1)."""
+    """Yield the units that a GeoTIFF key directory states by EPSG code (GeoTIFF 1.1, 7.1)."""
     known = {unit.code: unit.conv_factor for unit in get_units_map(category="linear").values()}
     for key, place, _, value in struct.iter_unpack("<4H", data[8 : len(data) // 8 * 8]):
         if key in _UNIT_KEYS and place == 0 and str(value) in known:
@@ -141,7 +141,7 @@ def _check_place(cloud: Path, box: Box, inputs: SceneInputs) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Watched:
-    """A cloud that keeps every so-manieth point of what is read."""
+    """A cloud that keeps evenly spaced points, some 65,000 in all, of what is read."""
 
     source: CloudSource
     kept: list[Floats] = field(default_factory=list)

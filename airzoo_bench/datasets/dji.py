@@ -47,7 +47,7 @@ _ALTITUDE_SIGN = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
 
 @dataclass(frozen=True)
 class PhotoPrior:
-    """Position and attitude by a photo's own word.
+    """Position and attitude that a photo's metadata state.
 
     Attributes
     ----------
@@ -61,13 +61,13 @@ class PhotoPrior:
         Above the place of take-off.
     """
 
-    lon: float | None
-    lat: float | None
-    altitude_m: float | None
-    yaw_deg: float | None
-    pitch_deg: float | None
-    roll_deg: float | None
-    relative_altitude_m: float | None
+    lon: float | None = None
+    lat: float | None = None
+    altitude_m: float | None = None
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+    relative_altitude_m: float | None = None
 
     @property
     def is_complete(self) -> bool:

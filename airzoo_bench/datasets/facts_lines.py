@@ -1,13 +1,16 @@
-"""The facts of a scene as a person reads them after `prepare`, a line a part."""
+"""The facts of a scene for people: a line for each part, a sentence for each warning."""
 
 from __future__ import annotations
 
 import math
 
-from airzoo_bench.datasets.photo_facts import GpsFacts, PriorFacts
+from airzoo_bench.datasets.photo_facts import GpsFacts
+from airzoo_bench.datasets.photo_plausibility import photo_warnings
+from airzoo_bench.datasets.plausibility import Kind, height_warnings, map_warnings
+from airzoo_bench.datasets.priors import PriorFacts
 from airzoo_bench.datasets.scene_facts import SceneFacts
 
-__all__ = ["fact_lines"]
+__all__ = ["fact_lines", "kinds_and_warnings", "plausibility_warnings"]
 
 
 def fact_lines(facts: SceneFacts) -> list[str]:
@@ -24,6 +27,16 @@ def fact_lines(facts: SceneFacts) -> list[str]:
         ("chance", _chance(facts)),
     ]
     return [f"{name:15} {text}" for name, text in rows if text]
+
+
+def plausibility_warnings(facts: SceneFacts) -> list[str]:
+    """Return the warnings about a scene, a sentence each."""
+    return [sentence for _, sentence in kinds_and_warnings(facts)]
+
+
+def kinds_and_warnings(facts: SceneFacts) -> list[tuple[Kind, str]]:
+    """Return the warnings about a scene: the kind, and a sentence with the figures."""
+    return [*height_warnings(facts), *photo_warnings(facts), *map_warnings(facts)]
 
 
 def _photos(facts: SceneFacts) -> str:

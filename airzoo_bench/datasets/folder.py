@@ -1,4 +1,4 @@
-"""Writing the parts of a benchmark folder that all datasets share."""
+"""Writing a benchmark folder out of scenes and their truth, whatever the dataset."""
 
 from __future__ import annotations
 
@@ -8,79 +8,146 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import tomli_w
 
-from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.images import read_tile
+from airzoo_bench.benchmark.queries import SceneInputs, write_queries
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import atomic_folder, sha256_of
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
+from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
+from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import write_truth as write_reconstruction_truth
-from airzoo_bench.retrieval.prepare import PreparedScene
+from airzoo_bench.retrieval.truth import BOX_COLUMNS
 from airzoo_bench.retrieval.truth import write_truth as write_retrieval_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["SceneTruths", "copied", "left_in_place", "write_folder_files", "write_scene"]
+    from airzoo_bench.datasets.scene_facts import SceneFacts
+
+__all__ = ["SceneContent", "write_benchmark"]
+
+_WINDOW = ["x", "y", "width", "height"]
 
 
 @dataclass(frozen=True, eq=False)
-class SceneTruths:
-    """The table of a scene's photos and its truth, by track; None where a track has none."""
+class SceneContent:
+    """What is written of a scene into a benchmark folder.
 
-    photos: pd.DataFrame
-    retrieval: PreparedScene | None
-    matching: MatchingTruth | None
-    reconstruction: ReconstructionTruth | None
-
-
-def left_in_place(sources: Mapping[str, Path]) -> dict[str, str]:
-    """Return where photos, maps and clouds are, as benchmark.toml names them."""
-    return {key: str(path.resolve()) for key, path in sources.items()}
-
-
-def copied(
-    folder: Path, scene: str, sources: Mapping[str, Path], names: Sequence[str]
-) -> dict[str, str]:
-    """Copy photos, maps and clouds into the folder, and return where they are.
-
-    Parameters
+    Attributes
     ----------
-    folder : Path
-        The benchmark folder.
-    scene : str
-    sources : mapping of str to Path
-        By the name that benchmark.toml has for it; ``images`` is a folder.
-    names : sequence of str
-        The photos to copy, relative to ``images``.
+    inputs : SceneInputs
+    truths : SceneTruths
+    files : mapping of str to Path
+        Photos, maps and clouds by the name that benchmark.toml has for them (`SceneFile`);
+        ``images`` is a folder.
+    facts : SceneFacts, optional
+        What the parts say of each other.
     """
-    home = Path("data") / scene
-    for name in names:
-        _copy(sources["images"] / name, folder / home / "images" / name)
+
+    inputs: SceneInputs
+    truths: SceneTruths
+    files: Mapping[str, Path]
+    facts: SceneFacts | None = None
+
+
+def write_benchmark(
+    scenes: Sequence[SceneContent], protocols: BenchmarkProtocols, settings: PrepareSettings
+) -> Prepared:
+    """Write the benchmark folder, with each protocol that has truth in every scene.
+
+    Raises
+    ------
+    UserError
+        No track has truth in every scene, a map cannot be read, or the folder not be written.
+    """
+    served = [
+        protocol
+        for protocol in protocols.every
+        if all(getattr(scene.truths, protocol.track) is not None for scene in scenes)
+    ]
+    if not served:
+        raise BenchmarkError(
+            "there is no track that every scene has truth for",
+            where=settings.folder,
+            fix="look which scenes lack photos with a prior, a map or a cloud",
+        )
+    with atomic_folder(settings.folder, replace=settings.replace) as staged:
+        for scene in scenes:
+            _write_scene(staged / "scenes" / scene.inputs.scene, scene, settings)
+        titles = {scene.id: scene.title for scene in protocols.every[0].scenes}
+        entries = [
+            _entry(scene, titles[scene.inputs.scene], _places(staged, scene, copy=settings.copy))
+            for scene in scenes
+        ]
+        _write_folder_files(staged, served, entries)
+    return Prepared(
+        settings.folder,
+        {protocol.name: protocol.track for protocol in served},
+        {scene.inputs.scene: scene.truths for scene in scenes},
+        {scene.inputs.scene: scene.facts for scene in scenes if scene.facts is not None},
+    )
+
+
+def _write_scene(home: Path, scene: SceneContent, settings: PrepareSettings) -> None:
+    """Write a scene's table of photos, its truth and, where asked for, tiles and crops."""
+    truths, progress = scene.truths, settings.progress
+    write_queries(home, truths.photos)
+    if truths.retrieval is not None:
+        write_retrieval_truth(home, truths.retrieval.truth, truths.retrieval.overlaps)
+        if settings.tiles_on_disk:
+            tiles, gallery = truths.retrieval.truth.tiles, scene.inputs.gallery_map
+            _write_tiles(home / "retrieval" / "tiles", tiles, gallery, progress)
+    if truths.matching is not None:
+        write_matching_truth(home, truths.matching)
+        if settings.crops_on_disk:
+            _write_crops(home / "matching" / "crops", truths.matching, progress)
+    if truths.reconstruction is not None:
+        write_reconstruction_truth(home, truths.reconstruction)
+
+
+def _entry(scene: SceneContent, title: str, places: Mapping[str, str]) -> SceneFile:
+    reconstruction = scene.truths.reconstruction
+    return SceneFile(
+        id=scene.inputs.scene,
+        title=title,
+        crs=scene.inputs.crs,
+        plane_height_m=scene.inputs.plane_height_m,
+        dsm_sha256=sha256_of(scene.inputs.dsm),
+        cloud_sha256=None if reconstruction is None else reconstruction.cloud_sha256,
+        **places,
+    )
+
+
+def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, str]:
+    """Return where photos, maps and clouds are, after copying them into the folder if wanted."""
+    if not copy:
+        return {key: str(path.resolve()) for key, path in scene.files.items()}
+    home = Path("data") / scene.inputs.scene
+    for name in scene.inputs.photos["image"]:
+        _copy(scene.files["images"] / name, folder / home / "images" / name)
     kept = {"images": home / "images"}
-    for key, source in sources.items():
+    for key, source in scene.files.items():
         if key != "images":
             kept[key] = home / f"{key}{source.suffix.lower()}"
             _copy(source, folder / kept[key])
     return {key: path.as_posix() for key, path in kept.items()}
 
 
-def write_scene(folder: Path, scene: str, truths: SceneTruths) -> Path:
-    """Write a scene's table of photos and its truth; returns the scene's folder."""
-    home = folder / "scenes" / scene
-    write_queries(home, truths.photos)
-    if truths.retrieval is not None:
-        write_retrieval_truth(home, truths.retrieval.truth, truths.retrieval.overlaps)
-    if truths.matching is not None:
-        write_matching_truth(home, truths.matching)
-    if truths.reconstruction is not None:
-        write_reconstruction_truth(home, truths.reconstruction)
-    return home
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
 
 
-def write_folder_files(
+def _write_folder_files(
     folder: Path, protocols: Sequence[Protocol], scenes: Sequence[SceneFile]
 ) -> None:
     """Write benchmark.toml and the protocols that the truth was made for."""
@@ -101,6 +168,47 @@ def write_folder_files(
     write_benchmark_file(folder, file)
 
 
-def _copy(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+def _write_tiles(
+    folder: Path, tiles: pd.DataFrame, gallery: RasterInfo, progress: Progress
+) -> None:
+    """Write every tile as ``<name>.png``, the name being its id without the scene, and a list."""
+    from PIL import Image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [f"{_name(tile)}.png" for tile in tiles["id"]]
+    rows = zip(files, tiles.iterrows(), strict=True)
+    for file, (_, tile) in progress(rows, "tiles", len(tiles)):
+        Image.fromarray(read_tile(gallery.path, tile)).save(folder / file)
+    listed = tiles[["id", *BOX_COLUMNS, "size_m", *_WINDOW]].copy()
+    listed.insert(1, "file", files)
+    _write_list(folder / "tiles.csv", listed, gallery)
+
+
+def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
+    """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``, and a list.
+
+    The name is the query's id without the scene, with folders for the slashes in it.
+    """
+    import pandas as pd
+
+    ids = truth.queries["id"].tolist()
+    names = [_name(query) for query in ids]
+    for name, window in progress(zip(names, truth.crops.tolist(), strict=True), "crops", len(ids)):
+        write_crop(truth.dom.path, truth.dsm, tuple(window), folder, name)
+    files = {f"{kind}_file": [f"{name}_{kind}.tif" for name in names] for kind in ("dom", "dsm")}
+    windows = dict(zip(_WINDOW, truth.crops.T, strict=True))
+    _write_list(folder / "crops.csv", pd.DataFrame({"id": ids, **files, **windows}), truth.dom)
+
+
+def _write_list(path: Path, parts: pd.DataFrame, whole: RasterInfo) -> None:
+    """Write a row for each part of a map, with the transform of its pixels to the map's CRS."""
+    a, b, _, d, e, _ = whole.transform[:6]
+    corners = pixel_to_world(whole.transform, parts[["x", "y"]].to_numpy(np.float64))
+    transform = {"a": a, "b": b, "c": corners[:, 0], "d": d, "e": e, "f": corners[:, 1]}
+    columns = parts.assign(**transform, crs=whole.crs.to_string())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    columns.to_csv(path, index=False, lineterminator="\n")
+
+
+def _name(part: str) -> str:
+    return part.split("/", 1)[1]

@@ -1,20 +1,22 @@
-"""What photos say of themselves, held against their poses: heights, GPS, priors."""
+"""What photos and their files say, held against their poses: heights, GPS, cameras, days."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from datetime import date, datetime
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import SceneInputs, poses_of
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.datasets.dji import PhotoPrior
-from airzoo_bench.datasets.prior_errors import Turned, prior_errors, turned_priors
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.rays import nearest_heights
@@ -26,13 +28,11 @@ __all__ = [
     "OUTLIER_M",
     "Cameras3D",
     "GpsFacts",
-    "PriorFacts",
-    "WithoutPrior",
+    "PhotoFiles",
     "camera_facts",
     "gps_facts",
     "median",
-    "prior_facts",
-    "without_prior",
+    "survey_photos",
 ]
 
 _NEAREST_OF_PX = 1_000_000
@@ -100,42 +100,6 @@ class GpsFacts:
     apart: dict[str, float]
 
 
-@dataclass(frozen=True)
-class PriorFacts:
-    """Median errors of the priors, and the mistakes that explain large ones."""
-
-    photos: int
-    position_m: float
-    yaw_deg: float
-    pitch_deg: float
-    rotation_deg: float
-    turned: tuple[tuple[str, tuple[str, ...]], ...]
-
-
-@dataclass(frozen=True)
-class WithoutPrior:
-    """Photos that have no prior.
-
-    Attributes
-    ----------
-    photos : int
-        All of the scene.
-    lacking : dict of str to tuple of str
-        Their ids by what they lack: the first of position, altitude, gimbal angles.
-    some_word : bool
-        Whether any photo of the scene says something of its position or angles.
-    """
-
-    photos: int
-    lacking: dict[str, tuple[str, ...]]
-    some_word: bool
-
-    @property
-    def count(self) -> int:
-        """How many have none."""
-        return sum(map(len, self.lacking.values()))
-
-
 def camera_facts(photos: pd.DataFrame, dsm: Path, metadata: Mapping[str, PhotoPrior]) -> Cameras3D:
     """Measure how high cameras are above the surface model.
 
@@ -153,20 +117,20 @@ def camera_facts(photos: pd.DataFrame, dsm: Path, metadata: Mapping[str, PhotoPr
         gap = np.isnan(found)
         if gap.any():
             found[gap] = nearest_heights(field, _NEAREST_OF_PX)(centres[gap, :2])
-    relative = [_known(metadata.get(name), "relative_altitude_m") for name in photos["image"]]
+    relative = [metadata.get(name, PhotoPrior()).relative_altitude_m for name in photos["image"]]
     return Cameras3D(centres[:, 2] - found, found, np.array(relative, dtype=np.float64))
 
 
 def gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFacts | None:
-    """Hold poses against the photos' own GPS; None where no photo has a position."""
-    rows = [metadata.get(name) for name in inputs.photos["image"]]
-    placed = np.array([_known(row, "lon") is not None for row in rows], dtype=bool)
+    """Compare poses with the photos' own GPS; None where no photo has a position."""
+    rows = [metadata.get(name, PhotoPrior()) for name in inputs.photos["image"]]
+    placed = np.array([row.lon is not None for row in rows], dtype=bool)
     if not placed.any():
         return None
-    lonlat = np.array([[_known(row, "lon"), _known(row, "lat")] for row in rows], np.float64)
+    lonlat = np.array([[row.lon, row.lat] for row in rows], np.float64)
     apart = poses_of(inputs.photos).centres.copy()
     apart[:, :2] -= from_lonlat(inputs.crs, lonlat)
-    apart[:, 2] -= np.array([_known(row, "altitude_m") for row in rows], np.float64)
+    apart[:, 2] -= np.array([row.altitude_m for row in rows], np.float64)
     middle = np.array([median(apart[placed, axis]) for axis in range(3)])
     away = np.linalg.norm(np.nan_to_num(apart - middle), axis=1)
     far = placed & (away > OUTLIER_M) & (away > _OUTLIER * median(away[placed]))
@@ -179,57 +143,90 @@ def gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFac
     )
 
 
-def without_prior(photos: pd.DataFrame, metadata: Mapping[str, PhotoPrior]) -> WithoutPrior:
-    """Find the photos that have no prior, and what each of them lacks."""
-    lacking: dict[str, tuple[str, ...]] = {}
-    said = [metadata.get(name) for name in photos["image"]]
-    for one, prior, there in zip(photos["id"], said, _with_prior(photos), strict=True):
-        if not there:
-            what = _first_lacking(prior)
-            lacking[what] = (*lacking.get(what, ()), one)
-    words = [_known(prior, name) for prior in said for name in ("lon", "yaw_deg")]
-    return WithoutPrior(len(photos), lacking, any(word is not None for word in words))
-
-
-def _first_lacking(prior: PhotoPrior | None) -> str:
-    if _known(prior, "lon") is None:
-        return "GPS position"
-    return "altitude" if _known(prior, "altitude_m") is None else "gimbal angles"
-
-
-def prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
-    """Hold priors against poses; None where no photo has a prior."""
-    there = photos[_with_prior(photos)]
-    if there.empty:
-        return None
-    priors, poses = poses_of(there, PRIOR_COLUMNS), poses_of(there)
-    errors = prior_errors(priors, poses)
-    return PriorFacts(
-        len(there),
-        median(errors.position_m),
-        median(errors.yaw_deg),
-        median(errors.pitch_deg),
-        median(errors.rotation_deg),
-        tuple((one.what, _ids(there, one)) for one in turned_priors(priors, poses)),
-    )
-
-
-def _with_prior(photos: pd.DataFrame) -> Bools:
-    if not set(PRIOR_COLUMNS) <= set(photos.columns):
-        return np.zeros(len(photos), dtype=bool)
-    whole: Bools = np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
-    return whole
-
-
-def _ids(photos: pd.DataFrame, turned: Turned) -> tuple[str, ...]:
-    return tuple(photos["id"][turned.rows])
-
-
-def _known(prior: PhotoPrior | None, name: str) -> float | None:
-    return None if prior is None else getattr(prior, name)
-
-
 def median(values: Floats) -> float:
     """Median of the finite values; NaN where there are none."""
     there = values[np.isfinite(values)]
     return float(np.median(there)) if there.size else math.nan
+
+
+_MODEL, _EXIF_IFD, _TAKEN, _FOCAL_MM, _SERIAL = 0x0110, 0x8769, 0x9003, 0x920A, 0xA431
+
+
+@dataclass(frozen=True)
+class PhotoFiles:
+    """Photos of a scene as files.
+
+    Attributes
+    ----------
+    copies : tuple of tuple of str
+        Names of photos that hold the same bytes, a group each.
+    cameras : mapping of str to tuple of str
+        Names by camera (model, serial number, focal length), as EXIF has it; photos that do not
+        say are left out.
+    days : tuple of date
+        On which the photos were taken, ascending; those that say.
+    """
+
+    copies: tuple[tuple[str, ...], ...]
+    cameras: Mapping[str, tuple[str, ...]]
+    days: tuple[date, ...]
+
+
+def survey_photos(folder: Path, names: Iterable[str]) -> PhotoFiles:
+    """Find which photos are the same file, which camera took them, and on which days.
+
+    Parameters
+    ----------
+    folder : Path
+    names : iterable of str
+        Relative to the folder.
+
+    Raises
+    ------
+    BenchmarkError
+        One is not a readable photo.
+    """
+    paths = {name: folder / name for name in names}
+    said = {name: _camera_and_day(path) for name, path in paths.items()}
+    cameras = _grouped({name: camera for name, (camera, _) in said.items() if camera})
+    days = sorted({day for _, day in said.values() if day is not None})
+    return PhotoFiles(_copies(paths), cameras, tuple(days))
+
+
+def _copies(paths: Mapping[str, Path]) -> tuple[tuple[str, ...], ...]:
+    """Group names by the files' content, which is read only where sizes are equal."""
+    sizes = _grouped({name: str(path.stat().st_size) for name, path in paths.items()})
+    alike = [name for group in sizes.values() if len(group) > 1 for name in group]
+    found = _grouped({name: sha256_of(paths[name]) for name in alike})
+    return tuple(group for group in found.values() if len(group) > 1)
+
+
+def _grouped(keys: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = {}
+    for name in sorted(keys):
+        found[keys[name]] = (*found.get(keys[name], ()), name)
+    return found
+
+
+def _camera_and_day(path: Path) -> tuple[str, date | None]:
+    with opened_photo(path) as image:
+        exif = image.getexif()
+        model, more = exif.get(_MODEL), exif.get_ifd(_EXIF_IFD)
+    serial, focal = more.get(_SERIAL), more.get(_FOCAL_MM)
+    length = float(focal) if isinstance(focal, Real) else 0.0
+    parts = [_text(model), f"no. {_text(serial)}" if _text(serial) else ""]
+    parts.append(f"at {length:g} mm" if length > 0.0 else "")
+    return " ".join(part for part in parts if part), _day(_text(more.get(_TAKEN)))
+
+
+def _text(value: object) -> str:
+    """Return an EXIF text, which may hold anything, without unprintable characters."""
+    text = value.strip("\0 ") if isinstance(value, str) else ""
+    return "".join(one for one in text if one.isprintable())[:40]
+
+
+def _day(text: str) -> date | None:
+    try:
+        return datetime.strptime(text, "%Y:%m:%d %H:%M:%S").date()
+    except ValueError:  # not stated, or all zero where the camera's clock was not set
+        return None

@@ -1,4 +1,4 @@
-"""What photos, their poses and their priors make one suspect, a sentence each."""
+"""Warnings about photos, their poses and their priors."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, poses_of
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PriorFacts, WithoutPrior
-from airzoo_bench.datasets.photo_files import PhotoFiles
-from airzoo_bench.datasets.plausibility_kinds import (
+from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PhotoFiles
+from airzoo_bench.datasets.plausibility import (
     DAYS_APART,
     FAR_M,
     FAR_SHARE,
@@ -21,6 +20,7 @@ from airzoo_bench.datasets.plausibility_kinds import (
     Found,
     Kind,
 )
+from airzoo_bench.datasets.priors import PriorFacts, WithoutPrior
 from airzoo_bench.datasets.raster_checks import FOOT_M
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
@@ -32,7 +32,7 @@ _TRUTH_STEP_M = 1e-4
 
 
 def photo_warnings(facts: SceneFacts) -> Found:
-    """Yield what is suspect of the photos of a scene, their poses and their priors."""
+    """Yield warnings about the photos of a scene, their poses and their priors."""
     yield from _of_files(facts.files, len(facts.inputs.photos))
     yield from _of_cameras(facts)
     yield from _of_focal_lengths(facts)

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
-from airzoo_bench.benchmark.manifest import SceneFile
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.core.files import atomic_folder, sha256_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.cloud_checks import check_cloud
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
-from airzoo_bench.datasets.folder import (
-    SceneTruths,
-    copied,
-    left_in_place,
-    write_folder_files,
-    write_scene,
-)
+from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.map_facts import check_overlap
-from airzoo_bench.datasets.photo_facts import Cameras3D, camera_facts
-from airzoo_bench.datasets.photo_files import PhotoFiles, survey_photos
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
-from airzoo_bench.datasets.prior_file import read_prior_file, with_given
+from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.raster_checks import (
     check_above_surface,
     check_map,
@@ -35,183 +26,58 @@ from airzoo_bench.datasets.raster_checks import (
     often_lowest,
     surveyed,
 )
-from airzoo_bench.datasets.scene_facts import SceneFacts, scene_facts
+from airzoo_bench.datasets.scene_facts import MeasuredScene, scene_facts
 from airzoo_bench.datasets.sources import (
-    PhotoSources,
     check_names,
     check_target,
     metric_crs,
     photo_sizes,
     vertical_unit_m,
 )
-from airzoo_bench.datasets.tiles import write_parts
-from airzoo_bench.geometry.blocks import HeightSurvey, median_height
+from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
+from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.prepare import build_truth as build_matching_truth
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
-from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
-from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["PhotoProtocols", "Prepared", "prepare_photos"]
-
-
-@dataclass(frozen=True)
-class PhotoProtocols:
-    """The protocols of a benchmark of own photos, each with the same one scene."""
-
-    retrieval: RetrievalProtocol
-    matching: MatchingProtocol
-    reconstruction: ReconstructionProtocol
-
-    def served(self, truths: SceneTruths) -> list[Protocol]:
-        """Return the protocols that there is truth for."""
-        pairs = (
-            (self.retrieval, truths.retrieval),
-            (self.matching, truths.matching),
-            (self.reconstruction, truths.reconstruction),
-        )
-        return [protocol for protocol, truth in pairs if truth is not None]
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """What `prepare_photos` made.
-
-    Attributes
-    ----------
-    folder : Path
-        The benchmark folder.
-    protocols : tuple of str
-        The names of the protocols in it.
-    truths : SceneTruths
-        None for matching where no photo has a prior, for reconstruction without a cloud.
-    without_pose : tuple of str
-        Photos that the pose file lacks.
-    facts : SceneFacts
-        What the sources say of each other.
-    """
-
-    folder: Path
-    protocols: tuple[str, ...]
-    truths: SceneTruths
-    without_pose: tuple[str, ...]
-    facts: SceneFacts
+__all__ = ["prepare_photos"]
 
 
 def prepare_photos(
-    sources: PhotoSources,
-    protocols: PhotoProtocols,
-    folder: Path,
-    *,
-    tiles_on_disk: bool = False,
-    crops_on_disk: bool = False,
-    copy: bool = False,
-    replace: bool = False,
-    progress: Progress = silent,
+    sources: PhotoOptions, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Make a benchmark folder with one scene, for every track that its sources serve.
 
-    Parameters
-    ----------
-    sources : PhotoSources
-    protocols : PhotoProtocols
-        Without a prior in any photo (GPS position and gimbal angles in the metadata) there is no
-        truth for matching, without a cloud none for reconstruction.
-    folder : Path
-        Appears when it is complete.
-    tiles_on_disk : bool
-        Write each tile as PNG; otherwise tiles are windows of the map.
-    crops_on_disk : bool
-        Write the crop of each query as two GeoTIFF; otherwise crops are windows of the map.
-    copy : bool
-        Copy photos and rasters into the folder; otherwise they are left where they are.
-    replace : bool
-        Whether a folder that stands there is replaced.
-    progress : Progress
+    Without a prior in any photo (GPS position and gimbal angles in the metadata) there is no truth
+    for matching, without a cloud none for reconstruction.
 
     Raises
     ------
     UserError
         A source is missing or wrong, or no photo can be answered.
     """
-    scene = protocols.retrieval.scenes[0]
-    check_target(sources, folder, replace=replace)
-    sizes = photo_sizes(sources.images, progress)
-    read = _read(sources, scene.id, sizes, progress)
+    check_target(sources, settings.folder)
+    sizes = photo_sizes(sources.images, settings.progress)
+    read = _read(sources, protocols.every[0].scenes[0].id, sizes, settings.progress)
     inputs = read.inputs
     check_above_surface(read.cameras, sources.dsm)
     check_overlap(inputs.dom, open_info(sources.dsm))
     check_map_scale(inputs)
-    check_tile_count(inputs.dom, protocols.retrieval.gallery)
+    if protocols.retrieval is not None:
+        check_tile_count(inputs.dom, protocols.retrieval.gallery)
     above = check_cloud(sources.cloud, inputs) if sources.cloud is not None else None
-    truths = _truths(read, protocols, sources)
-    facts = read.facts(truths, above)
-    served = protocols.served(truths)
-    images = tuple(inputs.photos["image"])
-    with atomic_folder(folder, replace=replace) as staged:
-        home = write_scene(staged, scene.id, truths)
-        write_parts(
-            home, truths, inputs.dom, tiles=tiles_on_disk, crops=crops_on_disk, progress=progress
-        )
-        kept = sources.kept
-        places = copied(staged, scene.id, kept, images) if copy else left_in_place(kept)
-        entry = SceneFile(
-            id=scene.id,
-            title=scene.title,
-            crs=inputs.crs,
-            plane_height_m=inputs.plane_height_m,
-            dsm_sha256=sha256_of(sources.dsm),
-            cloud_sha256=truths.reconstruction.cloud_sha256 if truths.reconstruction else None,
-            **places,
-        )
-        write_folder_files(staged, served, [entry])
-    return Prepared(folder, tuple(p.name for p in served), truths, inputs.unposed, facts)
-
-
-def _truths(read: _Read, protocols: PhotoProtocols, sources: PhotoSources) -> SceneTruths:
-    inputs = read.inputs
-    retrieval = build_truth(inputs, protocols.retrieval.gallery, protocols.retrieval.ground_truth)
-    matching = _matching_truth(inputs, protocols.matching)
-    if retrieval.truth.queries.empty:
+    truths = build_truths(inputs, protocols, sources.cloud)
+    retrieval = None if truths.retrieval is None else truths.retrieval.truth
+    if retrieval is not None and retrieval.queries.empty:
         raise _nothing_to_ask(retrieval, sources, read)
-    reconstruction = None
-    if sources.cloud is not None:
-        reconstruction = build_reconstruction_truth(inputs, sources.cloud)
-    return SceneTruths(inputs.photos, retrieval, matching, reconstruction)
-
-
-@dataclass(frozen=True, eq=False)
-class _Read:
-    """The sources, read and measured."""
-
-    inputs: SceneInputs
-    survey: HeightSurvey
-    metadata: dict[str, PhotoPrior]
-    files: PhotoFiles
-    cameras: Cameras3D
-
-    def facts(self, truths: SceneTruths, cloud_over_surface_m: float | None) -> SceneFacts:
-        retrieval = None if truths.retrieval is None else truths.retrieval.truth
-        return scene_facts(
-            self.inputs,
-            self.metadata,
-            self.files,
-            retrieval,
-            truths.matching,
-            survey=self.survey,
-            cameras=self.cameras,
-            cloud_over_surface_m=cloud_over_surface_m,
-        )
+    facts = scene_facts(read, retrieval, truths.matching, above)
+    scene = SceneContent(inputs, truths, sources.files, facts)
+    return write_benchmark([scene], protocols, settings)
 
 
 def _read(
-    sources: PhotoSources, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
-) -> _Read:
+    sources: PhotoOptions, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
+) -> MeasuredScene:
     photos = read_poses(sources.poses, sizes)
     check_names(photos.names, sources.images)
     crs = metric_crs(sources, photos).to_string()
@@ -222,17 +88,16 @@ def _read(
     shown = progress(photos.names, "metadata", len(photos.names))
     given = read_prior_file(sources.priors, sizes) if sources.priors is not None else {}
     metadata = {
-        name: with_given(read_prior(sources.images / name), given.get(name, {})) for name in shown
+        name: replace(read_prior(sources.images / name), **given.get(name, {})) for name in shown
     }
     table = photo_table(scene, photos.names, photos.cameras, poses, _priors(metadata, crs), plane)
     unposed = tuple(sorted(set(sizes) - set(photos.names)))
     inputs = SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
-    files = survey_photos(sources.images, photos.names)
-    return _Read(inputs, survey, metadata, files, camera_facts(table, sources.dsm, metadata))
+    return MeasuredScene.of(inputs, metadata, survey, sources.images)
 
 
 def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
-    """Return a prior for each photo, NaN where its metadata have none; None where none has any."""
+    """Return a prior for each photo, NaN where its metadata lack one; None where all lack one."""
     whole = {name: prior for name, prior in metadata.items() if prior.is_complete}
     if not whole:
         return None
@@ -244,18 +109,11 @@ def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
     return Poses(rotation=rotation, centres=centres)
 
 
-def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> MatchingTruth | None:
-    if protocol.prior.source == "metadata" and "prior_x" not in inputs.photos.columns:
-        return None
-    truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
-    return None if truth.queries.empty else truth
-
-
-def _nothing_to_ask(prepared: PreparedScene, sources: PhotoSources, read: _Read) -> UserError:
+def _nothing_to_ask(truth: RetrievalTruth, sources: PhotoOptions, read: MeasuredScene) -> UserError:
     survey, centres = read.survey, read.inputs.photos[["x", "y", "z"]].median()
     lowest = f"{survey.at_low / survey.valid:.0%} of the heights are exactly {survey.low:.10g} m: "
     tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "
-    excluded = prepared.truth.excluded
+    excluded = truth.excluded
     reasons = excluded["reason"].value_counts()
     listed = "; ".join(f"{counted(count, 'photo')}: {reason}" for reason, count in reasons.items())
     return BenchmarkError(

@@ -1,40 +1,106 @@
-"""What the facts of a scene make one suspect, a sentence each."""
+"""What `prepare` and `check-geometry` warn of: the kinds, and those of map, surface and cloud."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterator
+from enum import Enum
 
-from airzoo_bench.datasets.photo_plausibility import photo_warnings
-from airzoo_bench.datasets.plausibility_kinds import (
-    CLOUD_M,
-    FEW_ON,
-    FEW_PIXELS,
-    LARGE_CROP,
-    LIKELY_CHANCE,
-    LITTLE_SHOWN,
-    ONE_COLOUR,
-    Found,
-    Kind,
-)
-from airzoo_bench.datasets.raster_checks import often_lowest
+from airzoo_bench.datasets.photo_facts import OUTLIER_M
+from airzoo_bench.datasets.raster_checks import LOWEST_SHARE, often_lowest
 from airzoo_bench.datasets.scene_facts import SceneFacts
 
-__all__ = ["kinds_and_warnings", "plausibility_warnings"]
+__all__ = ["Found", "Kind", "height_warnings", "map_warnings"]
+
+FAR_M = 10.0
+"""Receivers without correction are good to 5 m in plan; altitudes to 10 m."""
+FAR_SHARE = 0.1
+"""Of the height above take-off: ground is not level."""
+LARGE_ROTATION_DEG = 20.0
+LARGE_CROP = 0.5
+LIKELY_CHANCE = 0.5
+FEW_PIXELS = 32
+FEW_ON = 0.5
+LEAST_PLACES = 3
+CLOUD_M = 5.0
+"""A cloud also holds what lies below roofs and crowns."""
+ONE_COLOUR = 0.2
+LITTLE_SHOWN = 0.1
+DAYS_APART = 30
+NOT_SQUARE = 0.05
 
 
-def plausibility_warnings(facts: SceneFacts) -> list[str]:
-    """Return what is suspect in a scene, a sentence each; none where nothing is."""
-    return [sentence for _, sentence in kinds_and_warnings(facts)]
+class Kind(Enum):
+    """A kind of warning; its value is the line of docs/benchmark-folder.md about it."""
 
-
-def kinds_and_warnings(facts: SceneFacts) -> list[tuple[Kind, str]]:
-    """Return what is suspect in a scene: the kind, and a sentence with the figures."""
-    parts: tuple[Callable[[SceneFacts], Found], ...] = (
-        *(_of_surface, _of_cloud, photo_warnings, _of_picture, _of_map, _of_surface_extent),
-        *(_of_crops, _of_positives),
+    NOT_SQUARE = f"camera matrices whose fx and fy differ by more than {NOT_SQUARE:.0%}"
+    COPIES = "photos that are the same file under several names"
+    SAME_POSE = "photos that share their pose, to the last digit, with another photo"
+    CAMERAS = (
+        "photos of several cameras (by model, serial number and focal length in EXIF, or by size) "
+        "that share one camera matrix"
     )
-    return [found for part in parts for found in part(facts)]
+    DAYS = f"photos taken more than {DAYS_APART} days apart"
+    NO_PRIOR = "photos without a prior, where other photos have one or a part of one"
+    FLOAT32 = "positions of poses that have gone through float32"
+    PLACES = f"photos from fewer than {LEAST_PLACES} places, where there is a cloud to reconstruct"
+    NO_HEIGHT = "cameras near which the surface model has no height"
+    BELOW = "some cameras below the surface model"
+    HEIGHT = (
+        f"cameras above the surface model by {FAR_M:g} m (and {FAR_SHARE:.0%}) more or less than "
+        "their photos say that they are above take-off"
+    )
+    GPS_PLAN = f"poses more than {FAR_M:g} m from their photos' GPS in plan (median)"
+    GPS_HEIGHT = f"poses more than {FAR_M:g} m from their photos' GPS in height (median)"
+    GPS_APART = (
+        f"single photos whose pose is more than {OUTLIER_M:g} m from their GPS, and ten times as "
+        "far as the others'"
+    )
+    TURNED = (
+        "priors turned by more than 45 degrees that one mistake explains: yaw off by 180 or 90 "
+        "degrees or with the wrong sign, pitch with the wrong sign or counted from nadir, roll off "
+        "by 180 degrees"
+    )
+    ROTATION = f"priors turned by more than {LARGE_ROTATION_DEG:g} degrees (median), unexplained"
+    FLAT = "a surface model all of whose heights are the same"
+    LOWEST = (
+        f"a lowest height that more than {LOWEST_SHARE:.0%} of the surface model has: perhaps an "
+        "untagged nodata value"
+    )
+    CLOUD = f"a true cloud more than {CLOUD_M:g} m off the surface model in height (median)"
+    NO_CLOUD = "a true cloud without a point over a height of the surface model"
+    LITTLE_SHOWN = f"a map of which less than {LITTLE_SHOWN:.0%} is not masked"
+    ONE_COLOUR = f"a map of which more than {ONE_COLOUR:.0%} is exactly one colour"
+    SHIFT = (
+        "a map that lies beside the surface model, shown by grids of the same size and pixels with "
+        "different corners, or by where both are empty"
+    )
+    FLIPPED = (
+        "a map that is upside down or mirrored against the surface model, by where both are empty"
+    )
+    OFF_MAP = f"less than {FEW_ON:.0%} of the photos' corners on the map"
+    OFF_SURFACE = f"less than {FEW_ON:.0%} of the photos' corners on the surface model"
+    LITTLE_SURFACE = f"a surface model below less than {FEW_ON:.0%} of the map"
+    COARSE = f"photos that see fewer than {FEW_PIXELS} pixels of the map"
+    CROPS = f"crops that take more than {LARGE_CROP:.0%} of the map on average"
+    EVERY_TILE = "every tile answers every photo"
+    CHANCE = f"a random tile answers in more than {LIKELY_CHANCE:.0%} of cases"
+
+
+Found = Iterator[tuple[Kind, str]]
+"""Warnings: their kind, and a sentence with the figures."""
+
+
+def height_warnings(facts: SceneFacts) -> Found:
+    """Yield warnings about a scene's surface model, and about its cloud over it."""
+    yield from _of_surface(facts)
+    yield from _of_cloud(facts)
+
+
+def map_warnings(facts: SceneFacts) -> Found:
+    """Yield warnings about a scene's map, and about the crops and tiles that are cut from it."""
+    for part in (_of_picture, _of_map, _of_surface_bounds, _of_crops, _of_positives):
+        yield from part(facts)
 
 
 def _of_surface(facts: SceneFacts) -> Found:
@@ -138,7 +204,7 @@ def _of_picture(facts: SceneFacts) -> Found:
         )
 
 
-def _of_surface_extent(facts: SceneFacts) -> Found:
+def _of_surface_bounds(facts: SceneFacts) -> Found:
     if facts.on_surface < FEW_ON:
         yield (
             Kind.OFF_SURFACE,

@@ -43,7 +43,7 @@ _CENTRE_KEYS = AliasChoices("center", "center_utm")
 
 
 class _Lenient(BaseModel):
-    """Takes keys of other tools, but neither a mistyped one of ours nor one twice."""
+    """Accepts keys of other tools, but no misspelt key of ours and no two names of one key."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -179,8 +179,10 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
         model = pycolmap.Reconstruction(str(path))
     # What pybind11 makes of C++ exceptions over damaged files, absurd counts among it.
     except (RuntimeError, ValueError, LookupError, OSError, MemoryError) as error:
+        first = (str(error) or type(error).__name__).splitlines()[0]
+        what = re.sub(r"^\[\S+:\d+\] ", "", first)  # without pycolmap's own line
         raise CameraError(
-            f"not a COLMAP model: {_without_source_line(error)}",
+            f"not a COLMAP model: {what}",
             where=path,
             expected="a folder with cameras, images and points3D as .bin or .txt",
             fix="name the folder with these files (such as sparse/0), or export the model again",
@@ -201,11 +203,6 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
         ),
         None,
     )
-
-
-def _without_source_line(error: Exception) -> str:
-    first = (str(error) or type(error).__name__).splitlines()[0]
-    return re.sub(r"^\[\S+:\d+\] ", "", first)
 
 
 def _brown(camera: Any, path: Path) -> tuple[float, ...]:
@@ -291,7 +288,7 @@ def _check_centred(photos: PosedPhotos, path: Path) -> None:
 
 
 def _sizes_of(photos: PosedPhotos, size: NDArray[np.int64]) -> str:
-    """Name the sizes of photos and which have them, where there are several."""
+    """List the photos by size, where there are several sizes."""
     found = sorted({(int(width), int(height)) for width, height in size})
     groups = [
         f"{width}x{height} px: "

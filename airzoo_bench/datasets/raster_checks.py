@@ -1,4 +1,4 @@
-"""What map, surface model and cameras cannot be, found before truth is made from them."""
+"""Checks of map, surface model and cameras before truth is made from them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.datasets.photo_facts import Cameras3D
 from airzoo_bench.datasets.scene_facts import footprints_of
@@ -34,13 +34,13 @@ _LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
 _MOST_PIXELS = 1 << 34
 FOOT_M = 0.3048
 LOWEST_SHARE = 0.01
-"""So many heights may be the lowest one, to the last bit, before it looks like a missing one."""
+"""From this share of heights on, the lowest height may stand for a missing one."""
 _MOST_TILES = 500_000  # some 0.8 GB
 _POLE_DEG = 90.0 + 1e-6
 
 
 def check_map(path: Path) -> RasterInfo:
-    """Open a map, and refuse one that is no part of the earth or too large to work through.
+    """Open a map, and refuse one that is not on the earth or too large to process.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def check_map(path: Path) -> RasterInfo:
 
 
 def surveyed(path: Path) -> HeightSurvey:
-    """Pass over a surface model, and refuse heights that no ground has.
+    """Survey the heights of a surface model, and refuse heights that no ground has.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def surveyed(path: Path) -> HeightSurvey:
 
 
 def check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
-    """Refuse a gallery of more tiles than memory and sense allow.
+    """Refuse a gallery of more than 500,000 tiles.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def _check_pixels(info: RasterInfo) -> None:
 
 
 def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
-    """Refuse a scene all of whose cameras are on the surface model or below it.
+    """Refuse a scene whose cameras are all on or below the surface model.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
 
 
 def check_map_scale(inputs: SceneInputs) -> None:
-    """Refuse a map of which a whole photo sees less than a pixel.
+    """Refuse a map whose pixels are larger than what a photo sees.
 
     Raises
     ------
@@ -170,5 +170,5 @@ def check_map_scale(inputs: SceneInputs) -> None:
 
 
 def often_lowest(survey: HeightSurvey) -> bool:
-    """Whether the lowest height stands so often that it may stand for a missing one."""
+    """Whether the lowest height is so frequent that it may stand for a missing one."""
     return survey.low < survey.high and survey.at_low > LOWEST_SHARE * survey.valid

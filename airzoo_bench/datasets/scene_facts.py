@@ -1,30 +1,33 @@
-"""What `prepare` holds, compared: poses with GPS, priors, maps, crops and tiles."""
+"""Facts about a scene, from comparing its poses with GPS, priors, maps, crops and tiles."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.benchmark.queries import POSE_COLUMNS, cameras_of, poses_of
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, cameras_of, poses_of
 from airzoo_bench.datasets.dji import PhotoPrior
-from airzoo_bench.datasets.map_facts import MapFacts, map_facts
-from airzoo_bench.datasets.map_shift import MapShift, map_shift
+from airzoo_bench.datasets.map_facts import MapFacts, MapShift, map_facts, map_shift
 from airzoo_bench.datasets.photo_facts import (
     Cameras3D,
     GpsFacts,
-    PriorFacts,
-    WithoutPrior,
+    PhotoFiles,
+    camera_facts,
     gps_facts,
     median,
+    survey_photos,
+)
+from airzoo_bench.datasets.priors import (
+    PriorFacts,
+    WithoutPrior,
     prior_facts,
     without_prior,
 )
-from airzoo_bench.datasets.photo_files import PhotoFiles
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
@@ -36,24 +39,53 @@ from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
-__all__ = ["SceneFacts", "footprints_of", "scene_facts"]
+__all__ = ["MeasuredScene", "SceneFacts", "footprints_of", "scene_facts"]
 
 _FAR_M = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class SceneFacts:
-    """What a scene's parts say of each other; None for parts that are not there.
+class MeasuredScene:
+    """A scene's parts, each measured by itself.
 
     Attributes
     ----------
     inputs : SceneInputs
+    metadata : mapping of str to PhotoPrior
+        By file name; photos without an entry have none.
     survey : HeightSurvey
         Of the surface model.
-    cameras : Cameras3D
     files : PhotoFiles
+    cameras : Cameras3D
+    """
+
+    inputs: SceneInputs
+    metadata: Mapping[str, PhotoPrior]
+    survey: HeightSurvey
+    files: PhotoFiles
+    cameras: Cameras3D
+
+    @classmethod
+    def of(
+        cls,
+        inputs: SceneInputs,
+        metadata: Mapping[str, PhotoPrior],
+        survey: HeightSurvey,
+        images: Path,
+    ) -> MeasuredScene:
+        """Measure the photos of a folder, those that have metadata, and the cameras."""
+        cameras = camera_facts(inputs.photos, inputs.dsm, metadata)
+        return cls(inputs, metadata, survey, survey_photos(images, metadata), cameras)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFacts(MeasuredScene):
+    """Figures from comparing a scene's parts; None for parts that are missing.
+
+    Attributes
+    ----------
     same_pose : tuple of str
         Ids of photos whose pose is that of a photo before them.
     gps : GpsFacts or None
@@ -79,10 +111,6 @@ class SceneFacts:
         Tiles that are not in the gallery since they hold too little of the map.
     """
 
-    inputs: SceneInputs
-    survey: HeightSurvey
-    cameras: Cameras3D
-    files: PhotoFiles
     same_pose: tuple[str, ...]
     gps: GpsFacts | None
     without_prior: WithoutPrior
@@ -101,7 +129,7 @@ class SceneFacts:
 
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""
-        cameras, gps, priors = self.cameras, self.gps, self.priors
+        cameras, over, shift = self.cameras, self.cloud_over_surface_m, self.shift
         return {
             "photos": len(self.inputs.photos),
             "height_over_surface_m": _json(cameras.height_m),
@@ -114,22 +142,10 @@ class SceneFacts:
             "photos_without_prior": {
                 what: len(ids) for what, ids in self.without_prior.lacking.items()
             },
-            "gps": None
-            if gps is None
-            else {
-                "photos": gps.photos,
-                "distance_m": _json(gps.distance_m),
-                "height_m": _json(gps.height_m),
-            },
-            "priors": None
-            if priors is None
-            else {
-                "photos": priors.photos,
-                "position_m": _json(priors.position_m),
-                "yaw_deg": _json(priors.yaw_deg),
-                "pitch_deg": _json(priors.pitch_deg),
-                "rotation_deg": _json(priors.rotation_deg),
-            },
+            "gps": _figures(self.gps, "photos", "distance_m", "height_m"),
+            "priors": _figures(
+                self.priors, "photos", "position_m", "yaw_deg", "pitch_deg", "rotation_deg"
+            ),
             "map_px": [self.inputs.dom.width, self.inputs.dom.height],
             "map_gsd_m": list(self.map_gsd_m),
             "map_shown": self.map.shown,
@@ -139,51 +155,43 @@ class SceneFacts:
             "corners_on_surface": _json(self.on_surface),
             "surface_valid_share": self.survey.valid_share,
             "surface_m": [self.survey.low, self.inputs.plane_height_m, self.survey.high],
-            "cloud_over_surface_m": _json(math.nan)
-            if self.cloud_over_surface_m is None
-            else _json(self.cloud_over_surface_m),
+            "cloud_over_surface_m": None if over is None else _json(over),
             "dropped_tiles": self.dropped_tiles,
-            "map_shift_px": None if self.shift is None else list(self.shift.pixels),
-            "map_flipped": None if self.shift is None else self.shift.flipped or None,
+            "map_shift_px": None if shift is None else list(shift.pixels),
+            "map_flipped": None if shift is None else shift.flipped or None,
             "crop_share": _json(_mean(self.crop_shares)),
             "chance_of_positive": _json(_mean(self.positive_shares)),
         }
 
 
 def scene_facts(
-    inputs: SceneInputs,
-    metadata: Mapping[str, PhotoPrior],
-    files: PhotoFiles,
+    scene: MeasuredScene,
     retrieval: RetrievalTruth | None,
     matching: MatchingTruth | None,
-    *,
-    survey: HeightSurvey,
-    cameras: Cameras3D,
     cloud_over_surface_m: float | None,
 ) -> SceneFacts:
     """Compare the parts of a scene with each other.
 
     Parameters
     ----------
-    inputs : SceneInputs
-    metadata : mapping of str to PhotoPrior
-        By file name; photos without an entry have none.
-    files : PhotoFiles
+    scene : MeasuredScene
     retrieval, matching
         The truths, where there are.
-    survey, cameras, cloud_over_surface_m
-        What was measured before.
+    cloud_over_surface_m : float or None
+        See `cloud_checks.check_cloud`; None without a cloud.
     """
+    inputs, metadata = scene.inputs, scene.metadata
     gsd, footprint, corners = footprints_of(inputs)
     dsm = open_info(inputs.dsm)
     area = inputs.dom.width * inputs.dom.height
     shares = None if retrieval is None else retrieval.positives.counts / len(retrieval.tiles)
     return SceneFacts(
         inputs,
-        survey,
-        cameras,
-        files,
-        _same_pose(inputs.photos),
+        metadata,
+        scene.survey,
+        scene.files,
+        scene.cameras,
+        tuple(inputs.photos["id"][inputs.photos.duplicated(list(POSE_COLUMNS))]),
         gps_facts(inputs, metadata),
         without_prior(inputs.photos, metadata),
         prior_facts(inputs.photos),
@@ -202,7 +210,7 @@ def scene_facts(
 
 
 def footprints_of(inputs: SceneInputs) -> tuple[float, float, Floats]:
-    """Median pixel and longer side (m) of photos on the plane, and the corners (N, 4, 2) there."""
+    """Return medians of pixel size and longer side (m) on the plane, and the corners (N, 4, 2)."""
     cameras, poses = cameras_of(inputs.photos), poses_of(inputs.photos)
     above = poses.centres[:, 2] - inputs.plane_height_m
     gsd = above / cameras.focal.mean(axis=1)
@@ -219,12 +227,12 @@ def _share_inside(corners: Floats, inputs: SceneInputs, raster: RasterInfo) -> f
     return float(((pixels >= 0.0) & (pixels <= (raster.width, raster.height))).all(axis=-1).mean())
 
 
-def _same_pose(photos: pd.DataFrame) -> tuple[str, ...]:
-    return tuple(photos["id"][photos.duplicated(list(POSE_COLUMNS))])
-
-
 def _mean(values: Floats | None) -> float:
     return math.nan if values is None or not len(values) else float(np.mean(values))
+
+
+def _figures(facts: GpsFacts | PriorFacts | None, *names: str) -> dict[str, float | None] | None:
+    return None if facts is None else {name: _json(getattr(facts, name)) for name in names}
 
 
 def _json(value: float) -> float | None:

@@ -1,9 +1,8 @@
-"""The parts of a scene where the user keeps them: found, measured, held to what is needed."""
+"""The source files of a scene: where they are, and checks that they can be used."""
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 from pyproj import CRS
@@ -17,16 +16,15 @@ from airzoo_bench.core.errors import (
     UserError,
     first_of,
 )
-from airzoo_bench.core.files import check_new_folder
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.geometry.frames import check_same_crs, describe_crs, horizontal_crs, to_lonlat
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.units import check_true_metres, vertical_m
 
 __all__ = [
-    "PhotoSources",
     "check_names",
     "check_target",
     "metric_crs",
@@ -38,46 +36,10 @@ _LONGEST_PATH = 180  # so that ids are no longer than prediction files may have 
 _MOST_DSM_BANDS = 2  # heights, and perhaps a mask
 
 
-@dataclass(frozen=True)
-class PhotoSources:
-    """Where the parts of a scene lie.
-
-    Attributes
-    ----------
-    images : Path
-        Folder of the photos, searched with its subfolders.
-    poses : Path
-        JSON file or COLMAP model.
-    dom, dsm : Path
-        Map and surface model, as GeoTIFF; the surface model is in the CRS of the poses.
-    crs : str or None
-        CRS of the poses, where their file does not name it.
-    cloud : Path or None
-        The true cloud, in the CRS of the poses, for the reconstruction track.
-    priors : Path or None
-        Table of what stands in for the photos' metadata; see `prior_file`.
-    """
-
-    images: Path
-    poses: Path
-    dom: Path
-    dsm: Path
-    crs: str | None = None
-    cloud: Path | None = None
-    priors: Path | None = None
-
-    @property
-    def kept(self) -> dict[str, Path]:
-        """What the benchmark refers to, by the name that benchmark.toml has for it."""
-        parts = {"images": self.images, "dom": self.dom, "dsm": self.dsm, "cloud": self.cloud}
-        return {key: path for key, path in parts.items() if path is not None}
-
-
-def check_target(sources: PhotoSources, folder: Path, *, replace: bool) -> None:
-    """Refuse a folder that may not be made, above all one that holds the sources."""
-    check_new_folder(folder, replace=replace)
+def check_target(sources: PhotoOptions, folder: Path) -> None:
+    """Refuse to make a folder that holds the sources."""
     target = folder.resolve()
-    for source in (sources.poses, *sources.kept.values()):
+    for source in (sources.poses, *sources.files.values()):
         if target in (source.resolve(), *source.resolve().parents):
             raise UsageError(
                 f"the folder to make holds {source}, which it is made from",
@@ -109,7 +71,7 @@ def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
 
 
 def check_names(names: tuple[str, ...], folder: Path) -> None:
-    """Refuse photos whose names cannot become ids, or become the same."""
+    """Refuse photos whose names cannot become ids, or would become the same id."""
     odd = [repr(name) for name in names if not name.isprintable() or len(name) > _LONGEST_PATH]
     if odd:
         raise BenchmarkError(
@@ -128,8 +90,8 @@ def check_names(names: tuple[str, ...], folder: Path) -> None:
         )
 
 
-def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
-    """Return the CRS of the poses, which must be projected, in true metres, and that of the DSM.
+def metric_crs(sources: PhotoOptions, photos: PosedPhotos) -> CRS:
+    """Return the CRS of the poses: projected, in true metres, and the same as the DSM's.
 
     Raises
     ------
@@ -159,7 +121,7 @@ def metric_crs(sources: PhotoSources, photos: PosedPhotos) -> CRS:
     return crs
 
 
-def _in_metres(named: str, sources: PhotoSources) -> CRS:
+def _in_metres(named: str, sources: PhotoOptions) -> CRS:
     place = _place_of_crs(sources)
     try:
         crs = horizontal_crs(named)
@@ -175,10 +137,10 @@ def _in_metres(named: str, sources: PhotoSources) -> CRS:
     return crs
 
 
-def vertical_unit_m(sources: PhotoSources, photos: PosedPhotos) -> float:
+def vertical_unit_m(sources: PhotoOptions, photos: PosedPhotos) -> float:
     """Metres of the unit of the poses' heights: that of a compound CRS, else 1."""
     return vertical_m(CRS.from_user_input(sources.crs or photos.crs)) or 1.0
 
 
-def _place_of_crs(sources: PhotoSources) -> str:
+def _place_of_crs(sources: PhotoOptions) -> str:
     return f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"

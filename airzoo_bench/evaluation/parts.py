@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from typing import Protocol as Structural
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ __all__ = [
     "Assigned",
     "Baseline",
     "EvalOption",
-    "Option",
     "Predictions",
     "Resources",
     "ScoredScene",
@@ -119,24 +119,6 @@ class EvalOption:
     default: bool | int = False
     most: int = 1
     needs_out: bool = True
-
-
-@dataclass(frozen=True)
-class Option:
-    """Makes a field of a baseline's settings an option of the command, as its annotation.
-
-    Attributes
-    ----------
-    name : str
-        Without its hyphens; a bool field can be turned off with ``--no-`` before the name.
-    least, most : float, optional
-        The range allowed.
-    """
-
-    name: str
-    help: str
-    least: float | None = None
-    most: float | None = None
 
 
 DOUBLED = Option("double", "Look for the finest features too, for four times the time.")

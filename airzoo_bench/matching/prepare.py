@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, cameras_of, poses_of
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
+from airzoo_bench.benchmark.queries import (
+    POSE_COLUMNS,
+    PRIOR_COLUMNS,
+    SceneInputs,
+    cameras_of,
+    poses_of,
+    with_unposed,
+)
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.arrays import Bools

@@ -18,9 +18,10 @@ from typing import Annotated
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.evaluation.parts import DOUBLED, Option
+from airzoo_bench.evaluation.parts import DOUBLED
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras

@@ -8,8 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
+from airzoo_bench.benchmark.queries import (
+    SceneInputs,
+    cameras_of,
+    poses_of,
+    read_queries,
+    with_unposed,
+)
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import sha256_of

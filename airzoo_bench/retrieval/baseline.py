@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.images import read_grey, read_tile
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.evaluation.parts import DOUBLED, Baseline, Option, Resources
+from airzoo_bench.evaluation.parts import DOUBLED, Baseline, Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.sift import extract
 from airzoo_bench.retrieval.settings import RetrievalProtocol

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.queries import cameras_of, poses_of
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, with_unposed
+from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of, with_unposed
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Bools, Floats

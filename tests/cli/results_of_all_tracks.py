@@ -18,11 +18,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
 from airzoo_bench.datasets.mini.export.frame_list import FrameList
-from airzoo_bench.datasets.mini.export.photos import ROLL, Photos, mini_photos
+from airzoo_bench.datasets.mini.prepare import ROLL, Photos, mini_photos
 from airzoo_bench.datasets.photos import prepare_photos
-from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
@@ -47,8 +48,8 @@ def sparse_mini(root: Path) -> Path:
     Each weather and time of day is there once, as in the whole one twice.
     """
     with mock.patch.object(airzoo_mini, "mini_photos", _every_few):
-        protocols = airzoo_mini.mini_protocols(0)
-        return airzoo_mini.prepare_airzoo_mini(root, root / "airzoo-mini", protocols, jobs=2).folder
+        settings = PrepareSettings(root / "airzoo-mini", root, jobs=2)
+        return airzoo_mini.prepare_airzoo_mini(0, settings).folder
 
 
 def _every_few(*given: Any) -> Photos:
@@ -73,8 +74,11 @@ def _taken(frames: FrameList, rows: list[int]) -> FrameList:
 def real_scene(root: Path, home: Path) -> Path:
     """Prepare Brighton Beach."""
     rasters = (home / "dom_10cm.tif", home / "dsm_10cm.tif")
-    sources = PhotoSources(home / "images", home / "poses.json", *rasters, cloud=home / "model.laz")
-    prepare_photos(sources, photo_protocols("brighton", (256, 128)), root / "brighton")
+    sources = PhotoOptions(
+        "brighton", home / "images", home / "poses.json", *rasters, cloud=home / "model.laz"
+    )
+    settings = PrepareSettings(root / "brighton", root)
+    prepare_photos(sources, photo_protocols("brighton", (256, 128)), settings)
     return root / "brighton"
 
 

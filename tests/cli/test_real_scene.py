@@ -20,11 +20,13 @@ from tests.support import photo_protocols
 
 @pytest.fixture(scope="module")
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from airzoo_bench.datasets.dataset import PrepareSettings
     from airzoo_bench.datasets.photos import prepare_photos
-    from airzoo_bench.datasets.sources import PhotoSources
+    from airzoo_bench.datasets.photos_dataset import PhotoOptions
 
     root = tmp_path_factory.mktemp("data")
-    sources = PhotoSources(
+    sources = PhotoOptions(
+        "park",
         brighton / "images",
         brighton / "poses.json",
         brighton / "dom_10cm.tif",
@@ -33,8 +35,7 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     prepare_photos(
         sources,
         photo_protocols("brighton", (256, 128)),
-        root / "brighton",
-        crops_on_disk=True,
+        PrepareSettings(root / "brighton", root, crops_on_disk=True),
     )
     return root
 

@@ -9,8 +9,8 @@ from typing import get_args
 import pytest
 
 from airzoo_bench.cli import check_geometry
+from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule
 from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
-from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
 
 HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "rasterio", "pyproj", "faiss")
 RUN = """

@@ -9,7 +9,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from airzoo_bench.datasets.plausibility_kinds import Kind
+from airzoo_bench.datasets.plausibility import Kind
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "benchmark-folder.md"
@@ -21,7 +21,7 @@ REFUSING = {
     "Cameras and poses": [
         *("datasets/poses", "geometry/cameras", "geometry/poses", "geometry/units"),
     ],
-    "Priors": ["datasets/prior_file", "matching/prepare"],
+    "Priors": ["datasets/priors", "matching/prepare"],
     "Map and surface model": [
         *("geometry/rasters", "datasets/raster_checks", "datasets/map_facts", "retrieval/gallery"),
     ],

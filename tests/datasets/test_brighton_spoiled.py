@@ -14,26 +14,28 @@ import rasterio
 from rasterio import Affine
 
 from airzoo_bench.core.errors import UserError
+from airzoo_bench.datasets.dataset import PrepareSettings
+from airzoo_bench.datasets.facts_lines import plausibility_warnings
 from airzoo_bench.datasets.photos import prepare_photos
-from airzoo_bench.datasets.plausibility import plausibility_warnings
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.datasets.scene_facts import SceneFacts
-from airzoo_bench.datasets.sources import PhotoSources
 from tests.support import photo_protocols
 
 GIMBAL = "yaw is 180 degrees off in 6 of 18 (first 3: park/DJI_0024, park/DJI_0025, park/DJI_0026)"
 
 
 @pytest.fixture
-def sources(brighton: Path) -> PhotoSources:
+def sources(brighton: Path) -> PhotoOptions:
     names = ("images", "poses.json", "dom_10cm.tif", "dsm_10cm.tif")
-    return PhotoSources(*(brighton / name for name in names))
+    return PhotoOptions("park", *(brighton / name for name in names))
 
 
-def facts_of(sources: PhotoSources, folder: Path) -> SceneFacts:
-    return prepare_photos(sources, photo_protocols("park", (256, 128)), folder / "park").facts
+def facts_of(sources: PhotoOptions, folder: Path) -> SceneFacts:
+    settings = PrepareSettings(folder / "park", folder)
+    return prepare_photos(sources, photo_protocols("park", (256, 128)), settings).facts["park"]
 
 
-def test_the_sound_scene(sources: PhotoSources, tmp_path: Path) -> None:
+def test_the_sound_scene(sources: PhotoOptions, tmp_path: Path) -> None:
     facts = facts_of(sources, tmp_path)
     assert facts.gps is not None
     assert facts.priors is not None
@@ -52,7 +54,7 @@ def test_the_sound_scene(sources: PhotoSources, tmp_path: Path) -> None:
     assert "more than half of the map on average (50.1%)" in said[2]
 
 
-def poses_moved(sources: PhotoSources, folder: Path) -> PhotoSources:
+def poses_moved(sources: PhotoOptions, folder: Path) -> PhotoOptions:
     file = json.loads(sources.poses.read_text())
     for image in file["images"].values():
         image["center_utm"][0] += 40.0
@@ -61,7 +63,7 @@ def poses_moved(sources: PhotoSources, folder: Path) -> PhotoSources:
 
 
 def centres_as(change: Callable[[Any], Any]) -> Any:
-    def changed(sources: PhotoSources, folder: Path) -> PhotoSources:
+    def changed(sources: PhotoOptions, folder: Path) -> PhotoOptions:
         file = json.loads(sources.poses.read_text())
         for image in file["images"].values():
             image["center_utm"] = np.asarray(change(image["center_utm"]), np.float64).tolist()
@@ -79,7 +81,7 @@ def one_height(heights: Any) -> Any:
 
 
 def surface(change: Callable[[Any], Any], **profile: Any) -> Any:
-    def changed(sources: PhotoSources, folder: Path) -> PhotoSources:
+    def changed(sources: PhotoOptions, folder: Path) -> PhotoOptions:
         with rasterio.open(sources.dsm) as dataset:
             heights, kept = dataset.read(1), dataset.profile
         with rasterio.open(folder / "dsm.tif", "w", **(kept | profile)) as dataset:
@@ -90,7 +92,7 @@ def surface(change: Callable[[Any], Any], **profile: Any) -> Any:
 
 
 def map_moved(columns: int, rows: int, cut: int) -> Any:
-    def changed(sources: PhotoSources, folder: Path) -> PhotoSources:
+    def changed(sources: PhotoOptions, folder: Path) -> PhotoOptions:
         with rasterio.open(sources.dom) as dataset:
             colours, kept = dataset.read()[:, cut:, cut:], dataset.profile
         grid = kept["transform"] @ Affine.translation(cut + columns, cut + rows)
@@ -117,14 +119,14 @@ SUSPECT = {
 
 
 @pytest.mark.parametrize("case", list(SUSPECT))
-def test_what_is_suspect(case: str, sources: PhotoSources, tmp_path: Path) -> None:
+def test_what_is_suspect(case: str, sources: PhotoOptions, tmp_path: Path) -> None:
     change, said = SUSPECT[case]
     found = plausibility_warnings(facts_of(change(sources, tmp_path), tmp_path))
     assert any(said in one for one in found), found
     assert any(GIMBAL in one for one in found)
 
 
-def test_stated_feet_are_metres(sources: PhotoSources, tmp_path: Path) -> None:
+def test_stated_feet_are_metres(sources: PhotoOptions, tmp_path: Path) -> None:
     feet = surface(lambda z: z / (1200 / 3937), crs="EPSG:32615+6360")(sources, tmp_path)
     facts = facts_of(feet, tmp_path)
     assert facts.cameras.height_m == pytest.approx(35.1, abs=0.1)
@@ -146,7 +148,7 @@ def test_stated_feet_are_metres(sources: PhotoSources, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be(change: Any, said: str, sources: PhotoSources, tmp_path: Path) -> None:
+def test_what_cannot_be(change: Any, said: str, sources: PhotoOptions, tmp_path: Path) -> None:
     with pytest.raises(UserError) as caught:
         facts_of(change(sources, tmp_path), tmp_path)
     assert said in str(caught.value)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import random
 import sys
 import tomllib
 from pathlib import Path
@@ -19,10 +17,10 @@ from rasterio import Affine
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.images import photo_size, read_grey
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.photos import Prepared, prepare_photos
-from airzoo_bench.datasets.sources import PhotoSources
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.photos import prepare_photos
+from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
@@ -48,10 +46,10 @@ def prepared(
     """Prepare a place with tiles of 64 px, 50 % overlap."""
     sizes = options.pop("tile_sizes_px", (64,))
     chosen = photo_protocols("park", sizes, truth)
-    sources = PhotoSources(
-        place.images, place.poses, place.dom, place.dsm, options.pop("crs", None)
+    sources = PhotoOptions(
+        "park", place.images, place.poses, place.dom, place.dsm, crs=options.pop("crs", None)
     )
-    return prepare_photos(sources, chosen, folder, **options)
+    return prepare_photos(sources, chosen, PrepareSettings(folder, folder.parent, **options))
 
 
 def truth_in(folder: Path) -> RetrievalTruth:
@@ -92,7 +90,7 @@ def test_the_truth_is_that_of_the_geometry(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth.queries["altitude_m"], 100.0)
     np.testing.assert_allclose(truth.queries["pitch_deg"], 90.0)
     assert truth.excluded.empty
-    assert result.without_pose == ()
+    assert result.facts["park"].inputs.unposed == ()
 
 
 def test_the_same_sources_give_the_same_bytes(tmp_path: Path) -> None:
@@ -169,7 +167,7 @@ def test_photos_that_nothing_answers_are_listed_with_the_reason(tmp_path: Path) 
         {"id": "park/unposed", "image": "unposed.jpg", "reason": "no pose"},
         {"id": "park/up", "image": "up.jpg", "reason": "no ray meets the ground"},
     ]
-    assert result.without_pose == ("unposed.jpg",)
+    assert result.facts["park"].inputs.unposed == ("unposed.jpg",)
     assert truth_in(tmp_path / "park").without_ground_point == 1
 
 
@@ -328,58 +326,6 @@ def test_the_protocol_in_the_folder_is_the_one_that_was_used(tmp_path: Path) -> 
     }
 
 
-def test_photos_are_read_small_and_turned_ones_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.jpg"
-    Image.new("RGB", (640, 320), (255, 0, 0)).save(path)
-    assert photo_size(path) == (640, 320)
-    grey = read_grey(path, 64)
-    assert grey.shape == (32, 64)
-    assert abs(int(grey[5, 5]) - 76) <= 1  # 0.299 of red
-    assert read_grey(path, 1000).shape == (320, 640)
-    for orientation, refused in ((0, False), (1, False), (3, True), (6, True), (9, False)):
-        exif = Image.Exif()
-        exif[0x0112] = orientation
-        Image.new("RGB", (640, 320)).save(path, exif=exif)
-        if refused:
-            with pytest.raises(BenchmarkError, match=rf"EXIF orientation {orientation}\)"):
-                photo_size(path)
-        else:
-            assert photo_size(path) == (640, 320)
-
-
-def test_photos_that_cannot_be_read(tmp_path: Path) -> None:
-    path = tmp_path / "a.jpg"
-    with pytest.raises(
-        BenchmarkError, match=r"a\.jpg: not a readable photo: No such file[\s\S]*back"
-    ):
-        read_grey(path, 64)
-    noise = np.random.default_rng(0).integers(0, 256, (320, 640, 3), np.uint8)
-    Image.fromarray(noise).save(path)
-    path.write_bytes(path.read_bytes()[:5000])
-    assert photo_size(path) == (640, 320)
-    with pytest.raises(BenchmarkError, match=r"not a readable photo: .*truncated"):
-        read_grey(path, 64)
-
-
-def test_damaged_photos_are_read_or_refused(tmp_path: Path) -> None:
-    exif = Image.Exif()
-    exif[0x0112], exif[0x010F] = 1, "Maker"
-    exif.get_ifd(0x8769)[0x9003] = "2026:01:01 00:00:00"
-    for suffix in ("jpg", "png", "tif"):
-        path, dice = tmp_path / f"a.{suffix}", random.Random(1)
-        Image.new("RGB", (16, 8)).save(path, exif=exif)
-        good = path.read_bytes()
-        for _ in range(120):
-            content = bytearray(good)
-            for _ in range(dice.choice([1, 3])):
-                content[dice.randrange(len(content))] = dice.randrange(256)
-            path.write_bytes(content[: dice.choice([len(good), dice.randrange(len(good))])])
-            with contextlib.suppress(BenchmarkError):
-                photo_size(path)
-            with contextlib.suppress(BenchmarkError):
-                read_grey(path, 8)
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="file names are bytes on Linux only")
 def test_a_file_name_that_is_no_text(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -395,17 +341,20 @@ def test_a_file_name_that_is_no_text(
 
 
 def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
-    sources = PhotoSources(
+    sources = PhotoOptions(
+        "park",
         brighton / "images",
         brighton / "poses.json",
         brighton / "dom_10cm.tif",
         brighton / "dsm_10cm.tif",
     )
-    result = prepare_photos(sources, photo_protocols("park", (512,)), tmp_path / "park")
+    result = prepare_photos(
+        sources, photo_protocols("park", (512,)), PrepareSettings(tmp_path / "park", tmp_path)
+    )
     truth = truth_in(tmp_path / "park")
     assert len(truth.queries) + len(truth.excluded) == 18
     assert len(truth.queries) > 0
-    assert result.without_pose == ()
+    assert result.facts["park"].inputs.unposed == ()
     assert truth.queries["pitch_deg"].between(60, 90).all()
     assert (truth.positives.counts > 0).all()
 
@@ -414,9 +363,11 @@ def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     cloud = tmp_path / "cloud.npy"
     np.save(cloud, np.random.default_rng(0).uniform(0, 100, (50, 3)))
-    sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
+    sources = PhotoOptions("park", place.images, place.poses, place.dom, place.dsm, cloud)
     with pytest.raises(BenchmarkError, match="in the CRS of the poses"):
-        prepare_photos(sources, photo_protocols("park", (64,)), tmp_path / "park")
+        prepare_photos(
+            sources, photo_protocols("park", (64,)), PrepareSettings(tmp_path / "park", tmp_path)
+        )
     assert not (tmp_path / "park").exists()
 
 
@@ -426,8 +377,12 @@ def test_a_true_cloud_makes_truth_for_reconstruction(tmp_path: Path) -> None:
     images = json.loads(place.poses.read_text())["images"].values()
     centres = np.array([image["center"] for image in images])
     np.save(cloud, np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0))
-    sources = PhotoSources(place.images, place.poses, place.dom, place.dsm, None, cloud)
-    result = prepare_photos(sources, photo_protocols("park", (64,)), tmp_path / "park", copy=True)
+    sources = PhotoOptions("park", place.images, place.poses, place.dom, place.dsm, cloud)
+    result = prepare_photos(
+        sources,
+        photo_protocols("park", (64,)),
+        PrepareSettings(tmp_path / "park", tmp_path, copy=True),
+    )
     assert "park-reconstruction" in result.protocols
     truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
     assert len(truth.photos) == 4

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, poses_of
-from airzoo_bench.benchmark.scene_inputs import SceneInputs
+from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, SceneInputs, poses_of
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.rotations import (
     angles_to_rotations,

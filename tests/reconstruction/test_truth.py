@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply

@@ -16,8 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import write_benchmark_file
+from airzoo_bench.benchmark.folder import Benchmark, write_benchmark_file
 from airzoo_bench.core.errors import BenchmarkError, ResultError, UsageError
 from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol

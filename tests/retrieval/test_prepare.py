@@ -11,8 +11,7 @@ import pytest
 import shapely
 from rasterio import Affine
 
-from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
+from airzoo_bench.benchmark.queries import SceneInputs, photo_table, write_queries
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat

@@ -1,4 +1,7 @@
-"""What is checked: cameras and poses of a scene, from a benchmark folder or from a pose file."""
+"""What is checked: cameras and poses of a scene, from a benchmark folder or from a pose file.
+
+Of a folder, what its parts say of each other is measured too, as `prepare photos` does.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,41 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import cameras_of, poses_of, read_queries
-from airzoo_bench.core.errors import UsageError
+import numpy as np
+
+from airzoo_bench.benchmark.folder import Benchmark, SceneFile
+from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of, read_queries
+from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.datasets.folder_facts import check_scene_entry
+from airzoo_bench.datasets.cloud_checks import check_cloud
+from airzoo_bench.datasets.dji import read_prior
+from airzoo_bench.datasets.map_facts import check_overlap
+from airzoo_bench.datasets.raster_checks import check_map, surveyed
+from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_facts
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.frames import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.matching.truth import read_truth as read_matching_truth
+from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
 
 if TYPE_CHECKING:
-    from airzoo_bench.benchmark.manifest import SceneFile
+    import pandas as pd
+
+    from airzoo_bench.benchmark.folder import SceneFile
     from airzoo_bench.datasets.scene_facts import SceneFacts
 
-__all__ = ["PosedScene", "open_benchmark", "scene_from_poses", "scenes_of_benchmark"]
+__all__ = [
+    "PosedScene",
+    "check_scene_entry",
+    "folder_facts",
+    "open_benchmark",
+    "scene_from_poses",
+    "scenes_of_benchmark",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +80,13 @@ class PosedScene:
     benchmark: Benchmark | None = None
 
     def facts(self) -> SceneFacts | None:
-        """Compare what the scene's folder holds; None for pose files, and without its maps.
+        """Compare the parts of the scene's folder; None for pose files and where maps are missing.
 
         Raises
         ------
         UserError
-            See `datasets.folder_facts.folder_facts`.
+            See `folder_facts`.
         """
-        from airzoo_bench.datasets.folder_facts import folder_facts
-
         return None if self.benchmark is None else folder_facts(self.benchmark, self.name)
 
 
@@ -152,3 +174,106 @@ def _scene(benchmark: Benchmark, scene: SceneFile) -> PosedScene:
         scene.plane_height_m,
         benchmark,
     )
+
+
+_FIX = "put back what was changed, or prepare the benchmark again"
+_ROUNDED_M = 2e-3  # altitudes are written to 1 mm
+
+
+def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFrame) -> None:
+    """Check a scene's entry in benchmark.toml, which has no checksum, against files that have one.
+
+    The ground plane is held against the photos' altitudes, the CRS against the surface model, and
+    the surface model against its checksum, where these are there.
+
+    Raises
+    ------
+    BenchmarkError
+        They differ.
+    """
+    where = f"{benchmark.folder / 'benchmark.toml'}, scene {scene.id}"
+    if "altitude_m" in photos:
+        off = np.abs(photos["z"] - photos["altitude_m"] - scene.plane_height_m)
+        if (off > _ROUNDED_M).any():
+            raise BenchmarkError(
+                f"plane_height_m is {scene.plane_height_m:g}, and the photos' altitudes are above "
+                f"{float((photos['z'] - photos['altitude_m']).median()):g} m",
+                where=where,
+                expected="the height that altitude_m in queries.csv is above",
+                fix=_FIX,
+            )
+    dsm = benchmark.resolve(scene.dsm or "")
+    if not scene.dsm or not dsm.is_file():
+        return
+    if not same_plane(scene.crs, open_info(dsm).crs):
+        raise BenchmarkError(
+            f"its CRS is {scene.crs}, that of the surface model {describe_crs(open_info(dsm).crs)}",
+            where=where,
+            expected="poses and surface model in one CRS",
+            fix=_FIX,
+        )
+    if scene.dsm_sha256 is not None and sha256_of(dsm) != scene.dsm_sha256:
+        raise BenchmarkError(
+            "the surface model is not the one that the benchmark was prepared with",
+            where=dsm,
+            expected=f"SHA-256 {scene.dsm_sha256[:12]}…",
+            fix=_FIX,
+        )
+
+
+def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
+    """Compare the parts of a prepared scene with each other, as `prepare photos` does.
+
+    Parameters
+    ----------
+    benchmark : Benchmark
+    scene : str
+        The scene's id.
+
+    Returns
+    -------
+    SceneFacts or None
+        None where the map or the surface model is not there. Photos that are not there have no
+        metadata.
+
+    Raises
+    ------
+    UserError
+        What is there is damaged, or not what was prepared.
+    """
+    import pandas as pd
+
+    entry, home = benchmark.scene(scene), benchmark.scene_folder(scene)
+    dom, dsm = benchmark.resolve(entry.dom), benchmark.resolve(entry.dsm or "")
+    if not (entry.dsm and dom.is_file() and dsm.is_file()):
+        return None
+    tracks = benchmark.file.tracks
+    photos = read_queries(home, pd.DataFrame({"id": []}))
+    inputs = SceneInputs(scene, photos, entry.crs, check_map(dom), dsm, entry.plane_height_m)
+    retrieval = read_retrieval_truth(home, scene) if "retrieval" in tracks else None
+    if retrieval is not None and entry.gallery is None:
+        _check_windows(retrieval, inputs.dom)
+    check_overlap(inputs.dom, open_info(dsm))
+    images = benchmark.resolve(entry.images)
+    there = [name for name in photos["image"] if (images / name).is_file()]
+    metadata = {name: read_prior(images / name) for name in there}
+    has_matching = "matching" in tracks and (home / "matching").is_dir()
+    cloud = benchmark.resolve(entry.cloud) if entry.cloud else None
+    return scene_facts(
+        MeasuredScene.of(inputs, metadata, surveyed(dsm), images),
+        retrieval,
+        read_matching_truth(benchmark, scene) if has_matching else None,
+        check_cloud(cloud, inputs) if cloud and cloud.is_file() else None,
+    )
+
+
+def _check_windows(truth: RetrievalTruth, dom: RasterInfo) -> None:
+    ends = truth.tiles[["x", "y"]].to_numpy() + truth.tiles[["width", "height"]].to_numpy()
+    if (ends > (dom.width, dom.height)).any():
+        raise BenchmarkError(
+            f"is {dom.width} x {dom.height} px, and tiles reach to {ends[:, 0].max()}, "
+            f"{ends[:, 1].max()}",
+            where=dom.path,
+            expected="the map that the benchmark was prepared with",
+            fix=_FIX,
+        )

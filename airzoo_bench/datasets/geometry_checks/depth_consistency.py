@@ -1,4 +1,4 @@
-"""Depth of one frame against that of another: back-project, re-project, compare.
+"""Compares the depth of one frame with that of another: back-project, re-project, subtract.
 
 A pixel of the source becomes a point by its depth, the point goes into the target's camera, and its
 depth there, z_projected, is held against the depth z_depth of the target's surface at that pixel:
@@ -111,7 +111,7 @@ def compare_depths(source: Frame, target: Frame) -> Comparison:
 
 
 def _inside(pixels: Floats, shape: tuple[int, ...]) -> Bools:
-    """Pixels (S, 2) with a whole block of 4 x 4 pixel centres around them; NaN is outside."""
+    """Tell pixels (S, 2) with a whole block of 4 x 4 pixel centres around them; NaN has none."""
     height, width = shape
     with np.errstate(invalid="ignore"):
         low = (pixels >= 1.5).all(axis=1)
@@ -142,8 +142,7 @@ def _inverse_depths(target: Frame, corner: Ints) -> Floats:
     if target.kind is DepthKind.RAY:
         pixels = np.stack(np.broadcast_arrays(column, row), axis=-1).reshape(1, -1, 2) + 0.5
         depth *= back_project(target.camera, pixels)[0, :, 2].reshape(depth.shape)
-    inverse: Floats = 1.0 / depth
-    return inverse
+    return 1.0 / depth
 
 
 def _smooth(inverse: Floats) -> Bools:

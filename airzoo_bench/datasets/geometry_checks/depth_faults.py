@@ -1,4 +1,4 @@
-"""What could be wrong: which fault of depth, pose or camera explains the depth errors.
+"""Which fault of depth, pose or camera explains the depth errors.
 
 To first order the error e = n . X - 1 of a point X in the target's frame, on its surface n, changes
 linearly with what is wrong. With source points x, X = R x + t, and m = R^T n:
@@ -169,7 +169,7 @@ def explain(
 
 
 def _limits(focal_px: float) -> dict[FaultKind, float]:
-    """From which size on a fault is named: half of what must not pass (0.2 %, 0.1°, 0.5 px).
+    """Return the least fault that is named: half of what must not pass (0.2 %, 0.1°, 0.5 px).
 
     A shift is named from where it moves a point as far as that scale does.
     """
@@ -204,7 +204,7 @@ def _spread(error: Floats) -> float:
 
 
 def _fit(error: Floats, design: Floats, pair: Ints) -> tuple[Floats, float]:
-    """Regress by Huber's weights; what errors hardly depend on is left at zero."""
+    """Regress with Huber's weights; parameters that hardly change the errors stay zero."""
     visible = _visible(design)
     if not visible.size:
         return np.zeros(design.shape[1]), np.inf
@@ -223,10 +223,9 @@ def _fit(error: Floats, design: Floats, pair: Ints) -> tuple[Floats, float]:
 
 
 def _visible(design: Floats) -> Floats:
-    """Orthonormal directions (k, v) of the parameters that errors depend on."""
+    """Return orthonormal directions (k, v) of the parameters that change the errors."""
     power, directions = np.linalg.eigh(_gram(design, design) / len(design))
-    kept: Floats = directions[:, power > _UNSEEN**2]
-    return kept
+    return directions[:, power > _UNSEEN**2]
 
 
 def _clustered(residual: Floats, columns: Floats, limit: float, pair: Ints) -> Floats:
@@ -236,8 +235,7 @@ def _clustered(residual: Floats, columns: Floats, limit: float, pair: Ints) -> F
     sums = np.add.reduceat(score[order], starts, axis=0)
     inner = columns[np.abs(residual) <= limit]
     bread = np.linalg.pinv(_gram(inner, inner))
-    covariance: Floats = bread @ _gram(sums, sums) @ bread
-    return covariance
+    return bread @ _gram(sums, sums) @ bread
 
 
 def _gram(a: Floats, b: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Depth maps of strangers: found by the name of the photo, measured before they are read.
+"""Depth maps from anywhere: found by the photo's name, checked for size before they are read.
 
 A depth map is a ``.tif``, ``.npy``, ``.npz`` or 16-bit ``.png`` of the size of its photo. Where
 depths are zero, negative, NaN, infinite or the file's nodata, there is no depth.
@@ -197,7 +197,7 @@ def _check_type(dtype: np.dtype[Any], path: Path) -> None:
 
 
 def _check_size(have: tuple[int, ...], want: tuple[int, int], path: Path) -> None:
-    """Refuse another size than the photo's; axes of length 1 are dropped."""
+    """Refuse a size other than the photo's; axes of length 1 do not count."""
     if tuple(n for n in have if n != 1) != tuple(n for n in want if n != 1):
         size = " x ".join(str(n) for n in reversed(have)) or "0"
         turned = have == want[::-1]

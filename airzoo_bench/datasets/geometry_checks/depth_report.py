@@ -24,9 +24,13 @@ from airzoo_bench.datasets.geometry_checks.depth_faults import (
     design_rows,
     explain,
 )
-from airzoo_bench.datasets.geometry_checks.depth_frames import FrameStore, Sampling
+from airzoo_bench.datasets.geometry_checks.depth_frames import (
+    FrameStore,
+    PairRule,
+    Sampling,
+    choose_pairs,
+)
 from airzoo_bench.datasets.geometry_checks.depth_maps import find_depths
-from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule, choose_pairs
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 if TYPE_CHECKING:
@@ -38,7 +42,7 @@ MEDIAN_BELOW = 0.00066
 """The paper's median for its renders, 0.066 %."""
 
 FLOATING_BELOW = 0.1
-"""Fewer points than this share may float before surfaces: leaves and wires do."""
+"""The share of points in front of surfaces must be below this: leaves and wires are."""
 
 QUANTILES = (0.5, 0.9, 0.95)
 
@@ -127,7 +131,7 @@ class DepthConsistency:
 
     @property
     def passes(self) -> bool:
-        """Whether median, frames and the whole are as they should be."""
+        """Whether nothing is wrong with the median, single frames or all frames together."""
         sound = self.median < self.median_below and self.floating < FLOATING_BELOW
         return sound and self.everywhere is None and self.bad_frames.empty
 
@@ -187,7 +191,7 @@ def _seen_points(store: FrameStore, rule: PairRule, progress: Progress) -> Float
 
 @dataclass(frozen=True, eq=False)
 class _Collected:
-    """What the comparisons of all ordered pairs leave: errors, regressions, counts."""
+    """Errors, regressions and counts from the comparisons of all ordered pairs."""
 
     pairs: Ints
     errors: list[NDArray[np.float32]]

@@ -27,7 +27,7 @@ from airzoo_bench.geometry.rays import intersect_plane
 __all__ = ["CORNER_COLUMNS", "NamedFootprints", "cast_corners", "read_footprints"]
 
 CORNER_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
-"""Of a CSV of footprints beside ``id``, as in a benchmark folder's ``footprints.csv``."""
+"""Of a CSV of footprints, next to ``id``, as in a benchmark folder's ``footprints.csv``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ def _read_csv(path: Path) -> NamedFootprints:
 
 
 def _round_pole(lonlat: Floats) -> Bools:
-    """Tell footprints whose border goes once round the earth."""
+    """Find footprints whose border goes once round the earth."""
     lon = lonlat[..., 0]
     steps = (np.roll(lon, -1, axis=1) - lon + 180.0) % 360.0 - 180.0
     round_it: Bools = np.abs(steps.sum(axis=1)) > 180.0

@@ -139,8 +139,7 @@ def _checked(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
 def _pixel_grid(cameras: Cameras) -> Floats:
     share = np.linspace(0.0, 1.0, _SIDE)
     grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
-    pixels: Floats = grid * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
-    return pixels
+    return grid * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
 
 
 def _turn_about_up(convergence_deg: Floats) -> Floats:

@@ -13,10 +13,10 @@ import numpy as np
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.datasets.facts_lines import plausibility_warnings
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
 from airzoo_bench.datasets.geometry_checks.depth_report import FLOATING_BELOW, DepthConsistency
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
-from airzoo_bench.datasets.plausibility import plausibility_warnings
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.frames import horizontal_crs, to_lonlat
 from airzoo_bench.geometry.units import check_true_metres
@@ -71,11 +71,11 @@ class SceneGeometry:
     sources: SceneFacts | None = None
 
     @property
-    def faults(self) -> list[str]:
+    def failures(self) -> list[str]:
         """What is wrong, a sentence each; empty where nothing is."""
-        chain = _scale_faults(self.scene)
-        chain += [] if self.chain is None else _chain_faults(self.chain, self.scene.ids)
-        return chain + ([] if self.depth is None else _depth_faults(self.depth))
+        chain = _scale_failures(self.scene)
+        chain += [] if self.chain is None else _chain_failures(self.chain, self.scene.ids)
+        return chain + ([] if self.depth is None else _depth_failures(self.depth))
 
     @property
     def warnings(self) -> list[str]:
@@ -99,7 +99,7 @@ class SceneGeometry:
         return notes
 
 
-def _scale_faults(scene: PosedScene) -> list[str]:
+def _scale_failures(scene: PosedScene) -> list[str]:
     if scene.crs is None:
         return []
     crs = horizontal_crs(scene.crs)
@@ -112,7 +112,7 @@ def _scale_faults(scene: PosedScene) -> list[str]:
     return []
 
 
-def _chain_faults(chain: FrameChain, ids: tuple[str, ...]) -> list[str]:
+def _chain_failures(chain: FrameChain, ids: tuple[str, ...]) -> list[str]:
     bad = np.flatnonzero(chain.open_photos)
     if not bad.size:
         return []
@@ -130,21 +130,21 @@ def _chain_faults(chain: FrameChain, ids: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _depth_faults(depth: DepthConsistency) -> list[str]:
-    faults = []
+def _depth_failures(depth: DepthConsistency) -> list[str]:
+    failures = []
     if depth.median >= depth.median_below:
         limit = 100 * depth.median_below
-        faults.append(f"median depth error {100 * depth.median:.4f} %, not below {limit:g} %")
+        failures.append(f"median depth error {100 * depth.median:.4f} %, not below {limit:g} %")
     if depth.floating >= FLOATING_BELOW:
         share = f"{100 * depth.floating:.1f} % of the points float before the surface"
-        faults.append(f"{share} that they should be on, where nothing can hide them")
+        failures.append(f"{share} that they should be on, where nothing can hide them")
     if depth.everywhere is not None:
         part = f"which explains {100 * depth.everywhere.explained:.0f} % of the errors"
-        faults.append(f"all frames are {depth.everywhere.describe()}, {part}")
+        failures.append(f"all frames are {depth.everywhere.describe()}, {part}")
     bad = depth.bad_frames
     for _, frame in bad.head(_SHOWN).iterrows() if depth.everywhere is None else ():
         why = f" ({frame['explanation']})" if frame["explanation"] else ""
-        faults.append(
+        failures.append(
             f"{frame['id']}: median depth error {100 * frame['median']:.4f} %, depths "
             f"{100 * frame['ratio']:+.3f} % against its partners, {100 * frame['floating']:.0f} % "
             f"of its points float{why}"
@@ -152,8 +152,8 @@ def _depth_faults(depth: DepthConsistency) -> list[str]:
     if len(bad) > _SHOWN and depth.everywhere is None:
         more = len(bad) - _SHOWN
         stand = f"{counted(more, 'more frame')} {agreeing(more, 'stands', 'stand')}"
-        faults.append(f"{stand} out; photos.csv has all (--out)")
-    return faults + (_conventions(depth) if faults else [])
+        failures.append(f"{stand} out; photos.csv has all (--out)")
+    return failures + (_conventions(depth) if failures else [])
 
 
 def _conventions(depth: DepthConsistency) -> list[str]:
@@ -174,12 +174,12 @@ def _conventions(depth: DepthConsistency) -> list[str]:
 
 
 def geometry_table(checked: list[SceneGeometry]) -> Table:
-    """Lay out the checks, a row a scene, faults and notes below."""
+    """Lay out the checks in a row for each scene, with failures and notes below."""
     rows = tuple(Row(tuple(Cell(value) for value in _row(one))) for one in checked)
     notes = [
         f"{one.scene.name}: {text}"
         for one in checked
-        for text in (*one.faults, *(f"warning: {said}" for said in one.warnings), *one.notes)
+        for text in (*one.failures, *(f"warning: {said}" for said in one.warnings), *one.notes)
     ]
     return Table("Geometry checks", _COLUMNS, rows, tuple(notes))
 
@@ -194,13 +194,13 @@ def _row(one: SceneGeometry) -> list[float | int | str | None]:
         figures = [len(depth.pairs) // 2, depth.pairs_without_overlap, 100 * depth.compared]
         figures += [100 * depth.quantile(share) for share in (0.5, 0.9, 0.95)]
         figures.append(100 * depth.signed_median)
-    verdict = "fails" if one.faults else "warns" if one.warnings else "passes"
+    verdict = "fails" if one.failures else "warns" if one.warnings else "passes"
     return [one.scene.name, len(one.scene.ids), *closure, *figures, verdict]
 
 
 def report_values(checked: list[SceneGeometry]) -> dict[str, object]:
     """Return all figures as JSON values; None for what was not checked or is infinite."""
-    return {"passes": not any(one.faults for one in checked), "scenes": [*map(_values, checked)]}
+    return {"passes": not any(one.failures for one in checked), "scenes": [*map(_values, checked)]}
 
 
 def _values(one: SceneGeometry) -> dict[str, object]:
@@ -235,8 +235,8 @@ def _values(one: SceneGeometry) -> dict[str, object]:
         }
     )
     values["sources"] = None if one.sources is None else one.sources.values()
-    said = {"faults": one.faults, "warnings": one.warnings, "notes": one.notes}
-    return values | said | {"passes": not one.faults}
+    said = {"faults": one.failures, "warnings": one.warnings, "notes": one.notes}
+    return values | said | {"passes": not one.failures}
 
 
 def _finite(value: float) -> float | None:

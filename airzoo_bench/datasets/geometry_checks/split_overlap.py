@@ -13,15 +13,25 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.geometry_checks.footprint_sets import NamedFootprints
 from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Overlaps", "SplitOverlap", "compare_splits", "find_overlaps"]
+__all__ = [
+    "Overlaps",
+    "SplitOverlap",
+    "compare_splits",
+    "find_overlaps",
+    "split_table",
+    "split_values",
+]
 
 _BLOCK = 2048
 _SHOWN = 20
@@ -72,13 +82,13 @@ class SplitOverlap:
 
     @property
     def unknown(self) -> list[str]:
-        """Photos of either set of which it is not known where they look."""
+        """Photos of either set whose footprint is not known."""
         sets = (self.train, self.test)
         return [s.ids[row] for s in sets for row in np.flatnonzero(s.unknown)]
 
     @property
     def passes(self) -> bool:
-        """Whether nothing overlaps, and all photos could be looked at."""
+        """Whether nothing overlaps, and all footprints are known."""
         return self.pairs == 0 and not self.unknown
 
 
@@ -195,11 +205,11 @@ def _polygons(lonlat: Floats, rows: Ints) -> tuple[Any, Ints]:
 
 
 def _unwrapped(lonlat: Floats) -> Floats:
-    """Put the corners of each footprint beside its first, which lies within +-180 degrees."""
+    """Unwrap the corners of each footprint about its first, which is put within +-180 degrees."""
     lon = lonlat[..., 0]
     first = (lon[:, :1] + 180.0) % 360.0 - 180.0
-    beside = first + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
-    return np.stack((beside, lonlat[..., 1]), axis=-1)
+    lon = first + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+    return np.stack((lon, lonlat[..., 1]), axis=-1)
 
 
 def _with_copies(lonlat: Floats, other: Floats) -> tuple[Floats, Ints]:
@@ -208,3 +218,45 @@ def _with_copies(lonlat: Floats, other: Floats) -> tuple[Floats, Ints]:
     across = any((np.abs(found[..., 0]) > 180.0).any() for found in (unwrapped, _unwrapped(other)))
     copies = (unwrapped, unwrapped - turn, unwrapped + turn) if across else (unwrapped,)
     return np.concatenate(copies), np.tile(np.arange(len(lonlat)), len(copies))
+
+
+def split_table(found: SplitOverlap) -> Table:
+    """Lay out the first pairs that overlap, with the counts below."""
+    columns = (
+        Column("Training photo"),
+        Column("Test photo"),
+        Column("Shared", "m²", decimals=1),
+        Column("Of the test photo", "%", decimals=2),
+    )
+    rows = tuple(
+        Row((Cell(train), Cell(test), Cell(area), Cell(100 * share)))
+        for train, test, area, share in found.first
+    )
+    return Table("Ground that both sets see", columns, rows, tuple(_notes(found)))
+
+
+def _notes(found: SplitOverlap) -> list[str]:
+    sizes = f"{len(found.train.ids):,} training and {counted(len(found.test.ids), 'test photo')}"
+    notes = [f"{sizes}: no two see the same ground"]
+    if found.pairs:
+        overlap = f"{counted(found.pairs, 'pair')} {agreeing(found.pairs, 'overlaps', 'overlap')}"
+        notes = [f"{sizes}: {overlap}, with {found.tainted:,} of the test photos"]
+    if found.pairs > len(found.first):
+        notes.append(f"the first {len(found.first)} are shown; --out writes all")
+    if found.unknown:
+        notes.append(f"it is not known where photos look: {first_of(found.unknown)}")
+    return notes
+
+
+def split_values(found: SplitOverlap) -> dict[str, object]:
+    """Return the same as JSON values."""
+    keys = ("train", "test", "shared_m2", "share_of_test")
+    return {
+        "passes": found.passes,
+        "train_photos": len(found.train.ids),
+        "test_photos": len(found.test.ids),
+        "overlapping_pairs": found.pairs,
+        "test_photos_that_overlap": found.tainted,
+        "first_pairs": [dict(zip(keys, pair, strict=True)) for pair in found.first],
+        "not_known": found.unknown,
+    }

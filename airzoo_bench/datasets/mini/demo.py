@@ -15,6 +15,7 @@ from airzoo_bench.core.files import atomic_write, fingerprint
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.version import __version__
+from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.generate import run_baseline
@@ -41,7 +42,7 @@ def demo_benchmark(
     root : Path
         The data root.
     seed, jobs, progress, note
-        See `prepare_airzoo_mini`.
+        See `dataset.PrepareSettings`.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def demo_benchmark(
         A folder cannot be written, or the disk is full.
     """
     protocols = mini_protocols(seed)
-    folder = root / protocols.retrieval.benchmark
+    folder = root / protocols.every[0].benchmark
     if folder.is_dir():
         try:
             benchmark = Benchmark.open(folder)
@@ -59,9 +60,8 @@ def demo_benchmark(
             note(f"{fault.what}; {folder} is made again")
         else:
             return folder
-    prepare_airzoo_mini(
-        root, folder, protocols, seed=seed, jobs=jobs, replace=True, progress=progress, note=note
-    )
+    settings = PrepareSettings(folder, root, replace=True, jobs=jobs, progress=progress, note=note)
+    prepare_airzoo_mini(seed, settings)
     return folder
 
 
@@ -102,7 +102,7 @@ def run_track(
     chosen = next(one for one in mini_protocols(seed).every if one.track == track.name)
     folder = home / track.name
     predictions, mark = folder / baseline.out, folder / ".made-from.json"
-    made_from = fingerprint([__version__, chosen.settings(), _content(data)])
+    made_from = fingerprint([__version__, chosen.settings(), Benchmark.open(data).file.checksums])
     if not predictions.exists() or _read_mark(mark) != made_from:
         mark.unlink(missing_ok=True)
         run_baseline(
@@ -120,10 +120,6 @@ def run_track(
     )
     save(scored, folder)
     return scored.result
-
-
-def _content(data: Path) -> dict[str, str]:
-    return Benchmark.open(data).file.checksums
 
 
 def _read_mark(path: Path) -> str | None:

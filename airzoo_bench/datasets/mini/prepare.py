@@ -1,7 +1,13 @@
-"""``prepare airzoo-mini``: the world that is made on the spot becomes a benchmark folder."""
+"""``prepare airzoo-mini``: the world that is made on the spot becomes a benchmark folder.
+
+Two flights go over each region. The survey is flown on one day and serves reconstruction; the
+barrel roll goes through every weather and time of day, so that retrieval and matching can be broken
+down by condition.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,67 +16,168 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.manifest import SceneFile
-from airzoo_bench.benchmark.scene_inputs import SceneInputs, photo_table
-from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of
+from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.datasets.folder import (
-    SceneTruths,
-    copied,
-    left_in_place,
-    write_folder_files,
-    write_scene,
-)
-from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX
-from airzoo_bench.datasets.mini.export.frames import render_frames
-from airzoo_bench.datasets.mini.export.photos import Photos, mini_photos, noisy_priors, seen_surface
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.folder import SceneContent, write_benchmark
+from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX, FrameList
+from airzoo_bench.datasets.mini.export.frames import frame_paths, read_depth, render_frames
+from airzoo_bench.datasets.mini.flights.keyframes import key_frames
+from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
+from airzoo_bench.datasets.mini.flights.trajectory import Airspace, trajectory_poses
+from airzoo_bench.datasets.mini.rendering.renderer import default_camera
+from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.build import build_world
-from airzoo_bench.datasets.mini.world.canvas import SURVEY
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
-from airzoo_bench.datasets.tiles import write_parts
+from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.blocks import median_height
+from airzoo_bench.geometry.cameras import Cameras, back_project
+from airzoo_bench.geometry.poses import Poses, camera_to_world
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.prepare import build_truth as build_matching_truth
+from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.prepared import grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
 from airzoo_bench.reconstruction.voxels import VoxelGrid
-from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = ["MiniProtocols", "PreparedMini", "make_worlds", "mini_protocols", "prepare_airzoo_mini"]
+__all__ = [
+    "ROLL",
+    "SURVEY",
+    "Photos",
+    "make_worlds",
+    "mini_photos",
+    "mini_protocols",
+    "noisy_priors",
+    "prepare_airzoo_mini",
+    "seen_surface",
+]
 
 P = TypeVar("P", bound=Protocol)
 
+SURVEY, ROLL = "survey", "roll"
+
+_SURVEY_SIDE_M = 100.0
+_SURVEY_SPACING_M = 50.0
+_SURVEY_OVERLAP = 0.55
+_ROLL_OVERLAP = 0.25
+_ROLL_PHOTOS = 30  # each of the 15 conditions twice
+
+# Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
+# and gimbal (yaw, pitch, roll).
+_GPS_M = (2.0, 2.0, 3.0)
+_ANGLES_DEG = (2.0, 0.7, 0.5)
+_UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
+_BITS = 16
+
+_CLOUD_DECIMALS = 4
 # The voxels of the protocol: exact depth then gives the true points themselves.
 _CLOUD_VOXEL_M = 0.5
 _RENDERED = "frames"
 
 
-@dataclass(frozen=True)
-class MiniProtocols:
-    """The protocols of AirZoo-Mini, all of the same benchmark and scenes."""
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """The photos of a region; `sequence` says of each whether it is of `SURVEY` or `ROLL`."""
 
-    retrieval: RetrievalProtocol
-    matching: MatchingProtocol
-    reconstruction: ReconstructionProtocol
-
-    @property
-    def every(self) -> tuple[Protocol, ...]:
-        """All of them."""
-        return (self.retrieval, self.matching, self.reconstruction)
+    frames: FrameList
+    sequence: tuple[str, ...]
 
 
-def mini_protocols(seed: int) -> MiniProtocols:
+def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> Photos:
+    """Plan the photos of a region, above its surface model (H, W).
+
+    The seed is that of the barrel roll, the order of conditions, and the noise of the photos.
+    """
+    camera = default_camera()
+    airspace = Airspace.over(region, dsm)
+    surveyed = survey(airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
+    surveyed = surveyed.take(key_frames(surveyed, camera, airspace.ground_m, _SURVEY_OVERLAP))
+    rolled = barrel_roll(airspace, seed)
+    keys = key_frames(rolled, camera, airspace.ground_m, _ROLL_OVERLAP)
+    count = min(len(keys), _ROLL_PHOTOS)
+    rolled = rolled.take(keys[np.arange(count) * len(keys) // count])
+    flights = ((SURVEY, surveyed), (ROLL, rolled))
+    poses = [trajectory_poses(flight) for _, flight in flights]
+    every = [(weather, time) for time in TIMES for weather in WEATHERS]
+    # 7 has no factor in common with 15: all come by in an order that mixes them.
+    turns = [every[(7 * number + seed) % len(every)] for number in range(count)]
+    weather, time = zip(*[("sunny", "day")] * len(surveyed), *turns, strict=True)
+    frames = FrameList(
+        names=tuple(f"{name}_{row:04d}" for name, flight in flights for row in range(len(flight))),
+        camera=camera,
+        # Photos are taken from where the truth will say, to the last bit.
+        poses=Poses(
+            rotation=np.concatenate([part.rotation for part in poses]),
+            centres=np.concatenate([part.centres for part in poses]),
+        ).rounded(),
+        weather=weather,
+        time_of_day=time,
+        seed=seed,
+    )
+    return Photos(frames, tuple(name for name, flight in flights for _ in range(len(flight))))
+
+
+def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
+    """Return what GPS and gimbal would have said of true poses, the same on every machine.
+
+    Each photo's noise depends on its name and the seed alone, not on the other photos; yaw is
+    counted from the grid's north.
+    """
+    unit = np.array([_normal_numbers(name, seed) for name in names]).reshape(-1, 6)
+    centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
+    turns = unit[:, 3:] * np.array(_ANGLES_DEG)
+    yaw, pitch, roll = (rotations_to_angles(poses.rotation, convergence_deg=0.0) + turns).T
+    return Poses.from_centres(angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), centres)
+
+
+def _normal_numbers(name: str, seed: int) -> Floats:
+    """Return six numbers of unit variance: sums of uniform ones, in whole numbers till the end."""
+    blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
+    digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
+    words = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
+    total = words.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << _BITS)
+    return np.asarray(total / (2 << _BITS), dtype=np.float64)
+
+
+def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progress) -> Cloud:
+    """Return every surface that photos of the survey see, from exact depth, a point a voxel.
+
+    The photos were rendered to a folder, and the grid is empty at first. The cloud is in
+    `model.CRS`, to 0.1 mm, and without colours: those of photos depend on the processor in the last
+    bit, the points do not.
+    """
+    frames = photos.frames
+    rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
+    for row in progress(rows, "true cloud", len(rows)):
+        depth = read_depth(frame_paths(folder, frames.names[row])[1]).astype(np.float64)
+        points = depth_to_points(depth, depth > 0, frames.camera, frames.poses.take(row))
+        grid.add(points)
+    return Cloud(np.round(grid.points(), _CLOUD_DECIMALS) + 0.0)
+
+
+def depth_to_points(depth: Floats, chosen: Bools, camera: Cameras, pose: Poses) -> Floats:
+    """Back-project chosen pixels of a z-depth map (H, W) to the world, (N, 3) in order of rows."""
+    rows, columns = np.nonzero(chosen)
+    pixels = np.stack([columns + 0.5, rows + 0.5], axis=-1)
+    rays = back_project(camera, pixels[None])[0]
+    points = rays / rays[:, 2:] * depth[rows, columns][:, None]
+    world: Floats = camera_to_world(pose, points[None])[0]
+    return world
+
+
+def mini_protocols(seed: int) -> BenchmarkProtocols:
     """Return the shipped protocols; with a seed of its own, the benchmark is another."""
-    return MiniProtocols(
+    return BenchmarkProtocols(
         _protocol("retrieval", RetrievalProtocol, seed),
         _protocol("matching", MatchingProtocol, seed),
         _protocol("reconstruction", ReconstructionProtocol, seed),
@@ -86,28 +193,7 @@ def _protocol(track: str, kind: type[P], seed: int) -> P:
     return protocol.model_copy(update=changes | {"title": f"{protocol.title}, seed {seed}"})
 
 
-@dataclass(frozen=True)
-class PreparedMini:
-    """What `prepare_airzoo_mini` made: the folder, and what is in it by scene."""
-
-    folder: Path
-    scenes: dict[str, SceneTruths]
-
-
-def prepare_airzoo_mini(
-    root: Path,
-    folder: Path,
-    protocols: MiniProtocols,
-    *,
-    seed: int = 0,
-    jobs: int = 1,
-    tiles_on_disk: bool = False,
-    crops_on_disk: bool = False,
-    copy: bool = False,
-    replace: bool = False,
-    progress: Progress = silent,
-    note: Callable[[str], None] = lambda _: None,
-) -> PreparedMini:
+def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
     """Make worlds, fly over them, take photos and work out the truth of every track.
 
     Worlds and photos are kept below the data root; what is there and sound is not made again, so
@@ -115,56 +201,30 @@ def prepare_airzoo_mini(
 
     Parameters
     ----------
-    root : Path
-        The data root.
-    folder : Path
-        The benchmark folder; it appears when it is complete.
-    protocols : MiniProtocols
     seed : int
         Of worlds, flights, photos and priors.
-    jobs : int
-        Processes; the benchmark does not depend on it.
-    tiles_on_disk, crops_on_disk : bool
-        See `photos.prepare_photos`.
-    copy : bool
-        Copy photos, maps and clouds into the folder; otherwise they stay below the data root.
-    replace : bool
-        Whether a folder that stands there is replaced.
-    progress : Progress
-    note : callable
-        Takes a sentence for the user.
+    settings : PrepareSettings
 
     Raises
     ------
     UserError
         A folder cannot be written, or the disk is full.
     """
-    check_new_folder(folder, replace=replace)
-    regions = [REGIONS[scene.id] for scene in protocols.retrieval.scenes]
-    worlds = make_worlds(regions, root, seed, jobs=jobs, progress=progress, note=note)
+    protocols = mini_protocols(seed)
+    regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
+    worlds = make_worlds(
+        regions,
+        settings.root,
+        seed,
+        jobs=settings.jobs,
+        progress=settings.progress,
+        note=settings.note,
+    )
     scenes = [
-        _photographed(region, world, seed, jobs, progress)
+        _scene(region, world, seed, protocols, settings)
         for region, world in zip(regions, worlds, strict=True)
     ]
-    truths = {scene.region.name: _truths(scene, protocols) for scene in scenes}
-    with atomic_folder(folder, replace=replace) as staged:
-        entries = []
-        for scene in scenes:
-            name = scene.region.name
-            home = write_scene(staged, name, truths[name])
-            write_parts(
-                home,
-                truths[name],
-                scene.inputs.gallery_map,
-                tiles=tiles_on_disk,
-                crops=crops_on_disk,
-                progress=progress,
-            )
-            images = scene.inputs.photos["image"].tolist()
-            kept = copied(staged, name, scene.files, images) if copy else left_in_place(scene.files)
-            entries.append(_entry(scene, truths[name], kept))
-        write_folder_files(staged, protocols.every, entries)
-    return PreparedMini(folder, truths)
+    return write_benchmark(scenes, protocols, settings)
 
 
 def make_worlds(
@@ -192,27 +252,27 @@ def _world(region: Region, root: Path, seed: int) -> tuple[Path, list[str]]:
     return ensure_world(region, seed, root, build_world, said.append), said
 
 
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """A region with its photos, as `prepare` finds a scene of own photos."""
-
-    region: Region
-    inputs: SceneInputs
-    files: dict[str, Path]
-
-
-def _photographed(region: Region, world: Path, seed: int, jobs: int, progress: Progress) -> _Scene:
+def _scene(
+    region: Region,
+    world: Path,
+    seed: int,
+    protocols: BenchmarkProtocols,
+    settings: PrepareSettings,
+) -> SceneContent:
+    """Take the photos of a region, and make the truth of all tracks."""
     photos = mini_photos(region, load_world(world).dsm, seed)
     rendered = world.with_name(f"{world.name}-{_RENDERED}")
-    render_frames(
-        photos.frames, partial(load_world, world), rendered, workers=jobs, progress=progress
-    )
+    jobs, progress = settings.jobs, settings.progress
+    load = partial(load_world, world)
+    render_frames(photos.frames, load, rendered, jobs=jobs, progress=progress)
     cloud = rendered / "cloud.ply"
     voxels = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
     write_ply(cloud, seen_surface(photos, rendered, voxels, progress))
     files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
     files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
-    return _Scene(region, _inputs(region, photos, files, seed), files)
+    inputs = _inputs(region, photos, files, seed)
+    surveyed = inputs.photos["sequence"] == SURVEY
+    return SceneContent(inputs, build_truths(inputs, protocols, cloud, surveyed), files)
 
 
 def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -> SceneInputs:
@@ -230,27 +290,3 @@ def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -
     table = table.join(conditions, on="id")
     dom, gallery = open_info(files["dom"]), open_info(files["gallery"])
     return SceneInputs(region.name, table, CRS, dom, files["dsm"], plane, gallery=gallery)
-
-
-def _truths(scene: _Scene, protocols: MiniProtocols) -> SceneTruths:
-    inputs, retrieval, matching = scene.inputs, protocols.retrieval, protocols.matching
-    surveyed = inputs.photos["sequence"] == SURVEY
-    return SceneTruths(
-        inputs.photos,
-        build_retrieval_truth(inputs, retrieval.gallery, retrieval.ground_truth),
-        build_matching_truth(inputs, matching.crop, matching.prior),
-        build_reconstruction_truth(inputs, scene.files["cloud"], surveyed),
-    )
-
-
-def _entry(scene: _Scene, truths: SceneTruths, kept: dict[str, str]) -> SceneFile:
-    name = scene.region.name
-    return SceneFile(
-        id=name,
-        title=name.capitalize(),
-        crs=CRS,
-        plane_height_m=scene.inputs.plane_height_m,
-        dsm_sha256=sha256_of(scene.files["dsm"]),
-        cloud_sha256=truths.reconstruction.cloud_sha256 if truths.reconstruction else None,
-        **kept,
-    )

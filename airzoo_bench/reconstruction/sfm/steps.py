@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
 from airzoo_bench.core.optional_imports import load_pycolmap
+from airzoo_bench.core.options import Option
 from airzoo_bench.core.temporaries import temporary_folder
-from airzoo_bench.evaluation.parts import DOUBLED, Option
+from airzoo_bench.evaluation.parts import DOUBLED
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.sift import extract, mutual_nearest

@@ -12,13 +12,18 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.geometry_checks.depth_consistency import OCCLUSION, compare_depths
 from airzoo_bench.datasets.geometry_checks.depth_faults import FaultKind
-from airzoo_bench.datasets.geometry_checks.depth_frames import Frame, FrameStore, Sampling
+from airzoo_bench.datasets.geometry_checks.depth_frames import (
+    Frame,
+    FrameStore,
+    PairRule,
+    Sampling,
+    choose_pairs,
+)
 from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
 from airzoo_bench.datasets.geometry_checks.depth_report import (
     DepthConsistency,
     check_depth_consistency,
 )
-from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule, choose_pairs
 
 from . import analytic
 from .analytic import Flight, looking, orbit, scene, write_depths

@@ -11,8 +11,14 @@ from PIL import Image
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.export.pictures import draw_flight
 from airzoo_bench.datasets.mini.flights.patterns import FPS, barrel_roll, fly, smooth_line, survey
-from airzoo_bench.datasets.mini.flights.placement import MARGIN_M, Airspace, check_inside
-from airzoo_bench.datasets.mini.flights.trajectory import Trajectory, rounded, trajectory_poses
+from airzoo_bench.datasets.mini.flights.trajectory import (
+    MARGIN_M,
+    Airspace,
+    Trajectory,
+    check_inside,
+    rounded,
+    trajectory_poses,
+)
 from airzoo_bench.datasets.mini.flights.trajectory_files import read_trajectory, write_trajectory
 from airzoo_bench.datasets.mini.world.model import REGIONS
 

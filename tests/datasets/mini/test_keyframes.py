@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.flights.keyframes import footprints, key_frames, overlaps
 from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-from airzoo_bench.datasets.mini.flights.placement import Airspace
-from airzoo_bench.datasets.mini.flights.trajectory import Trajectory, trajectory_poses
+from airzoo_bench.datasets.mini.flights.trajectory import Airspace, Trajectory, trajectory_poses
 from airzoo_bench.datasets.mini.world.model import REGIONS
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera

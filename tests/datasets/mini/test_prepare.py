@@ -16,16 +16,15 @@ from PIL import Image
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.files import fingerprint
+from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene, scenes_of_benchmark
-from airzoo_bench.datasets.geometry_checks.depth_frames import Sampling
+from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
 from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
 from airzoo_bench.datasets.geometry_checks.depth_report import (
     DepthConsistency,
     check_depth_consistency,
 )
-from airzoo_bench.datasets.geometry_checks.frame_pairs import PairRule
-from airzoo_bench.datasets.mini.export.photos import depth_to_points
-from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
+from airzoo_bench.datasets.mini.prepare import depth_to_points, prepare_airzoo_mini
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Floats
@@ -60,8 +59,10 @@ class Prepared:
 @pytest.fixture(scope="module")
 def mini(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     root = tmp_path_factory.mktemp("data")
-    files = {"tiles_on_disk": True, "crops_on_disk": True}
-    prepare_airzoo_mini(root, root / "airzoo-mini", mini_protocols(0), jobs=2, **files)
+    folder = root / "airzoo-mini"
+    prepare_airzoo_mini(
+        0, PrepareSettings(folder, root, tiles_on_disk=True, crops_on_disk=True, jobs=2)
+    )
     return Prepared(root, Benchmark.open(root / "airzoo-mini"))
 
 
@@ -114,7 +115,7 @@ def test_a_second_run_keeps_what_is_there_and_mends_what_is_not(mini: Prepared) 
     dom.write_bytes(whole[:-5000])
     said: list[str] = []
     folder = mini.root / "again"
-    prepare_airzoo_mini(mini.root, folder, mini_protocols(0), jobs=2, note=said.append)
+    prepare_airzoo_mini(0, PrepareSettings(folder, mini.root, jobs=2, note=said.append))
     assert len(said) == 1
     assert "made again" in said[0]
     assert dom.read_bytes() == whole

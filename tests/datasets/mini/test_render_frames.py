@@ -23,7 +23,7 @@ from airzoo_bench.datasets.mini.export.frames import (
     render_frames,
     world_key,
 )
-from airzoo_bench.datasets.mini.rendering.noise import seed_of
+from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import Renderer
 from airzoo_bench.datasets.mini.world.model import CRS, World
 from airzoo_bench.geometry.arrays import Floats
@@ -153,10 +153,10 @@ def test_colmap_reads_the_model(tmp_path: Path, lens: str) -> None:
         np.testing.assert_allclose(image.project_point(point - CORNER), ours, atol=1e-6)
 
 
-def test_neither_workers_nor_order_change_a_byte(tmp_path: Path) -> None:
+def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path) -> None:
     frames = frame_list()
     render_frames(frames, small_world, tmp_path / "one")
-    render_frames(frames, small_world, tmp_path / "two", workers=2)
+    render_frames(frames, small_world, tmp_path / "two", jobs=2)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     turned = list(range(4))[::-1]
     reverse = FrameList(

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from airzoo_bench.datasets.mini.export.pictures import write_contact_sheet
-from airzoo_bench.datasets.mini.rendering.facades import Facades, Wall
-from airzoo_bench.datasets.mini.rendering.noise import (
+from airzoo_bench.datasets.mini.noise import (
     floor_log2,
     gaussians,
     hash64,
@@ -20,6 +19,7 @@ from airzoo_bench.datasets.mini.rendering.noise import (
     uniforms,
     volume_noise,
 )
+from airzoo_bench.datasets.mini.rendering.facades import Facades, Wall
 from airzoo_bench.datasets.mini.rendering.raycast import Points, Raycaster
 from airzoo_bench.datasets.mini.rendering.textures import Texture, surroundings
 from tests.datasets.mini.small_world import BLOCK, SIDE_M, small_mesh, small_world

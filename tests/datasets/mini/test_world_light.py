@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.datasets.mini.world.maps import lit, resampled, sunlit
+from airzoo_bench.datasets.mini.noise import Dice, direction, hash_of, value_noise
+from airzoo_bench.datasets.mini.world.build import lit, resampled, sunlit
 from airzoo_bench.datasets.mini.world.model import OLDER_SUN, SURVEY_SUN, Light
-from airzoo_bench.datasets.mini.world.noise import Dice, direction, hash_of, value_noise
 from airzoo_bench.datasets.mini.world.shapes import (
     Frame,
     Polygon,

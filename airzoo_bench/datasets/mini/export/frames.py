@@ -30,7 +30,7 @@ from airzoo_bench.datasets.mini.export.frame_list import (
     colmap_texts,
     frames_csv,
 )
-from airzoo_bench.datasets.mini.rendering.noise import seed_of
+from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import RENDERER_VERSION, Frame, Renderer
 from airzoo_bench.datasets.mini.world.model import World
 from airzoo_bench.geometry.cameras import Cameras
@@ -57,13 +57,13 @@ def render_frames(
     load: Callable[[], World],
     folder: Path,
     *,
-    workers: int = 1,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> RenderCounts:
     """Render frames into a folder; those that are there and made from the same are kept.
 
     Files of other frames in the folder are left alone; its tables appear when all frames are there.
-    `load` returns the world. With several workers each process calls its own: it must be picklable
+    `load` returns the world. With several jobs each process calls its own: it must be picklable
     then and should be quick, such as ``partial(load_world, folder)``.
 
     Raises
@@ -73,17 +73,17 @@ def render_frames(
     """
     check_output_folder(folder, ("frames.csv",))
     world = load()
-    source = _Source(world_key(world), load if workers > 1 else lambda: world)
+    source = _Source(world_key(world), load if jobs > 1 else lambda: world)
     model = colmap_texts(frames, np.array([world.region.west, world.region.south, 0.0]))
     tables = {f"colmap/{name}": text for name, text in model.items()}
     tables["frames.csv"] = frames_csv(frames)
     _remove_stale(folder, tables)
     todo = [job for job in _jobs(frames, source.key) if not job.is_done(folder)]
-    if workers > 1:
-        del world  # each worker has its own
+    if jobs > 1:
+        del world  # each process has its own
     try:
         work = partial(_render_job, source, folder)
-        done = parallel_map(work, todo, min(workers, len(todo))) if todo else iter(())
+        done = parallel_map(work, todo, min(jobs, len(todo))) if todo else iter(())
         for _ in progress(done, "rendering", len(todo)):
             pass
     finally:

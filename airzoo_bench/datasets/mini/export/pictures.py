@@ -14,8 +14,7 @@ from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-from airzoo_bench.datasets.mini.flights.placement import Airspace
-from airzoo_bench.datasets.mini.flights.trajectory import Trajectory, trajectory_poses
+from airzoo_bench.datasets.mini.flights.trajectory import Airspace, Trajectory, trajectory_poses
 from airzoo_bench.datasets.mini.rendering.renderer import Renderer, default_camera
 from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.model import Region, World

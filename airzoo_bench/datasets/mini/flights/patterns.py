@@ -11,8 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.flights.placement import MARGIN_M, Airspace
-from airzoo_bench.datasets.mini.flights.trajectory import Trajectory, rounded
+from airzoo_bench.datasets.mini.flights.trajectory import MARGIN_M, Airspace, Trajectory, rounded
 from airzoo_bench.datasets.mini.world.model import CRS, Region
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import to_lonlat

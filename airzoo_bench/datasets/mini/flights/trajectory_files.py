@@ -34,7 +34,7 @@ _BOUNDS = {
     "yaw": (-360.0, 360.0),
     "time": (-math.inf, math.inf),
 }
-_MENDS = {
+_FIXES = {
     "latitude": "where it is the longitude, exchange the two columns",
     "pitch": "pitch is 0 at the horizon and -90 straight down",
 }
@@ -86,7 +86,7 @@ class _Table:
             f"{column} is out of bounds",
             [f"{value:g}" for value in values],
             expected=f"degrees from {low:g} to {high:g}",
-            fix=_MENDS.get(column),
+            fix=_FIXES.get(column),
         )
         return values
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.noise import Singles, hash64, uniforms, volume_noise
+from airzoo_bench.datasets.mini.noise import Singles, hash64, uniforms, volume_noise
 from airzoo_bench.datasets.mini.rendering.raycast import Points
 from airzoo_bench.datasets.mini.world.model import Buildings, Material, Mesh
 
@@ -96,8 +96,7 @@ class Facades:
         railing = _covered(cell[1], 0.0, 0.34, fuzz[1]) * _covered(cell[0], 0.08, 0.92, fuzz[0])
         light += np.float32(0.14) * railing * (style == _BALCONY)
         light *= 1.0 - np.float32(0.22) * (height < _PLINTH_M)
-        albedo: Singles = self._wall.take(points.owner, axis=0).T * light
-        return albedo
+        return self._wall.take(points.owner, axis=0).T * light
 
     def _panes(self, owner: NDArray[np.int32], number: NDArray[np.uint64]) -> Singles:
         shade = np.float32(0.65) + np.float32(0.6) * uniforms(number, 1)
@@ -170,5 +169,4 @@ def _glow(number: NDArray[np.uint64], glass: Singles) -> Singles:
     strength = lit * (np.float32(0.45) + np.float32(0.6) * uniforms(number, 1)) * glass
     warmth = uniforms(number, 2)
     colour = np.stack([np.ones_like(warmth), 0.74 + 0.2 * warmth, 0.40 + 0.5 * warmth])
-    glow: Singles = (colour * strength).astype(np.float32)
-    return glow
+    return (colour * strength).astype(np.float32)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.optional_imports import load_open3d
-from airzoo_bench.datasets.mini.rendering.noise import Singles
+from airzoo_bench.datasets.mini.noise import Singles
 from airzoo_bench.datasets.mini.world.model import Mesh
 from airzoo_bench.geometry.arrays import Bools, Floats
 

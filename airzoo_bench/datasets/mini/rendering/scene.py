@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.noise import Singles, hash64, uniforms
+from airzoo_bench.datasets.mini.noise import Singles, hash64, uniforms
 from airzoo_bench.datasets.mini.rendering.raycast import MISSED, Points, Raycaster
 from airzoo_bench.datasets.mini.rendering.shading import Shader
 from airzoo_bench.datasets.mini.rendering.weather import Conditions, column, haze, sky_with_clouds

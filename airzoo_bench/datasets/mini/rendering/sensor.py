@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.noise import Singles, gaussians, hash64, seed_of, uniforms
+from airzoo_bench.datasets.mini.noise import Singles, gaussians, hash64, seed_of, uniforms
 from airzoo_bench.datasets.mini.rendering.weather import Conditions
 from airzoo_bench.geometry.arrays import Floats
 

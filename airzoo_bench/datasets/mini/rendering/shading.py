@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Singles, volume_noise
 from airzoo_bench.datasets.mini.rendering.facades import Facades
-from airzoo_bench.datasets.mini.rendering.noise import Singles, volume_noise
 from airzoo_bench.datasets.mini.rendering.raycast import Points
 from airzoo_bench.datasets.mini.rendering.textures import Texture, surroundings
 from airzoo_bench.datasets.mini.rendering.weather import Conditions, column, haze, sky_colour

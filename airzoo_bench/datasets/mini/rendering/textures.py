@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.noise import Singles, floor_log2, hash64, uniforms
+from airzoo_bench.datasets.mini.noise import Singles, floor_log2, hash64, uniforms
 from airzoo_bench.datasets.mini.world.model import World
 
 __all__ = ["Texture", "surroundings"]
@@ -80,7 +80,7 @@ class Texture:
 def _split(
     position: Singles, size: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Part 256ths of texels into whole ones, from the centre of the first on, and the rest."""
+    """Split 256ths of texels into whole texels, from the centre of the first on, and the rest."""
     fixed = position.astype(np.int64) - 128
     np.clip(fixed, 0, (size - 1) << 8, out=fixed)
     return fixed >> 8, fixed & 255

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.rendering.noise import Singles, volume_noise
+from airzoo_bench.datasets.mini.noise import Singles, volume_noise
 from airzoo_bench.datasets.mini.world.model import SURVEY_SUN, Light
 
 __all__ = [
@@ -38,7 +38,7 @@ _BLACK: Colour = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a photo is taken in."""
+    """Light, sky and air that a photo is taken in."""
 
     light: Light  # sun (or moon) and sky
     zenith: Colour  # the sky straight up
@@ -63,7 +63,7 @@ class Conditions:
 
 
 def conditions(weather: str, time: str) -> Conditions:
-    """Return what weather, one of `WEATHERS`, and time of day, of `TIMES`, mean for a photo.
+    """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.world.noise import Textures, hash_of
+from airzoo_bench.datasets.mini.noise import Textures, hash_of
 from airzoo_bench.datasets.mini.world.plan import Colour, Plan, colours
 from airzoo_bench.datasets.mini.world.shapes import Patch, Raster, Shape, line_height
 from airzoo_bench.geometry.arrays import Bools, Floats
@@ -158,8 +158,7 @@ class Canvas:
     def _north(self) -> Bools:
         whole = slice(0, self.raster.size)
         x, y = self.raster.centres(whole, whole)
-        north: Bools = y > line_height(x, self.plan.divide)
-        return north
+        return y > line_height(x, self.plan.divide)
 
     def put(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import product
 
+from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.world.city_site import (
     Site,
     anywhere,
@@ -15,7 +16,6 @@ from airzoo_bench.datasets.mini.world.city_site import (
     sports,
     store,
 )
-from airzoo_bench.datasets.mini.world.noise import Dice
 from airzoo_bench.datasets.mini.world.plan import add_barn, add_block, add_house
 from airzoo_bench.datasets.mini.world.shapes import Ellipse, Frame, Rect, Stroke, square, steps
 

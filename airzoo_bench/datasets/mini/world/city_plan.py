@@ -6,10 +6,10 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.city_blocks import fill_block
 from airzoo_bench.datasets.mini.world.city_site import Site, anywhere
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.plan import Plan
 from airzoo_bench.datasets.mini.world.shapes import (
     Frame,
@@ -78,7 +78,7 @@ def _heights(seed: int, canal: Line, bridges: list[Frame]) -> Floats:
 
 
 def _split(dice: Dice, site: Site, box: tuple[float, float, float, float], depth: int) -> None:
-    """Part a box by streets into blocks."""
+    """Divide a box into blocks by streets."""
     u0, u1, v0, v1 = box
     wide, high = u1 - u0, v1 - v0
     if max(wide, high) < 118 and min(wide, high) < 100:

@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.noise import Dice
 from airzoo_bench.datasets.mini.world.plan import Plan, overlaps_border
 from airzoo_bench.datasets.mini.world.shapes import (
     Ellipse,

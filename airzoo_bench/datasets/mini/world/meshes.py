@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airzoo_bench.datasets.mini.noise import hash_of
 from airzoo_bench.datasets.mini.world.model import Material, Mesh
-from airzoo_bench.datasets.mini.world.noise import hash_of
 from airzoo_bench.datasets.mini.world.plan import Building, Plan
 from airzoo_bench.geometry.arrays import Floats
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.mini.noise import hash_of
 from airzoo_bench.datasets.mini.world.canvas import CAR_COLOURS, Canvas, Material, repeats
-from airzoo_bench.datasets.mini.world.noise import hash_of
 from airzoo_bench.datasets.mini.world.shapes import Patch
 
 __all__ = ["paint_decals"]

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.world.noise import Dice, direction
+from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.plan import Plan
 from airzoo_bench.datasets.mini.world.shapes import (
     Frame,
@@ -33,7 +33,8 @@ def parcels(dice: Dice, outline: Line, largest_m2: float) -> list[Polygon]:
     The axes of each are along its longest edge.
     """
     x, y = middle = _middle(outline)
-    frame = Frame(*middle, *_direction_of_longest(outline))
+    longest = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
+    frame = Frame(*middle, longest.cosine, longest.sine)
     size = _area(outline)
     if size < largest_m2 * dice.real(0.45, 1.0):
         return [Polygon(outline, frame)]
@@ -46,11 +47,6 @@ def parcels(dice: Dice, outline: Line, largest_m2: float) -> list[Polygon]:
     point = (x + along[1] * off, y - along[0] * off)
     halves = _half(outline, point, along), _half(outline, point, (-along[0], -along[1]))
     return [part for half in halves for part in parcels(dice, half, largest_m2)]
-
-
-def _direction_of_longest(outline: Line) -> Point:
-    frame = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
-    return frame.cosine, frame.sine
 
 
 def _half(outline: Line, point: Point, along: Point) -> Line:
@@ -87,7 +83,7 @@ def _middle(outline: Line) -> Point:
 
 
 def _shrunk(polygon: Polygon, margin_m: float) -> Polygon:
-    """Return it drawn towards its middle, by about a margin."""
+    """Return a polygon shrunk towards its middle by about a margin."""
     middle = _middle(polygon.points)
     share = max(1.0 - margin_m / (0.5 * math.sqrt(_area(polygon.points)) + 1e-9), 0.1)
     return Polygon(tuple(_between(middle, p, share) for p in polygon.points), polygon.frame)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.noise import Dice
 from airzoo_bench.datasets.mini.world.shapes import Frame, Line, Point, Rect, Shape, square
 from airzoo_bench.datasets.mini.world.terrain import GRID_M
 from airzoo_bench.geometry.arrays import Bools, Floats
@@ -64,7 +64,7 @@ class Building:
 
 @dataclass(frozen=True)
 class Tree:
-    """A canopy of a radius on a trunk, its top so high above the ground.
+    """A canopy on a trunk, with its radius and the height of its top above the ground.
 
     The kind is ``"broad"``, ``"cone"``, ``"bush"`` or ``"bale"``.
     """
@@ -136,7 +136,7 @@ class Plan:
 
 
 def overlaps_border(points: list[Point]) -> bool:
-    """Return whether a point is outside the region, or nearly."""
+    """Return whether any point is outside the region or within 4 m of its border."""
     low, high = _BORDER_M, SIDE_M - _BORDER_M
     return any(not (low < x < high and low < y < high) for x, y in points)
 

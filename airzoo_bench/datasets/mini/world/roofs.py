@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.mini.noise import Dice, hash_of
 from airzoo_bench.datasets.mini.world.canvas import Canvas, Material, repeats
-from airzoo_bench.datasets.mini.world.noise import Dice, hash_of
 from airzoo_bench.datasets.mini.world.plan import Building, Colour, colours
 from airzoo_bench.datasets.mini.world.shapes import Patch, Rect
 from airzoo_bench.geometry.arrays import Bools, Floats

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.parcels import parcels, use_parcel
 from airzoo_bench.datasets.mini.world.plan import Plan, add_barn, add_house
 from airzoo_bench.datasets.mini.world.shapes import (
@@ -107,7 +107,7 @@ def _farm_places(dice: Dice, stream: Line) -> tuple[Frame, ...]:
 
 
 def _road(dice: Dice, farms: tuple[Frame, ...]) -> Line:
-    """Return the winding with the widest berth of all farms, of some that are drawn."""
+    """Draw some winding roads, and return the one that keeps farthest from all farms."""
     x, y = np.array([farm.origin for farm in farms]).T
     drawn = []
     for _ in range(12):
@@ -117,7 +117,7 @@ def _road(dice: Dice, farms: tuple[Frame, ...]) -> Line:
 
 
 def _track(dice: Dice, farm: Point, road: Line) -> Line:
-    """From a farm's yard to a point of the road that is near."""
+    """Return a track from a farm's yard to the nearest point of the road."""
     near = min(road, key=lambda point: distance(point, farm))
     x, y = (near[0] + farm[0]) / 2, (near[1] + farm[1]) / 2
     return bend((farm, (x + dice.real(-18, 18), y + dice.real(-18, 18)), near))

@@ -124,12 +124,12 @@ class Rect:
 
     @property
     def long(self) -> float:
-        """Its extent along u."""
+        """Its length along u."""
         return self.u1 - self.u0
 
     @property
     def deep(self) -> float:
-        """Its extent along v."""
+        """Its length along v."""
         return self.v1 - self.v0
 
     @property

@@ -54,7 +54,7 @@ _ARRAYS = (
 _FILES = sorted((*(f"{name}.npy" for name in _ARRAYS), *(f"{name}.tif" for name in _RASTERS)))
 # Smaller arrays are read, since to map one takes longer; and an empty one cannot be mapped.
 _MAPPED_BYTES = 1 << 20
-_MEND = f"choose a folder you may write to, on a disk with room, set by {DATA_VARIABLE}"
+_FIX = f"choose a folder you may write to, on a disk with room, set by {DATA_VARIABLE}"
 
 
 class _Index(Strict):
@@ -119,7 +119,7 @@ def save_world(folder: Path, world: World) -> None:
                 np.save(staged / f"{name}.npy", attrgetter(name)(world), allow_pickle=False)
             _write_index(staged, world)
     except UserError as fault:
-        raise UsageError(fault.what, where=folder, fix=_MEND) from fault
+        raise UsageError(fault.what, where=folder, fix=_FIX) from fault
 
 
 def load_world(folder: Path) -> World:
@@ -236,7 +236,7 @@ def _sole_maker(folder: Path) -> Iterator[None]:
                 pass
         except OSError as error:
             reason = f"cannot be written: {error.strerror or error}"
-            raise UsageError(reason, where=folder.parent, fix=_MEND) from error
+            raise UsageError(reason, where=folder.parent, fix=_FIX) from error
         yield  # closing the file gives the lock back
 
 
@@ -262,7 +262,7 @@ def _check_ours(folder: Path) -> None:
             "is not a kept world, and so is not replaced",
             where=folder,
             expected=f"a folder with {_INDEX}, or none",
-            fix="move it elsewhere, or " + _MEND,
+            fix="move it elsewhere, or " + _FIX,
         )
 
 
@@ -276,4 +276,4 @@ def _clear(folder: Path) -> None:
                 folder.replace(away / "old")
     except OSError as error:
         reason = f"cannot be replaced: {error.strerror or error}"
-        raise UsageError(reason, where=folder, fix=_MEND) from error
+        raise UsageError(reason, where=folder, fix=_FIX) from error

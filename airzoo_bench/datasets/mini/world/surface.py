@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.mini.noise import Textures, hash_of, textures
 from airzoo_bench.datasets.mini.world.canvas import Canvas, Palette
 from airzoo_bench.datasets.mini.world.model import Light, Material, Mesh
-from airzoo_bench.datasets.mini.world.noise import Textures, hash_of, textures
 from airzoo_bench.datasets.mini.world.plan import Colour, Plan, colours
 from airzoo_bench.datasets.mini.world.roofs import paint_roof
 from airzoo_bench.datasets.mini.world.shapes import Raster
@@ -31,7 +31,7 @@ _TREES = {
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What of one material is on top of each pixel, each (n, n)."""
+    """The topmost surface of one material at each pixel; arrays are (n, n)."""
 
     height: NDArray[np.float32]  # `_NOTHING` where there is none
     triangle: NDArray[np.int32]  # -1 where there is none
@@ -45,7 +45,7 @@ class Layer:
         return cls(height.astype(np.float32), triangle, owner)
 
     def without(self, hidden: Bools) -> Layer:
-        """Return it with nothing at some pixels."""
+        """Return the layer with nothing at some pixels."""
         gone = np.int32(-1)
         return Layer(
             np.where(hidden, np.float32(_NOTHING), self.height),
@@ -75,7 +75,7 @@ class Surface:
 
     @property
     def heights(self) -> NDArray[np.float32]:
-        """Of what is on top, (n, n)."""
+        """Heights (n, n) of what is on top."""
         return np.maximum(np.maximum(self.roofs.height, self.canopies.height), self.land)
 
     @property

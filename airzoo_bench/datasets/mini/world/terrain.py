@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.mini.noise import octaves
 from airzoo_bench.datasets.mini.world.model import SIDE_M, Material, Mesh
-from airzoo_bench.datasets.mini.world.noise import octaves
 from airzoo_bench.datasets.mini.world.shapes import Raster
 from airzoo_bench.geometry.arrays import Floats
 
@@ -26,7 +26,7 @@ __all__ = [
 _Indices = NDArray[np.int64]
 
 GRID_M = 2.0
-"""The heights of the land are those at the corners of a grid of this size."""
+"""Spacing of the grid on whose corners the land's heights are given."""
 
 LAND_X: Floats = np.arange(round(SIDE_M / GRID_M) + 1).astype(np.float64)[None, :] * GRID_M
 LAND_Y: Floats = LAND_X.T

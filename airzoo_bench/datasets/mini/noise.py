@@ -1,17 +1,40 @@
-"""Randomness by counting, and value noise from it: the same bits on every machine."""
+"""Randomness by counting, from nothing but a seed and a place, and noise made from it.
+
+Worlds are the same bits on every machine. Nothing that photos use has a state, so that neither the
+order of frames nor the number of jobs nor the size of a block changes a pixel.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["GOLDEN", "Dice", "Textures", "direction", "hash_of", "mixed", "octaves", "textures"]
+__all__ = [
+    "GOLDEN",
+    "Dice",
+    "Singles",
+    "Textures",
+    "direction",
+    "floor_log2",
+    "gaussians",
+    "hash64",
+    "hash_of",
+    "mixed",
+    "octaves",
+    "seed_of",
+    "textures",
+    "uniforms",
+    "volume_noise",
+]
 
 T = TypeVar("T")
+Singles = NDArray[np.float32]
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _MASK = (1 << 64) - 1
@@ -36,14 +59,14 @@ def hash_of(seed: int, *keys: Any) -> NDArray[np.uint64]:
     return state
 
 
-def direction(step: int, turn: int = 256) -> tuple[float, float]:
+def direction(step: int) -> tuple[float, float]:
     """Return cosine and sine of a step of the circle, counter-clockwise from east, without a sine.
 
-    The steps are nearly, not exactly, of equal length; `turn` of them, a multiple of 4, go round.
+    The steps are nearly, not exactly, of equal length; 256 of them go round.
     """
-    quarter, rest = divmod(step % turn, turn // 4)
+    quarter, rest = divmod(step % 256, 64)
     # The tangent of the half angle runs from 0 to 1; a cubic keeps the steps nearly equal.
-    share = rest / (turn // 4)
+    share = rest / 64
     tangent = share * (0.7854 + 0.2146 * share * share)
     square = 1.0 + tangent * tangent
     cosine, sine = (1.0 - tangent * tangent) / square, 2.0 * tangent / square
@@ -136,3 +159,100 @@ def textures(seed: int, size: int) -> Textures:
     return Textures(
         *((octaves(seed, stream, size, c) >> 4).astype(np.int16) for stream, c in streams.items())
     )
+
+
+_VOLUME_SIDE = 64
+
+
+def seed_of(*parts: object) -> int:
+    """Return a seed of 64 bits for values, by SHA-256 of their text."""
+    text = "\x1f".join(str(part) for part in parts)
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
+
+
+def hash64(counter: NDArray[np.uint64], seed: int) -> NDArray[np.uint64]:
+    """Hash counters (N,) by SplitMix64; other seeds, modulo 2^64, give other values."""
+    state = counter * GOLDEN
+    state += np.uint64(seed & _MASK)
+    return mixed(state)
+
+
+def uniforms(hashes: NDArray[np.uint64], lane: int = 0) -> Singles:
+    """Turn hashes (N,) into numbers in [0, 1); lanes 0 to 3 are independent."""
+    bits = (hashes >> np.uint64(16 * lane)) & np.uint64(0xFFFF)
+    return bits.astype(np.float32) * np.float32(1.0 / 65536.0)
+
+
+def gaussians(hashes: NDArray[np.uint64]) -> Singles:
+    """Turn hashes (N,) into four independent standard normal numbers each, (4, N)."""
+    lanes = hashes.view(np.uint16).reshape(-1, 4).T
+    return np.stack([_normal_quantiles().take(lane) for lane in lanes])
+
+
+@cache
+def _normal_quantiles() -> Singles:
+    from scipy.special import ndtri
+
+    return np.asarray(ndtri((np.arange(1 << 16) + 0.5) / (1 << 16)), np.float32)
+
+
+def floor_log2(values: Singles) -> NDArray[np.int64]:
+    """Return the exponents floor(log2 v) of positive numbers, read from their bits."""
+    exponents = np.ascontiguousarray(values, np.float32).view(np.int32) >> 23
+    return exponents.astype(np.int64) - 127
+
+
+def volume_noise(
+    xyz: tuple[Singles, Singles, Singles] | Singles, voxel_m: float, footprint_m: Singles
+) -> Singles:
+    """Return the noise (N,), which all surfaces share, at points (3, N) in metres.
+
+    It is averaged over the pixels' size (N,); `voxel_m` is the size of the smallest grain.
+    """
+    values, offsets = _volume()
+    inverse = np.float32(1.0 / voxel_m)
+    level = floor_log2(footprint_m * inverse)
+    np.clip(level, 0, len(offsets) - 1, out=level)
+    bits = 6 - level
+    mask = (1 << bits) - 1
+    index = np.zeros(len(level), np.int64)
+    for axis in xyz:
+        cell = np.floor(axis * inverse).astype(np.int64)
+        cell >>= level
+        cell &= mask
+        index <<= bits
+        index |= cell
+    index += offsets.take(level)
+    return values.take(index)
+
+
+@cache
+def _volume() -> tuple[Singles, NDArray[np.int64]]:
+    """Three octaves of hashed voxels and their halvings, level after level, and their offsets.
+
+    The noise repeats every 64 voxels; its mean is 0, its standard deviation 1 at the finest.
+    """
+    side = _VOLUME_SIDE
+    volume = np.zeros((side, side, side), np.float32)
+    for octave, weight in enumerate((1.0, 0.9, 0.8)):
+        volume += np.float32(weight) * _grains(side, octave)
+    volume -= volume.mean()
+    volume /= volume.std()
+    levels = [volume]
+    while (half := len(levels[-1]) // 2) > 0:
+        blocks = levels[-1].reshape(half, 2, half, 2, half, 2)
+        levels.append(blocks.mean(axis=(1, 3, 5), dtype=np.float32))
+    offsets = np.cumsum([0, *(level.size for level in levels[:-1])], dtype=np.int64)
+    return np.concatenate([level.ravel() for level in levels]), offsets
+
+
+def _grains(side: int, octave: int) -> Singles:
+    cells = side >> octave
+    counters = np.arange(cells**3, dtype=np.uint64)
+    grains = uniforms(hash64(counters, seed_of("grain", octave))).reshape((cells,) * 3)
+    for axis in range(3):
+        grains = np.repeat(grains, 1 << octave, axis=axis)
+        for _ in range(octave):
+            grains = (grains + np.roll(grains, 1, axis=axis)) * np.float32(0.5)
+    centred: Singles = (grains - grains.mean()) / grains.std()
+    return centred

@@ -1,0 +1,144 @@
+"""Own photos as a dataset: what `prepare photos` asks for."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.options import Option
+from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
+
+__all__ = ["PHOTOS", "PhotoOptions", "Photos"]
+
+_LONGEST_NAME = 48  # of which more names are made
+
+Rule = Literal["plane", "dsm", "iou"]
+
+
+@dataclass(frozen=True)
+class PhotoOptions:
+    """Where the parts of a scene lie, and what differs from the protocols to start from."""
+
+    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
+    images: Annotated[Path, Option("images", "Folder of the photos.")]
+    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
+    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
+    dsm: Annotated[Path, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")]
+    cloud: Annotated[
+        Path | None,
+        Option("cloud", "True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
+    ] = None
+    priors: Annotated[
+        Path | None,
+        Option(
+            "priors",
+            "CSV of positions and gimbal angles, where the photos' metadata lack them.",
+        ),
+    ] = None
+    crs: Annotated[
+        str | None, Option("crs", "CRS of the poses (default: what their file says).")
+    ] = None
+    protocol: Annotated[
+        str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
+    ] = "photos-retrieval"
+    matching_protocol: Annotated[
+        str, Option("matching-protocol", "Matching protocol to start from, a name or .toml file.")
+    ] = "photos-matching"
+    reconstruction_protocol: Annotated[
+        str,
+        Option(
+            "reconstruction-protocol",
+            "Reconstruction protocol to start from, a name or .toml file.",
+        ),
+    ] = "photos-reconstruction"
+    tile_size: Annotated[
+        list[int] | None,
+        Option("tile-size", "Side of a tile in map pixels; repeat it (default: the protocol's)."),
+    ] = None
+    rule: Annotated[
+        Rule | None, Option("rule", "When a tile is positive (default: the protocol's).")
+    ] = None
+    iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """What the benchmark refers to, by the name that benchmark.toml has for it."""
+        files = {"images": self.images, "dom": self.dom, "dsm": self.dsm, "cloud": self.cloud}
+        return {key: path for key, path in files.items() if path is not None}
+
+
+class Photos(Dataset[PhotoOptions]):
+    """A scene of own photos, their poses, a map and a surface model."""
+
+    summary = (
+        "Make a benchmark folder out of photos, their poses, a map and a surface model.\n\n"
+        "It serves retrieval; matching where the photos' metadata hold GPS and gimbal angles; and "
+        "reconstruction where there is a true --cloud."
+    )
+    example = (
+        "photos --name park --images photos --poses poses.json --dom dom.tif --dsm dsm.tif "
+        "--tile-size 256 --tile-size 128"
+    )
+    options = PhotoOptions
+    without_truth = MappingProxyType(
+        {
+            "matching": "no photo has GPS position and gimbal angles (--priors)",
+            "reconstruction": "no true cloud was given (--cloud)",
+        }
+    )
+
+    def benchmark(self, options: PhotoOptions) -> str:
+        """Return the name that was given, if names of files and protocols can be made of it."""
+        from airzoo_bench.core.validation import SAFE_NAME
+
+        name = options.name
+        if not re.fullmatch(SAFE_NAME, name) or len(name) > _LONGEST_NAME:
+            raise UsageError(
+                f"--name {name[:80]!r} cannot be the name of a benchmark",
+                expected="letters, digits, '.', '_' and '-', beginning with a letter or digit, at "
+                f"most {_LONGEST_NAME} characters",
+            )
+        return name
+
+    def prepare(self, options: PhotoOptions, settings: PrepareSettings) -> Prepared:
+        """Make the folder, see `photos.prepare_photos`."""
+        from airzoo_bench.datasets.photos import prepare_photos
+        from airzoo_bench.datasets.truths import BenchmarkProtocols
+        from airzoo_bench.matching.settings import MatchingProtocol
+        from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
+        from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+        from airzoo_bench.retrieval.settings import RetrievalProtocol
+
+        name, root = options.name, settings.root
+        base = protocol_of_track(options.protocol, root, RetrievalProtocol)
+        matching = protocol_of_track(options.matching_protocol, root, MatchingProtocol)
+        reconstruction = protocol_of_track(
+            options.reconstruction_protocol, root, ReconstructionProtocol
+        )
+        truth = base.ground_truth
+        changes: dict[str, dict[str, Any]] = {
+            "gallery": {"tile_sizes_px": tuple(options.tile_size)} if options.tile_size else {},
+            "ground_truth": {
+                "rule": options.rule or truth.rule,
+                "iou_above": _threshold(truth.iou_above, options.rule, options.iou_above),
+            },
+        }
+        protocols = BenchmarkProtocols(
+            protocol_for(base, name, changes),
+            protocol_for(matching, name, {}),
+            protocol_for(reconstruction, name, {}),
+        )
+        return prepare_photos(options, protocols, settings)
+
+
+def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:
+    """Return the overlap to use: the one given, else the protocol's if the rule is overlap."""
+    goes_by_overlap = rule == "iou" or (rule is None and base is not None)
+    return base if given is None and goes_by_overlap else given
+
+
+PHOTOS = Photos()

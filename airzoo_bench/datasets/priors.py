@@ -1,0 +1,256 @@
+"""Priors: a table that gives them, how far they are from poses, and which photos have none."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
+from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.files import read_text
+from airzoo_bench.datasets.dji import PhotoPrior
+from airzoo_bench.datasets.photo_facts import median
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "PRIOR_VALUES",
+    "PriorFacts",
+    "WithoutPrior",
+    "prior_facts",
+    "read_prior_file",
+    "without_prior",
+]
+
+PRIOR_VALUES = ("lon", "lat", "altitude_m", "yaw_deg", "pitch_deg", "roll_deg")
+_LIMITS = {"lon": 180.0, "lat": 90.0}
+_LIMIT_BYTES = 64 << 20
+
+
+def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Read a CSV with the column ``image`` and some of `PRIOR_VALUES`.
+
+    Parameters
+    ----------
+    path : Path
+    photos : iterable of str
+        The names of the photos that there are.
+
+    Returns
+    -------
+    dict of str to dict
+        What is given for each photo; empty cells are left out.
+
+    Raises
+    ------
+    BenchmarkError
+        The file is not such a table, names a photo twice or one that there is not, or a value is
+        no number or beyond its range.
+    """
+    text = read_text(path, BenchmarkError, "table of priors", _LIMIT_BYTES)
+    try:
+        rows = list(csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True))
+    except csv.Error as error:
+        raise BenchmarkError(f"not a CSV: {error}", where=path) from error
+    columns = set(rows[0]) if rows else set()
+    if "image" not in columns or not columns <= {"image", *PRIOR_VALUES}:
+        raise BenchmarkError(
+            f"has the columns {', '.join(map(str, sorted(columns, key=str)))}",
+            where=path,
+            expected=f"image, and some of {', '.join(PRIOR_VALUES)}",
+        )
+    names = [row["image"] for row in rows]
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    _refuse_names(twice, "named twice", path)
+    there = set(photos)
+    _refuse_names([name for name in names if name not in there], "no photos", path)
+    return {row["image"]: _values(row, number, path) for number, row in enumerate(rows, start=2)}
+
+
+def _values(row: dict[str, str], line: int, path: Path) -> dict[str, float]:
+    found = {}
+    for name in PRIOR_VALUES:
+        text = (row.get(name) or "").strip()
+        if not text:
+            continue
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not abs(value) <= _LIMITS.get(name, 1e6):
+            raise BenchmarkError(
+                f"column {name}, line {line}: {text[:40]!r}",
+                where=path,
+                expected=f"a number, at most {_LIMITS[name]:g} either way"
+                if name in _LIMITS
+                else "a number",
+            )
+        found[name] = value
+    return found
+
+
+def _refuse_names(names: list[str], what: str, path: Path) -> None:
+    if names:
+        raise BenchmarkError(
+            f"{what}: {first_of(map(repr, names))}",
+            where=path,
+            expected="each photo once, by its name relative to the folder of the photos",
+        )
+
+
+# No gimbal is so far off; a mistake of convention is. What it leaves is below the second.
+_WRONG_DEG, _EXPLAINED_DEG = 45.0, 20.0
+
+
+@dataclass(frozen=True)
+class PriorFacts:
+    """Median errors of the priors, and the mistakes that explain large ones."""
+
+    photos: int
+    position_m: float
+    yaw_deg: float
+    pitch_deg: float
+    rotation_deg: float
+    turned: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True)
+class WithoutPrior:
+    """Photos that have no prior.
+
+    Attributes
+    ----------
+    photos : int
+        All of the scene.
+    lacking : dict of str to tuple of str
+        Their ids by what they lack: the first of position, altitude, gimbal angles.
+    some_word : bool
+        Whether any photo of the scene says something of its position or angles.
+    """
+
+    photos: int
+    lacking: dict[str, tuple[str, ...]]
+    some_word: bool
+
+    @property
+    def count(self) -> int:
+        """How many have none."""
+        return sum(map(len, self.lacking.values()))
+
+
+def prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
+    """Compare priors with poses; None where no photo has a prior."""
+    there = photos[_with_prior(photos)]
+    if there.empty:
+        return None
+    priors, poses = poses_of(there, PRIOR_COLUMNS), poses_of(there)
+    position, yaw, pitch, rotation = map(median, prior_errors(priors, poses))
+    turned = turned_priors(priors, poses)
+    ids = tuple((what, tuple(there["id"][rows])) for what, rows in turned.items())
+    return PriorFacts(len(there), position, yaw, pitch, rotation, ids)
+
+
+def without_prior(photos: pd.DataFrame, metadata: Mapping[str, PhotoPrior]) -> WithoutPrior:
+    """Find the photos that have no prior, and what each of them lacks."""
+    lacking: dict[str, tuple[str, ...]] = {}
+    said = [metadata.get(name, PhotoPrior()) for name in photos["image"]]
+    for one, prior, there in zip(photos["id"], said, _with_prior(photos), strict=True):
+        if not there:
+            what = _first_lacking(prior)
+            lacking[what] = (*lacking.get(what, ()), one)
+    some_word = any((prior.lon, prior.yaw_deg) != (None, None) for prior in said)
+    return WithoutPrior(len(photos), lacking, some_word)
+
+
+def _with_prior(photos: pd.DataFrame) -> Bools:
+    if not set(PRIOR_COLUMNS) <= set(photos.columns):
+        return np.zeros(len(photos), dtype=bool)
+    whole: Bools = np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
+    return whole
+
+
+def _first_lacking(prior: PhotoPrior) -> str:
+    if prior.lon is None:
+        return "GPS position"
+    return "altitude" if prior.altitude_m is None else "gimbal angles"
+
+
+def prior_errors(priors: Poses, poses: Poses) -> tuple[Floats, Floats, Floats, Floats]:
+    """Compare N priors with the poses.
+
+    Returns
+    -------
+    position_m, yaw_deg, pitch_deg, rotation_deg : (N,) array
+        Not negative: in space; the twist about the vertical of the rotation between the two, which
+        is also defined for cameras that look straight down; of the optical axis against the
+        horizon; in space.
+    """
+    # Rows of a rotation are the camera's axes in the world: this takes the pose's to the prior's.
+    between = np.einsum("nki,nkj->nij", priors.rotation, poses.rotation)
+    sine, cosine = between[:, 1, 0] - between[:, 0, 1], between[:, 0, 0] + between[:, 1, 1]
+    down = [np.degrees(np.arcsin(np.clip(p.rotation[:, 2, 2], -1, 1))) for p in (priors, poses)]
+    return (
+        np.sqrt(((priors.centres - poses.centres) ** 2).sum(axis=-1)),
+        np.abs(np.degrees(np.arctan2(sine, cosine))),
+        np.abs(down[0] - down[1]),
+        rotation_angle_deg(priors.rotation, poses.rotation),
+    )
+
+
+def turned_priors(priors: Poses, poses: Poses) -> dict[str, Bools]:
+    """Find mistakes of convention that explain priors turned by more than 45 degrees.
+
+    Of the mistakes that leave less than 20 degrees, the one that explains the most priors comes
+    first, then the one that explains the most of the others, and so on; one that explains less
+    than a third may do so by chance, and explains nothing.
+
+    Returns
+    -------
+    dict of str to (N,) bool array
+        Which priors each explains, by what is wrong with them, such as "yaw is 180 degrees off".
+    """
+    wrong = rotation_angle_deg(priors.rotation, poses.rotation) > _WRONG_DEG
+    explained = {
+        what: wrong & (rotation_angle_deg(corrected, poses.rotation) < _EXPLAINED_DEG)
+        for what, corrected in _corrected(priors).items()
+    }
+    least, found = wrong.sum() / 3, {}
+    while wrong.any():
+        what = max(explained, key=lambda name: int((explained[name] & wrong).sum()))
+        rows = explained[what] & wrong
+        if rows.sum() < least:
+            found["rotation is more than 45 degrees off"] = wrong
+            break
+        found[what] = rows
+        wrong = wrong & ~rows
+    return found
+
+
+def _corrected(priors: Poses) -> dict[str, Floats]:
+    """Return the rotations of the priors with each mistake corrected, by the mistake."""
+    yaw, pitch, roll = rotations_to_angles(priors.rotation, convergence_deg=0.0).T
+    angles = {
+        "yaw is 180 degrees off": (yaw + 180.0, pitch, roll),
+        "yaw is 90 degrees too large": (yaw - 90.0, pitch, roll),
+        "yaw is 90 degrees too small": (yaw + 90.0, pitch, roll),
+        "yaw has the wrong sign": (-yaw, pitch, roll),
+        "pitch has the wrong sign": (yaw, -pitch, roll),
+        "yaw and pitch have the wrong sign": (-yaw, -pitch, roll),
+        "pitch is counted from nadir": (yaw, pitch - 90.0, roll),
+        "roll is 180 degrees off": (yaw, pitch, roll + 180.0),
+    }
+    return {
+        what: angles_to_rotations(*values, convergence_deg=0.0) for what, values in angles.items()
+    }
