@@ -224,6 +224,7 @@ def anchor_pixels(cameras: Cameras, inset: float = 1 / 16) -> Floats:
     Parameters
     ----------
     cameras : Cameras
+        N cameras.
     inset : float
         Distance from the border as a share of width and height, 0 <= inset < 0.5; 0 gives the
         image's corners.
@@ -231,7 +232,7 @@ def anchor_pixels(cameras: Cameras, inset: float = 1 / 16) -> Floats:
     Returns
     -------
     (N, 4, 2) array
-        Top left, top right, bottom right, bottom left.
+        Pixels: top left, top right, bottom right, bottom left.
 
     Raises
     ------

@@ -65,9 +65,19 @@ def horizontal_crs(crs: Any) -> CRS:
 
 
 def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
-    """Take coordinates x, y (..., 2) of a CRS to WGS84 longitude, latitude (..., 2) in degrees.
+    """Take coordinates of a CRS to WGS84.
 
-    NaN where `xy` is NaN or beyond the projection.
+    Parameters
+    ----------
+    crs : Any
+        See `horizontal_crs`.
+    xy : (..., 2) array
+        x (easting or longitude), y (northing or latitude).
+
+    Returns
+    -------
+    (..., 2) array
+        Longitude, latitude in degrees; NaN where `xy` is NaN or beyond the projection.
 
     Raises
     ------
@@ -98,8 +108,17 @@ def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
 def unwrapped(lonlat: ArrayLike, about_lon: float) -> Floats:
     """Move longitudes by whole turns to within 180 degrees of one: none jumps at +-180.
 
-    Of longitudes and latitudes (..., 2) in degrees: 180.1 for -179.9 about 179. What needs no turn
-    stays as it is to the last bit.
+    Parameters
+    ----------
+    lonlat : (..., 2) array
+        Degrees; what needs no turn stays as it is to the last bit.
+    about_lon : float
+        A longitude in the midst of them.
+
+    Returns
+    -------
+    (..., 2) array
+        Such as 180.1 for -179.9 about 179.
     """
     given = np.asarray(lonlat, dtype=np.float64)
     turns = np.round((about_lon - given[..., 0]) / 360)
@@ -139,9 +158,17 @@ def ecef_to_geodetic(xyz: ArrayLike) -> Floats:
 
 
 def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike) -> Floats:
-    """Length (...) in metres of the geodesic on the WGS84 ellipsoid; they broadcast.
+    """Length of the geodesic on the WGS84 ellipsoid, by PROJ (Karney 2013).
 
-    Between longitudes and latitudes (..., 2) in degrees; NaN where one is NaN.
+    Parameters
+    ----------
+    lonlat_a, lonlat_b : (..., 2) array
+        Longitude, latitude in degrees; they broadcast.
+
+    Returns
+    -------
+    (...) array
+        Metres; NaN where one is NaN.
     """
     a, b = np.broadcast_arrays(
         np.asarray(lonlat_a, dtype=np.float64), np.asarray(lonlat_b, dtype=np.float64)

@@ -307,10 +307,20 @@ def camera_to_world(poses: Poses, points_cam: Floats) -> Floats:
 
 
 def rotation_angle_deg(Ra: ArrayLike, Rb: ArrayLike) -> Floats:
-    """Geodesic angle (...) between rotations (..., 3, 3) in degrees, 0 to 180; they broadcast.
+    """Geodesic angle between rotations, in degrees.
 
     atan2 of sine (the skew part of Ra Rb^T) and cosine (its trace): unlike arccos of the trace, it
-    keeps all digits near 0 and near 180 degrees. NaN where a rotation is NaN.
+    keeps all digits near 0 and near 180 degrees.
+
+    Parameters
+    ----------
+    Ra, Rb : (..., 3, 3) array
+        Rotations; leading dimensions broadcast.
+
+    Returns
+    -------
+    (...) array
+        0 to 180; NaN where a rotation is NaN.
     """
     inverse = _transposed(np.asarray(Rb, dtype=np.float64))
     relative = multiply(np.asarray(Ra, dtype=np.float64), inverse)

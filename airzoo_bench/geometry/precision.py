@@ -101,7 +101,15 @@ def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
 def rounding_errors(values: Floats) -> Floats:
     """Estimate by how much rounding to float16, float32 or few decimal digits has moved numbers.
 
-    They are finite and all written in the same way; 0 where they have more digits than matter.
+    Parameters
+    ----------
+    values : (...) array
+        Finite, all written in the same way.
+
+    Returns
+    -------
+    (...) array
+        Root mean squares, in their unit; 0 where the numbers have more digits than matter.
     """
     kind = narrow_type(values)
     if kind is not None:

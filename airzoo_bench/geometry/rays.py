@@ -73,7 +73,7 @@ class RayHits(NamedTuple):
 def intersect_plane(
     origins: Floats, directions: Floats, z0: ArrayLike, max_range_m: float
 ) -> RayHits:
-    """Meet rays with the horizontal plane z = z0, (N,) or a scalar.
+    """Meet rays with the horizontal plane z = z0.
 
     Parameters
     ----------
@@ -81,6 +81,8 @@ def intersect_plane(
         Camera centres.
     directions : (N, M, 3) array
         Of any length.
+    z0 : (N,) array or scalar
+        Height of the plane.
     max_range_m : float
         Farthest a point may be from the centre; the distance itself is still a hit.
 
@@ -114,7 +116,7 @@ def intersect_plane(
 def intersect_heightfield(
     origins: Floats, directions: Floats, field: HeightField, max_range_m: float
 ) -> RayHits:
-    """Meet rays, as of `intersect_plane`, with the surface of a DSM: the first crossing from above.
+    """Meet rays with the surface of a DSM: the first crossing from above.
 
     The ray is followed from cell to cell of the grid of pixel centres, between the highest and the
     lowest height, and met with the surface of each cell in closed form (see `march`); so that no
@@ -123,6 +125,15 @@ def intersect_heightfield(
     Where the DSM has no height the march goes on. When the ray has sunk into the ground across such
     a gap, the crossing is the first place beyond it where the surface is above the ray; the point
     is the ray's there, hence below the surface.
+
+    Parameters
+    ----------
+    origins, directions : (N, 3) array, (N, M, 3) array
+        See `intersect_plane`, in the field's CRS.
+    field : HeightField
+        In a projected CRS in metres.
+    max_range_m : float
+        See `intersect_plane`.
 
     Returns
     -------
@@ -190,8 +201,19 @@ def nearest_heights(field: HeightField, most_px: int) -> HeightAt:
 
     It looks at every k-th pixel of every k-th row, beginning with k // 2, where k is the least
     whole number that leaves at most `most_px`. Of those that are equally near, to a micrometre, the
-    first in row-major order counts. NaN for places that are NaN, and everywhere where no such pixel
-    has a height.
+    first in row-major order counts.
+
+    Parameters
+    ----------
+    field : HeightField
+        Places are in its CRS.
+    most_px : int
+        At least 1.
+
+    Returns
+    -------
+    HeightAt
+        NaN for places that are NaN, and everywhere where no such pixel has a height.
     """
     from scipy.spatial import cKDTree
 
@@ -245,15 +267,27 @@ def meet_missing(
 ) -> Floats:
     """Find where rays come down that have missed the surface model where it has no height.
 
-    Such a ray, of length 1, is met with a level plane: first at `height_at` of the camera's place,
-    then at that of the point so found.
+    Such a ray is met with a level plane: first at `height_at` of the camera's place, then at that
+    of the point so found.
+
+    Parameters
+    ----------
+    origins, unit : (N, 3) array, (N, M, 3) array
+        Camera centres, and directions of length 1.
+    hits : RayHits
+        What `intersect_heightfield` found for these rays.
+    field : HeightField
+        The surface that it met them with.
+    height_at : HeightAt
+        Such as that of `nearest_heights`.
+    max_range_m : float
+        Farthest a point may be from the centre.
 
     Returns
     -------
     (N, M, 3) array
-        The points of `hits`, from `intersect_heightfield`, and those found here; NaN for all other
-        rays: those that do not go down, begin below the ground, or come to their range above a
-        surface that is there.
+        The points of `hits`, and those found here; NaN for all other rays: those that do not go
+        down, begin below the ground, or come to their range above a surface that is there.
     """
     points = hits.points.copy()
     camera, ray = np.nonzero(_through_holes(hits, field))

@@ -120,11 +120,12 @@ def matrix_to_quaternion(R: ArrayLike) -> Floats:
 def angles_to_rotations(
     yaw_deg: ArrayLike, pitch_deg: ArrayLike, roll_deg: ArrayLike, *, convergence_deg: ArrayLike
 ) -> Floats:
-    """Turn gimbal angles (...) in degrees, which broadcast, into world-to-camera rotations.
+    """Turn gimbal angles into world-to-camera rotations.
 
     Parameters
     ----------
     yaw_deg, pitch_deg, roll_deg : (...) array or scalar
+        Degrees; all four broadcast.
     convergence_deg : (...) array or scalar
         See `units.grid_convergence_deg`; 0 where yaw is already relative to the grid's north.
 
@@ -150,7 +151,7 @@ def rotations_to_angles(R: ArrayLike, *, convergence_deg: ArrayLike) -> Floats:
     R : (..., 3, 3) array
         World-to-camera, OpenCV axes, the world in projected coordinates with z up.
     convergence_deg : (...) array or scalar
-        See `grid_convergence_deg`.
+        See `units.grid_convergence_deg`.
 
     Returns
     -------

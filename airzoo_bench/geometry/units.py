@@ -44,8 +44,24 @@ def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
     """How far a metre of a projected CRS is from a metre on the ground, at worst over directions.
 
     The largest |k - 1| of Tissot's indicatrix (Snyder, Map Projections: A Working Manual, 1987,
-    section 4), as PROJ computes it, at places lon, lat (..., 2): a share (...), 0 where lengths are
-    true, infinite beyond the projection.
+    section 4), as PROJ computes it.
+
+    Parameters
+    ----------
+    crs : Any
+        A projected CRS, see `frames.horizontal_crs`.
+    lonlat : (..., 2) array
+        Longitude, latitude in degrees.
+
+    Returns
+    -------
+    (...) array
+        A share, 0 where lengths are true; infinite beyond the projection.
+
+    Raises
+    ------
+    UserError
+        See `frames.horizontal_crs`.
     """
     place = np.asarray(lonlat, dtype=np.float64)
     proj = Proj(horizontal_crs(crs))
@@ -70,7 +86,7 @@ def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
     Raises
     ------
     CameraError
-        Its scale there differs from 1 by `MOST_SCALE_ERROR` or more.
+        Its scale there differs from 1 by 0.5 % or more.
     """
     worst = float(np.max(scale_error(crs, lonlat), initial=0.0))
     if not worst < _MOST_SCALE_ERROR:
@@ -87,9 +103,16 @@ def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
 
 
 def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
-    """Angle from true north to the grid's north at places lon, lat (..., 2), clockwise positive.
+    """Angle from true north to the grid's north, clockwise positive.
 
     An azimuth on the grid is the true azimuth less the convergence.
+
+    Parameters
+    ----------
+    crs : Any
+        A projected CRS, see `frames.horizontal_crs`.
+    lonlat : (..., 2) array
+        WGS84 longitude, latitude in degrees.
 
     Returns
     -------
@@ -101,7 +124,7 @@ def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
     CameraError
         The CRS is not projected.
     UserError
-        See `horizontal_crs`.
+        See `frames.horizontal_crs`.
     """
     plane = horizontal_crs(crs)
     if not plane.is_projected:

@@ -109,11 +109,13 @@ def within(
     Parameters
     ----------
     translation_m : (Q,) array
+        Metres, infinite for failures.
     rotation_deg : (Q,) array or None
-        None where the truth has no orientation.
+        Degrees; None where the truth has no orientation.
     limit_m : float
+        Metres.
     limit_deg : float, optional
-        Left out, only the translation counts.
+        Degrees; left out, only the translation counts.
 
     Returns
     -------

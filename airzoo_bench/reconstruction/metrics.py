@@ -90,10 +90,8 @@ def score_distances(
         Distance of each predicted point to the nearest true one; none where nothing is predicted.
     to_prediction : (T,) array
         Distance of each true point to the nearest predicted one, infinite where there is none.
-    thresholds : sequence of float
-        Positive, in any order.
-    percentiles : sequence of float
-        Above 0, at most 100.
+    thresholds : (K,) array
+        Of the curve: finite, increasing.
     max_distance : float or None
         Where given, a larger distance counts as this in accuracy, completeness and Chamfer
         distance, and in nothing else; an empty prediction stays infinitely far.
@@ -108,7 +106,7 @@ def score_distances(
     BenchmarkError
         No true point.
     ValueError
-        Distances that are negative or NaN; thresholds or percentiles out of range.
+        See `counts_below`.
     """
     if len(to_prediction) == 0:
         raise BenchmarkError(
@@ -129,7 +127,7 @@ def score_distances(
 
 
 def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
-    """Precision, recall and F1 at each of K increasing thresholds.
+    """Precision, recall and F1 at each threshold.
 
     Parameters
     ----------
@@ -138,6 +136,12 @@ def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
     to_prediction : (T,) array
         Distance of each true point to the prediction, at least one.
     thresholds : (K,) array
+        Finite, increasing; in the units of the distances.
+
+    Returns
+    -------
+    Curve
+        Of K values each; precision and F1 are 0 where nothing is predicted.
 
     Raises
     ------
@@ -150,9 +154,19 @@ def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
 
 
 def counts_below(distances: Floats, thresholds: Floats) -> Ints:
-    """How many distances (N,) are strictly below each of the thresholds (K,); (K,) int64.
+    """How many distances are strictly below each threshold.
 
-    Infinite distances are below none.
+    Parameters
+    ----------
+    distances : (N,) array
+        Infinite ones are below none.
+    thresholds : (K,) array
+        Finite, increasing; in the units of the distances.
+
+    Returns
+    -------
+    (K,) int64
+        A count for each threshold.
 
     Raises
     ------
@@ -174,14 +188,38 @@ def counts_below(distances: Floats, thresholds: Floats) -> Ints:
 
 
 def f1_score(precision: Floats, recall: Floats) -> Floats:
-    """Harmonic mean of precision and recall, ``2PR / (P + R)``; 0 where both are 0."""
+    """Harmonic mean of precision and recall, ``2PR / (P + R)``.
+
+    Parameters
+    ----------
+    precision, recall : (...) array
+        0 to 1.
+
+    Returns
+    -------
+    (...) array
+        0 to 1; 0 where both are 0.
+    """
     total = precision + recall
     score: Floats = 2.0 * precision * recall / np.where(total > 0.0, total, 1.0)
     return score
 
 
 def even_thresholds(up_to: float, steps: int) -> Floats:
-    """Return `steps` thresholds, evenly spaced: ``up_to / steps``, ..., `up_to`."""
+    """Return evenly spaced thresholds.
+
+    Parameters
+    ----------
+    up_to : float
+        The last one.
+    steps : int
+        How many.
+
+    Returns
+    -------
+    (steps,) float64
+        ``up_to / steps``, ..., `up_to`.
+    """
     return up_to * np.arange(1, steps + 1) / steps
 
 

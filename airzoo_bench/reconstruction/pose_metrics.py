@@ -210,8 +210,8 @@ def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
 
     Returns
     -------
-    StepErrors
-        Of the N - 1 steps.
+    translation, rotation_deg : (N - 1,) array
+        In the units of the truth, and 0 to 180 degrees; infinite where either camera has no pose.
 
     References
     ----------
@@ -266,7 +266,14 @@ def _pair_block(
 
 
 def relative_poses(poses: Poses, first: Ints, second: Ints) -> tuple[Floats, Floats]:
-    """Return the poses of second cameras as first ones see them, by rows (...) that broadcast.
+    """Return the poses of second cameras as first ones see them.
+
+    Parameters
+    ----------
+    poses : Poses
+        Of all cameras.
+    first, second : (...) int array
+        Rows of `poses`; they broadcast.
 
     Returns
     -------
@@ -296,9 +303,17 @@ def _world_motions(poses: Poses, first: int, row: int, others: Ints) -> tuple[Fl
 
 
 def angle_deg(a: Floats, b: Floats) -> Floats:
-    """Angles (...) between vectors (..., 3) of any lengths, in degrees; 0 where one has none.
+    """Angles between vectors; atan2 of sine and cosine keeps all digits near 0 and 180 degrees.
 
-    atan2 of sine and cosine keeps all digits near 0 and 180 degrees.
+    Parameters
+    ----------
+    a, b : (..., 3) array
+        Of any lengths; they broadcast.
+
+    Returns
+    -------
+    (...) array
+        0 to 180 degrees; 0 where a vector has length 0.
     """
     sine = _lengths(np.cross(a, b))
     return np.asarray(np.degrees(np.arctan2(sine, (a * b).sum(axis=-1))))

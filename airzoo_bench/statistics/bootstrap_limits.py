@@ -126,7 +126,7 @@ def interval_limits(
         large where it is almost 0, and their rounding with them.
     accelerations : (R,) array
         From `acceleration`; NaN where BCa does not exist.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
         Kind of interval, confidence.
 
     Returns

@@ -56,6 +56,8 @@ class SampleIntervals:
 
     Attributes
     ----------
+    groups : dict of str to list of Interval
+        Of each group, by its name; empty where they were not asked for.
     overall : list of Interval
         Of the unweighted mean over groups.
     p_values : list of float or None
@@ -92,7 +94,7 @@ def bootstrap(
     ----------
     sample : Sample
         Values are finite or +inf.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
         Number of resamples, seed, kind of interval, confidence.
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second.

@@ -105,12 +105,13 @@ def sign_flips(units: int, first: int, count: int, key: int) -> NDArray[np.uint8
 
     Parameters
     ----------
-    units, first, count, key
+    units, first, count, key : int
         See `resample_counts`.
 
     Returns
     -------
     (units, count) uint8
+        1 or 0.
     """
     words = _words(-(-units // 64), first, count, key).astype("<u8")
     bits = np.unpackbits(words.view(np.uint8), axis=1, count=units, bitorder="little")

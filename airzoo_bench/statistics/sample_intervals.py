@@ -27,7 +27,7 @@ def sample_intervals(
     ----------
     sample : Sample
         Values are finite or +inf.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
         Number of resamples, seed, kind of interval, confidence.
     differences : sequence of (int, int)
         Pairs of variables: the first minus the second, both shares or neither.
@@ -37,7 +37,13 @@ def sample_intervals(
     Returns
     -------
     SampleIntervals
-        None where a group has fewer than `FEWEST` units, or of what is resampled all are alike.
+        There is no interval where a group has fewer than `FEWEST` units, or all units of what is
+        resampled are alike.
+
+    Raises
+    ------
+    ValueError
+        The sample has no group.
     """
     shares = sample.shares
     if shares is None or not shares.any():

@@ -26,6 +26,10 @@ class ResamplingConfig:
     ----------
     resamples : int
         Of the bootstrap and, where not all can be tried, of the permutation test.
+    seed : int
+        Of the random draws of both.
+    interval : {"bca", "percentile"}
+        Kind of the bootstrap's intervals.
     confidence : float
         Between 0 and 1.
     """

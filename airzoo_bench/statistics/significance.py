@@ -40,6 +40,7 @@ def holm(p_values: Floats, family: int | None = None) -> Floats:
     Parameters
     ----------
     p_values : (M,) array
+        Of the comparisons that are reported.
     family : int, optional
         How many were looked at, at least M; M where left out. Those that are not given count as 1,
         so that the given ones come out as large as they can.
@@ -67,6 +68,8 @@ class PairedTest:
 
     Attributes
     ----------
+    p_value : float
+        Above 0, at most 1.
     exact : bool
         Whether every pattern was tried; else `patterns` random ones were.
     patterns : int
@@ -89,9 +92,9 @@ def paired_permutation(
     The statistic is the difference of the averages over groups. Where units are exchangeable
     between the two, each of the 2**k patterns of the k units that differ is as likely as the one
     observed; p is the share of patterns that differ at least as much, either way. All are
-    tried where they are no more than `plan.resamples`; else that many random ones are, the same
-    for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0.
-    Where one side's average is infinite, patterns that make it so too are ordered by wins minus
+    tried where they are no more than `resampling.resamples`; else that many random ones are, the
+    same for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0. Where
+    one side's average is infinite, patterns that make it so too are ordered by wins minus
     losses. Of medians this would test whether units are exchangeable, which they are not where
     one method's errors spread more: `paired_tests` takes theirs from the bootstrap.
 
@@ -99,7 +102,7 @@ def paired_permutation(
     ----------
     sample : Sample
         Values are finite or +inf.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
         Number of patterns that are tried, seed.
     pairs : sequence of (int, int)
         Of variables, both averaged in the same way.
@@ -286,7 +289,7 @@ def paired_tests(
     ----------
     sample : Sample
         Values are finite or +inf.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
         How intervals and tests are made.
     places : sequence of (int, int)
         Of variables, both averaged in the same way.
