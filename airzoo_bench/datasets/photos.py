@@ -70,7 +70,8 @@ def prepare_photos(
     retrieval = None if truths.retrieval is None else truths.retrieval.truth
     if retrieval is not None and retrieval.queries.empty:
         raise _nothing_to_ask(retrieval, sources, read)
-    facts = scene_facts(read, retrieval, truths.matching, above)
+    dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
+    facts = scene_facts(read, retrieval, truths.matching, above, dropped)
     scene = SceneContent(inputs, truths, sources.files, facts)
     return write_benchmark([scene], protocols, settings)
 

@@ -88,7 +88,8 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
     answerable = positives.counts > 0
     kept = answerable if rules.without_positive == "exclude" else np.ones_like(answerable)
     rows = np.flatnonzero(kept)
-    reasons = reasons_of(footprints, shared, _positives(points, empty, rules).counts > 0, rules)
+    on_dropped = _positives(points, empty, rules).counts > 0
+    reasons = reasons_of(footprints, shared, np.where(on_dropped, gallery.dropped, ""), rules)
     left_out = inputs.photos[["id", "image"]].assign(reason=reasons)[~kept]
     truth = RetrievalTruth(
         inputs.scene,
@@ -163,7 +164,7 @@ def _footprint_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFram
 def reasons_of(
     footprints: Footprints,
     shared: Positives,
-    on_empty: NDArray[np.bool_],
+    on_dropped: NDArray[np.str_],
     rules: GroundTruth,
 ) -> list[str]:
     """Say of each of N photos why no tile answers it, if none does.
@@ -173,21 +174,21 @@ def reasons_of(
     footprints : Footprints
     shared : Positives
         Overlap of footprints and tiles.
-    on_empty : (N,) bool
-        Whether a tile that was dropped as empty would answer.
+    on_dropped : (N,) str
+        Which tiles that are not in the gallery would answer, see `Gallery.dropped`; empty for none.
     rules : GroundTruth
     """
     best = np.zeros(shared.n_queries)
     np.maximum.at(best, shared.queries, shared.overlap if shared.overlap is not None else 0.0)
-    rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_empty.tolist(), strict=True)
+    rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_dropped.tolist(), strict=True)
     return [_reason(*row, rules) for row in rows]
 
 
-def _reason(missed: int, best: float, on_empty: bool, rules: GroundTruth) -> str:
+def _reason(missed: int, best: float, on_dropped: str, rules: GroundTruth) -> str:
     if missed == 4:
         return NO_GROUND_POINT
-    if on_empty:
-        return "the footprint meets only tiles without valid pixels"
+    if on_dropped:
+        return f"only tiles {on_dropped} would answer it, and they are not in the gallery"
     if rules.iou_above is not None and missed:
         return f"{missed} of 4 rays do not meet the ground, so that there is no footprint"
     if rules.iou_above is not None and best > 0:
