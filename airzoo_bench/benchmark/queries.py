@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CAMERA_COLUMNS",
     "IDENTITY_COLUMNS",
+    "NO_POSE",
     "POSE_COLUMNS",
     "PRIOR_COLUMNS",
     "SceneInputs",
@@ -44,6 +45,7 @@ PRINCIPAL_POINT_COLUMNS = ("cx", "cy")
 DISTORTION_COLUMNS = ("k1", "k2", "p1", "p2", "k3")
 CAMERA_COLUMNS = (*SIZE_COLUMNS, *FOCAL_COLUMNS, *PRINCIPAL_POINT_COLUMNS, *DISTORTION_COLUMNS)
 POSE_COLUMNS = ("qw", "qx", "qy", "qz", "x", "y", "z")
+NO_POSE = "no pose"
 PRIOR_COLUMNS = tuple(f"prior_{name}" for name in POSE_COLUMNS)
 
 
@@ -243,6 +245,6 @@ def with_unposed(left_out: pd.DataFrame, inputs: SceneInputs) -> pd.DataFrame:
     # Names that no text file can hold are written as Python would escape them.
     names = [name.encode("utf-8", "backslashreplace").decode() for name in inputs.unposed]
     ids = [photo_id(inputs.scene, name) for name in names]
-    rows = pd.DataFrame({"id": ids, "image": names, "reason": "no pose"})
+    rows = pd.DataFrame({"id": ids, "image": names, "reason": NO_POSE})
     parts = [part for part in (left_out, rows) if not part.empty]
     return pd.concat(parts).sort_values("id", kind="stable", ignore_index=True)
