@@ -237,12 +237,23 @@ class _TableMaker:
             return made
         if wanted != BY_NAME:
             shown = {column.title for column in made.columns}
-            columns = {score.key: score for result in self.results for score in result.columns}
+            columns = self._known_scores()
             scores = [score for score in columns.values() if score.title in shown]
             hidden = wanted in named_scores(columns.values())
             check_score(wanted, scores, "--sort", f"add --score {wanted!r} to show it" * hidden)
             wanted = named_scores(scores)[wanted].title
         return sort_rows(made, wanted, AVERAGE)
+
+    def _known_scores(self) -> dict[str, ScoreColumn]:
+        """Return all scores that there are, shown or not, by key."""
+        if self.request.protocol is None:
+            columns = [score for result in self.results for score in result.columns]
+        else:
+            from airzoo_bench.cli.published_table import empty_board
+            from airzoo_bench.core.data_root import data_root
+
+            columns = list(empty_board(self.request.protocol, data_root(), every_score=True).scores)
+        return {score.key: score for score in columns}
 
     def _cited(self, made: Table) -> Table:
         from airzoo_bench.tables.citations import add_citations
