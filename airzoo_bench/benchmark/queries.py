@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
@@ -85,16 +85,32 @@ def write_queries(folder: Path, queries: pd.DataFrame) -> None:
     ordered.to_csv(folder / "queries.csv", index=False, lineterminator="\n")
 
 
-def read_queries(folder: Path, excluded: pd.DataFrame) -> pd.DataFrame:
+def read_queries(
+    folder: Path, excluded: pd.DataFrame, complete: Sequence[str] = ()
+) -> pd.DataFrame:
     """Read a scene's photos but for those that a track has left out.
+
+    Parameters
+    ----------
+    folder : Path
+        The scene's.
+    excluded : DataFrame
+        Left out, by their ids.
+    complete : sequence of str
+        Columns that there must be, with a number for each photo that is not left out.
 
     Raises
     ------
     BenchmarkError
         See `read_table`.
     """
-    everything = read_table(folder / "queries.csv", IDENTITY_COLUMNS)
+    path = folder / "queries.csv"
+    everything = read_table(path, (*IDENTITY_COLUMNS, *complete))
     kept = ~everything["id"].isin(excluded["id"])
+    for name in complete:
+        values, ids = everything[name].tolist(), everything["id"].tolist()
+        missing = (kept & everything[name].isna()).tolist()
+        refuse_cells(path, name, values, missing, "a number", ids)
     return everything[kept].reset_index(drop=True)
 
 
