@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CAMERA_COLUMNS",
     "IDENTITY_COLUMNS",
+    "NO_POSE",
     "POSE_COLUMNS",
     "PRIOR_COLUMNS",
     "SceneInputs",
@@ -44,6 +45,7 @@ PRINCIPAL_POINT_COLUMNS = ("cx", "cy")
 DISTORTION_COLUMNS = ("k1", "k2", "p1", "p2", "k3")
 CAMERA_COLUMNS = (*SIZE_COLUMNS, *FOCAL_COLUMNS, *PRINCIPAL_POINT_COLUMNS, *DISTORTION_COLUMNS)
 POSE_COLUMNS = ("qw", "qx", "qy", "qz", "x", "y", "z")
+NO_POSE = "no pose"
 PRIOR_COLUMNS = tuple(f"prior_{name}" for name in POSE_COLUMNS)
 
 
@@ -83,16 +85,32 @@ def write_queries(folder: Path, queries: pd.DataFrame) -> None:
     ordered.to_csv(folder / "queries.csv", index=False, lineterminator="\n")
 
 
-def read_queries(folder: Path, excluded: pd.DataFrame) -> pd.DataFrame:
+def read_queries(
+    folder: Path, excluded: pd.DataFrame, complete: Sequence[str] = ()
+) -> pd.DataFrame:
     """Read a scene's photos but for those that a track has left out.
+
+    Parameters
+    ----------
+    folder : Path
+        The scene's.
+    excluded : DataFrame
+        Left out, by their ids.
+    complete : sequence of str
+        Columns that there must be, with a number for each photo that is not left out.
 
     Raises
     ------
     BenchmarkError
         See `read_table`.
     """
-    everything = read_table(folder / "queries.csv", IDENTITY_COLUMNS)
+    path = folder / "queries.csv"
+    everything = read_table(path, (*IDENTITY_COLUMNS, *complete))
     kept = ~everything["id"].isin(excluded["id"])
+    for name in complete:
+        values, ids = everything[name].tolist(), everything["id"].tolist()
+        missing = (kept & everything[name].isna()).tolist()
+        refuse_cells(path, name, values, missing, "a number", ids)
     return everything[kept].reset_index(drop=True)
 
 
@@ -243,6 +261,6 @@ def with_unposed(left_out: pd.DataFrame, inputs: SceneInputs) -> pd.DataFrame:
     # Names that no text file can hold are written as Python would escape them.
     names = [name.encode("utf-8", "backslashreplace").decode() for name in inputs.unposed]
     ids = [photo_id(inputs.scene, name) for name in names]
-    rows = pd.DataFrame({"id": ids, "image": names, "reason": "no pose"})
+    rows = pd.DataFrame({"id": ids, "image": names, "reason": NO_POSE})
     parts = [part for part in (left_out, rows) if not part.empty]
     return pd.concat(parts).sort_values("id", kind="stable", ignore_index=True)

@@ -18,7 +18,7 @@ from airzoo_bench.core.errors import BenchmarkError
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["read_table"]
+__all__ = ["read_table", "refuse_cells"]
 
 _POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
 _TEXTS = frozenset(("id", "image", "reason"))
@@ -74,7 +74,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
         table = pd.read_parquet(path) if path.suffix == ".parquet" else _csv(path)
     except (ValueError, OSError, OverflowError, csv.Error, pa.ArrowException) as error:
         raise BenchmarkError(
-            f"not a readable table: {(str(error) or type(error).__name__).splitlines()[0][:200]}",
+            f"not a readable table: {_fault_of(path, error)}",
             where=path,
             expected="a table in UTF-8" if path.suffix == ".csv" else None,
             fix="prepare the benchmark again",
@@ -90,8 +90,24 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
     typed = table.assign(**{name: _typed(path, table[name]) for name in _known(table)})
     for name in complete:
         values = typed[name]
-        _refuse(path, name, table[name].tolist(), values.isna().tolist(), "a number")
+        refuse_cells(path, name, table[name].tolist(), values.isna().tolist(), "a number")
     return typed
+
+
+def _fault_of(path: Path, error: Exception) -> str:
+    line = _undecoded_line(path) if isinstance(error, UnicodeDecodeError) else ""
+    return line or (str(error) or type(error).__name__).splitlines()[0][:200]
+
+
+def _undecoded_line(path: Path) -> str:
+    """Name the first line that is not UTF-8; an error's own position is one in a part of it."""
+    with path.open("rb") as stream:
+        for number, line in enumerate(stream, start=1):
+            try:
+                line.decode()
+            except UnicodeDecodeError as error:
+                return f"line {number}: the byte 0x{line[error.start]:02x} is not UTF-8"
+    return ""
 
 
 def _csv(path: Path) -> pd.DataFrame:
@@ -113,21 +129,21 @@ def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
     name, values = str(column.name), column.tolist()
     if name in _TEXTS:
         odd = [not (isinstance(v, str) and v and v.isprintable()) for v in values]
-        _refuse(path, name, values, odd, "text that prints")
+        refuse_cells(path, name, values, odd, "text that prints")
         if name == "id":
-            _refuse(path, name, values, column.duplicated().tolist(), "each id once")
+            refuse_cells(path, name, values, column.duplicated().tolist(), "each id once")
         return column.astype(str)
     numbers = np.array([_number(value) for value in values], np.float64)
     missing = np.array([_is_missing(value) for value in values], np.bool_)
     limit = _limit(name)
     wrong = ~(np.abs(numbers) <= limit) & ~missing
-    _refuse(path, name, values, wrong.tolist(), f"a number, at most {limit:.12g} in size")
+    refuse_cells(path, name, values, wrong.tolist(), f"a number, at most {limit:.12g} in size")
     if name in _NUMBERS and column.dtype.kind in "iu":
         return column
     if name in _NUMBERS:
         return pd.Series(numbers, column.index, name=name)
     wrong = ~((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST_WHOLE))
-    _refuse(path, name, values, wrong.tolist(), "a whole number")
+    refuse_cells(path, name, values, wrong.tolist(), "a whole number")
     return pd.Series(numbers.astype(np.int64), column.index, name=name)
 
 
@@ -155,10 +171,36 @@ def _is_missing(value: object) -> bool:
     return value is None or value != value
 
 
-def _refuse(path: Path, name: str, values: list[Any], wrong: list[bool], expected: str) -> None:
+def refuse_cells(
+    path: Path,
+    name: str,
+    values: list[Any],
+    wrong: list[bool],
+    expected: str,
+    ids: Sequence[str] = (),
+) -> None:
+    """Refuse the values of a column that are wrong, if any is.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        Of the column.
+    values, wrong : list of N
+    expected : str
+    ids : sequence of N str, optional
+        To be named beside the rows.
+
+    Raises
+    ------
+    BenchmarkError
+        It names the first few rows and values.
+    """
     rows = [row for row, is_wrong in enumerate(wrong) if is_wrong]
     if rows:
-        named = [f"row {row + 1}: {_shown(values[row])}" for row in rows[:_NAMED]]
+        whose = [f" ({ids[row]})" if ids else "" for row in rows[:_NAMED]]
+        pairs = zip(rows[:_NAMED], whose, strict=True)
+        named = [f"row {row + 1}{who}: {_shown(values[row])}" for row, who in pairs]
         more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
         raise BenchmarkError(
             f"column '{name}', {'; '.join(named)}{more}",

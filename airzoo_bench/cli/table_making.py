@@ -19,6 +19,7 @@ from airzoo_bench.tables.rename import rename
 from airzoo_bench.tables.reported_rows import with_floors, with_published
 
 if TYPE_CHECKING:
+    from airzoo_bench.protocol.model import Protocol
     from airzoo_bench.tables.model import Table
 
 __all__ = ["make_table"]
@@ -163,13 +164,10 @@ class _TableMaker:
 
     def _published_alone(self, name: str) -> MethodTable:
         """Return a table of methods with what is published on a protocol."""
-        from airzoo_bench.core.places import data_root
-        from airzoo_bench.core.registry import TRACKS
-        from airzoo_bench.protocol.lookup import find_protocol
         from airzoo_bench.tables.published import published_benchmarks
 
-        wanted, protocol = self.request.scores, find_protocol(name, data_root())
-        columns = score_columns(TRACKS.get(protocol.track).scores(protocol, ()))
+        wanted = self.request.scores
+        protocol, columns = _scores_of(name)
         every_score = self.request.every_score or bool(wanted)
         scores = [column for column in columns if every_score or column.headline]
         for score in wanted:
@@ -247,12 +245,20 @@ class _TableMaker:
             return made
         if wanted != BY_NAME:
             shown = {column.title for column in made.columns}
-            columns = {score.key: score for result in self.results for score in result.columns}
+            columns = self._known_scores()
             scores = [score for score in columns.values() if score.title in shown]
             hidden = wanted in named_scores(columns.values())
             check_score(wanted, scores, "--sort", f"add --score {wanted!r} to show it" * hidden)
             wanted = named_scores(scores)[wanted].title
         return sort_rows(made, wanted, AVERAGE)
+
+    def _known_scores(self) -> dict[str, ScoreColumn]:
+        """Return all scores that there are, shown or not, by key."""
+        if self.request.protocol is None:
+            columns = [score for result in self.results for score in result.columns]
+        else:
+            columns = _scores_of(self.request.protocol)[1]
+        return {score.key: score for score in columns}
 
     def _cited(self, made: Table) -> Table:
         from airzoo_bench.tables.annotations import add_citations
@@ -269,6 +275,16 @@ class _TableMaker:
             return []
         who = "all rows" if self.request.mark_published else "the rows that were scored here"
         return [f"the best of each score is that of {who}"]
+
+
+def _scores_of(name: str) -> tuple[Protocol, list[ScoreColumn]]:
+    """Return the protocol of a name, and all scores of its track."""
+    from airzoo_bench.core.places import data_root
+    from airzoo_bench.core.registry import TRACKS
+    from airzoo_bench.protocol.lookup import find_protocol
+
+    protocol = find_protocol(name, data_root())
+    return protocol, list(score_columns(TRACKS.get(protocol.track).scores(protocol, ())))
 
 
 def _of_floors(names: str) -> list[str]:

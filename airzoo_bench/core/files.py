@@ -269,8 +269,9 @@ def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 1
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
         raise kind(
-            f"not text: byte {error.start} is not UTF-8",
+            f"not text: byte {error.start} is not UTF-8, in line {line}",
             where=path,
             expected=f"a {what} in UTF-8",
         ) from error

@@ -114,9 +114,18 @@ def validated(
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
     """Put pydantic's findings into lines that name key, value and expectation."""
-    found = error.errors()
+    every = error.errors()
+    found = [item for item in every if not _lacks_what_was_refused(item, every)]
     more = [f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
     return "\n    ".join([*(_finding(item, model) for item in found[:_SHOWN]), *more])
+
+
+def _lacks_what_was_refused(item: Any, every: list[Any]) -> bool:
+    """Whether a list is only too short since its items, which are findings as well, are wrong."""
+    loc = item["loc"]
+    return item["type"] == "too_short" and any(
+        other["loc"][: len(loc)] == loc and len(other["loc"]) > len(loc) for other in every
+    )
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:

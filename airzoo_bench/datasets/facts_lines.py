@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.datasets.photo_facts import GpsFacts
 from airzoo_bench.datasets.photo_plausibility import photo_warnings
 from airzoo_bench.datasets.plausibility import Kind, height_warnings, map_warnings
@@ -119,4 +120,6 @@ def _chance(facts: SceneFacts) -> str:
     if shares is None or not len(shares):
         return ""
     text = f"a random tile is a right answer in {shares.mean():.1%} of cases"
-    return text + (f"; {facts.dropped_tiles} empty tiles left out" if facts.dropped_tiles else "")
+    if facts.dropped_tiles:
+        text += f"; {counted(facts.dropped_tiles, 'tile')} {facts.dropped} left out"
+    return text

@@ -8,7 +8,6 @@ import numpy as np
 
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
@@ -38,6 +37,7 @@ from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.retrieval.prepare import grouped_reasons
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["prepare_photos"]
@@ -70,7 +70,8 @@ def prepare_photos(
     retrieval = None if truths.retrieval is None else truths.retrieval.truth
     if retrieval is not None and retrieval.queries.empty:
         raise _nothing_to_ask(retrieval, sources, read)
-    facts = scene_facts(read, retrieval, truths.matching, above)
+    dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
+    facts = scene_facts(read, retrieval, truths.matching, above, dropped)
     scene = SceneContent(inputs, truths, sources.files, facts)
     return write_benchmark([scene], protocols, settings)
 
@@ -113,16 +114,13 @@ def _nothing_to_ask(truth: RetrievalTruth, sources: PhotoOptions, read: Measured
     survey, centres = read.survey, read.inputs.photos[["x", "y", "z"]].median()
     lowest = f"{survey.at_low / survey.valid:.0%} of the heights are exactly {survey.low:.10g} m: "
     tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "
-    excluded = truth.excluded
-    reasons = excluded["reason"].value_counts()
-    listed = "; ".join(f"{counted(count, 'photo')}: {reason}" for reason, count in reasons.items())
+    reasons, fixes = grouped_reasons(truth.excluded)
     return BenchmarkError(
-        f"no photo has a tile that answers it ({listed}); cameras are about "
+        f"no photo has a tile that answers it ({'; '.join(reasons)}); cameras are about "
         f"({centres['x']:.0f}, {centres['y']:.0f}, {centres['z']:.0f}), the surface model is "
         f"{survey.low:.1f} to {survey.high:.1f} m high, {read.inputs.plane_height_m:.1f} in the "
         "median",
         where=sources.poses,
-        expected="photos over the map, with poses in the CRS of the DSM",
-        fix=(tag if often_lowest(survey) else "")
-        + "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera",
+        expected="at least one photo that a tile answers",
+        fix=(tag if often_lowest(survey) else "") + "; or ".join(fixes),
     )

@@ -110,8 +110,9 @@ def _refuse_names(names: list[str], what: str, path: Path) -> None:
         )
 
 
-# No gimbal is so far off; a mistake of convention is. What it leaves is below the second.
-_WRONG_DEG, _EXPLAINED_DEG = 45.0, 20.0
+# No gimbal is so far off; a mistake of convention is. What it leaves is below the second, and two
+# that leave as much to the third cannot be told apart.
+_WRONG_DEG, _EXPLAINED_DEG, _ALIKE_DEG = 45.0, 20.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -212,9 +213,11 @@ def prior_errors(priors: Poses, poses: Poses) -> tuple[Floats, Floats, Floats, F
 def turned_priors(priors: Poses, poses: Poses) -> dict[str, Bools]:
     """Find mistakes of convention that explain priors turned by more than 45 degrees.
 
-    Of the mistakes that leave less than 20 degrees, the one that explains the most priors comes
-    first, then the one that explains the most of the others, and so on; one that explains less
-    than a third may do so by chance, and explains nothing.
+    A mistake explains a prior where correcting it leaves less than 20 degrees. The one that leaves
+    the least on average, unexplained priors counting 20 degrees, comes first; then the one that
+    leaves the least of the others, and so on. Of those that leave as much, to 1 degree, the one
+    that explains the most is meant. One that explains less than a third may do so by chance, and
+    explains nothing.
 
     Returns
     -------
@@ -222,19 +225,22 @@ def turned_priors(priors: Poses, poses: Poses) -> dict[str, Bools]:
         Which priors each explains, by what is wrong with them, such as "yaw is 180 degrees off".
     """
     wrong = rotation_angle_deg(priors.rotation, poses.rotation) > _WRONG_DEG
-    explained = {
-        what: wrong & (rotation_angle_deg(corrected, poses.rotation) < _EXPLAINED_DEG)
+    left = {
+        what: np.minimum(rotation_angle_deg(corrected, poses.rotation), _EXPLAINED_DEG)
         for what, corrected in _corrected(priors).items()
     }
     least, found = wrong.sum() / 3, {}
     while wrong.any():
-        what = max(explained, key=lambda name: int((explained[name] & wrong).sum()))
-        rows = explained[what] & wrong
-        if rows.sum() < least:
+        explained = {what: wrong & (left_deg < _EXPLAINED_DEG) for what, left_deg in left.items()}
+        likely = [what for what, rows in explained.items() if rows.sum() >= least]
+        if not likely:
             found["rotation is more than 45 degrees off"] = wrong
             break
-        found[what] = rows
-        wrong = wrong & ~rows
+        means = {what: float(left[what][wrong].mean()) for what in likely}
+        alike = [what for what in likely if means[what] <= min(means.values()) + _ALIKE_DEG]
+        what = max(alike, key=lambda name: int(explained[name].sum()))
+        found[what] = explained[what]
+        wrong = wrong & ~explained[what]
     return found
 
 

@@ -109,6 +109,8 @@ class SceneFacts(MeasuredScene):
         Of the map against the surface model, where one can be shown.
     dropped_tiles : int
         Tiles that are not in the gallery since they hold too little of the map.
+    dropped : str
+        Which tiles these are, see `Gallery.dropped`; empty where the protocol is not known.
     """
 
     same_pose: tuple[str, ...]
@@ -126,6 +128,7 @@ class SceneFacts(MeasuredScene):
     cloud_over_surface_m: float | None
     shift: MapShift | None
     dropped_tiles: int
+    dropped: str
 
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""
@@ -169,6 +172,7 @@ def scene_facts(
     retrieval: RetrievalTruth | None,
     matching: MatchingTruth | None,
     cloud_over_surface_m: float | None,
+    dropped: str = "",
 ) -> SceneFacts:
     """Compare the parts of a scene with each other.
 
@@ -179,6 +183,8 @@ def scene_facts(
         The truths, where there are.
     cloud_over_surface_m : float or None
         See `cloud_checks.check_cloud`; None without a cloud.
+    dropped : str
+        Which tiles the protocol leaves out, see `Gallery.dropped`.
     """
     inputs, metadata = scene.inputs, scene.metadata
     gsd, footprint, corners = footprints_of(inputs)
@@ -206,6 +212,7 @@ def scene_facts(
         cloud_over_surface_m,
         map_shift(inputs.dom, dsm),
         0 if retrieval is None else len(retrieval.dropped_tiles),
+        dropped,
     )
 
 

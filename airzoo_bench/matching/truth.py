@@ -12,6 +12,7 @@ import numpy as np
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import (
+    CAMERA_COLUMNS,
     POSE_COLUMNS,
     PRIOR_COLUMNS,
     cameras_of,
@@ -135,8 +136,10 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
     home = folder / "matching"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
-    queries = read_queries(folder, excluded)
-    if benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source") == "truth":
+    prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source")
+    priors = () if prior == "truth" else PRIOR_COLUMNS
+    queries = read_queries(folder, excluded, (*CAMERA_COLUMNS, *POSE_COLUMNS, *priors))
+    if prior == "truth":
         queries = with_truth_as_prior(queries)
     crops = read_table(home / "crops.csv", ("id", *CROP_COLUMNS))
     if crops["id"].tolist() != queries["id"].tolist():

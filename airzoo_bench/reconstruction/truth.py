@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import (
+    CAMERA_COLUMNS,
+    POSE_COLUMNS,
     SceneInputs,
     cameras_of,
     poses_of,
@@ -133,7 +135,7 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
     home = folder / "reconstruction"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     listed = read_table(home / "photos.csv", ("id", "image"))
-    photos = read_queries(folder, excluded)
+    photos = read_queries(folder, excluded, (*CAMERA_COLUMNS, *POSE_COLUMNS))
     if listed["id"].tolist() != photos["id"].tolist():
         raise BenchmarkError(
             "the photos are not those of queries.csv",

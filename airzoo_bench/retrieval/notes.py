@@ -28,11 +28,12 @@ def retrieval_notes(
     tied = sum(count["tie_dependent"] for count in counts)
     flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
     dropped = sum(count["dropped_tiles"] for count in counts)
+    left_out = protocol.gallery.dropped
     kinds = (
         (empty, "query has", "queries have", "an empty list, scored as if it were missing"),
         (tied, "query depends", "queries depend", "on ties, which were broken against the method"),
         (flat, "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
-        (dropped, "tile is", "tiles are", "in no gallery, since the map is empty there"),
+        (dropped, f"tile {left_out} is", f"tiles {left_out} are", "in no gallery"),
     )
     return [
         *(f"{counted(n, one, many)} {what}" for n, one, many, what in kinds if n),

@@ -6,11 +6,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of, with_unposed
+from airzoo_bench.benchmark.queries import (
+    NO_POSE,
+    SceneInputs,
+    cameras_of,
+    poses_of,
+    with_unposed,
+)
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import RasterInfo, world_to_pixel
@@ -36,7 +43,12 @@ from airzoo_bench.retrieval.truth import (
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PreparedScene", "build_truth"]
+__all__ = ["PreparedScene", "build_truth", "grouped_reasons"]
+
+_BY_OVERLAP, _BEST = "no tile overlaps by more than", ": the best by "
+_BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
+_OUT_OF_GALLERY = "would answer it, and they are not in the gallery"
+_LOOK_AT_CRS = "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"
 
 _PIXEL_DECIMALS = 6
 
@@ -86,7 +98,8 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
     answerable = positives.counts > 0
     kept = answerable if rules.without_positive == "exclude" else np.ones_like(answerable)
     rows = np.flatnonzero(kept)
-    reasons = reasons_of(footprints, shared, _positives(points, empty, rules).counts > 0, rules)
+    on_dropped = _positives(points, empty, rules).counts > 0
+    reasons = reasons_of(footprints, shared, np.where(on_dropped, gallery.dropped, ""), rules)
     left_out = inputs.photos[["id", "image"]].assign(reason=reasons)[~kept]
     truth = RetrievalTruth(
         inputs.scene,
@@ -159,7 +172,7 @@ def _footprint_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFram
 def reasons_of(
     footprints: Footprints,
     shared: Positives,
-    on_empty: Bools,
+    on_dropped: NDArray[np.str_],
     rules: GroundTruth,
 ) -> list[str]:
     """Return for each of N photos why no tile answers it, if none does.
@@ -169,27 +182,64 @@ def reasons_of(
     footprints : Footprints
     shared : Positives
         Overlap of footprints and tiles.
-    on_empty : (N,) bool
-        Whether a tile that was dropped as empty would answer.
+    on_dropped : (N,) str
+        Which tiles that are not in the gallery would answer, see `Gallery.dropped`; empty for none.
     rules : GroundTruth
     """
     best = np.zeros(shared.n_queries)
     np.maximum.at(best, shared.queries, shared.overlap if shared.overlap is not None else 0.0)
-    rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_empty.tolist(), strict=True)
+    rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_dropped.tolist(), strict=True)
     return [_reason(*row, rules) for row in rows]
 
 
-def _reason(missed: int, best: float, on_empty: bool, rules: GroundTruth) -> str:
+def _reason(missed: int, best: float, on_dropped: str, rules: GroundTruth) -> str:
     if missed == 4:
         return NO_GROUND_POINT
-    if on_empty:
-        return "the footprint meets only tiles without valid pixels"
+    if on_dropped:
+        return f"only tiles {on_dropped} {_OUT_OF_GALLERY}"
     if rules.iou_above is not None and missed:
         return f"{missed} of 4 rays do not meet the ground, so that there is no footprint"
     if rules.iou_above is not None and best > 0:
-        return f"no tile overlaps by more than {rules.iou_above:g}: the best by {best:.3g}"
+        return f"{_BY_OVERLAP} {rules.iou_above:g}{_BEST}{best:.3g}"
     if best > 0:
-        return "the footprint overlaps tiles, but none of its 4 points lies in one"
+        return _BETWEEN
     if missed:
         return f"{missed} of 4 rays do not meet the ground, and the others meet no tile"
     return NO_TILE
+
+
+def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
+    """Return why photos have no tile, a clause a reason, and what may help, commonest first.
+
+    Parameters
+    ----------
+    excluded : DataFrame
+        See `RetrievalTruth`.
+    """
+    parts = excluded["reason"].str.partition(_BEST)
+    found = excluded.assign(kind=parts[0], best=parts[2].where(parts[2] != "", "nan").astype(float))
+    clauses, fixes = [], []
+    for kind in found["kind"].value_counts().index:
+        alike = found[found["kind"] == kind].sort_values("best", ascending=False, kind="stable")
+        first = alike.iloc[0]
+        clauses.append(f"{counted(len(alike), 'photo')}: {first['reason']}")
+        if _BEST in first["reason"]:
+            clauses[-1] += f" ({first['image']})"
+        fixes.append(_fix(kind, first["best"]))
+    return clauses, list(dict.fromkeys(filter(None, fixes)))
+
+
+def _fix(kind: str, best: float) -> str:
+    if kind.startswith(_BY_OVERLAP):
+        return f"lower --iou-above below {best:g}, or choose a --tile-size nearer to the footprints"
+    if kind == _BETWEEN:
+        return (
+            "take a map that is larger than the footprints, or --rule iou, which goes by overlap; "
+            "if they cannot be so large, look at the heights of poses and DSM"
+        )
+    if kind.endswith(_OUT_OF_GALLERY):
+        return (
+            "take a map that is valid below the photos, or lower least_valid_share; if it is, look "
+            "at its nodata value and alpha band"
+        )
+    return "" if kind == NO_POSE else _LOOK_AT_CRS

@@ -235,8 +235,10 @@ def _fix_for_strange_tile(tile: str, truth: RetrievalTruth) -> str:
         return f"put the scene before each tile: {truth.scene}/{tile}"
     if scene != truth.scene:
         return f"rank each query against its own scene only; this tile is of scene {scene!r}"
-    if tile in set(truth.dropped_tiles["id"]):
-        return "leave this tile out: the map is empty there, and dropped_tiles.csv lists it"
+    dropped = truth.dropped_tiles.set_index("id")["valid_share"]
+    if tile in dropped.index:
+        share = f"{dropped[tile]:.1%} of its pixels are valid"
+        return f"leave this tile out: {share}, and dropped_tiles.csv lists it"
     if with_endings(np.array([tile])):
         return "leave out the file's ending: ids are names without it"
     return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"

@@ -38,6 +38,14 @@ class Gallery(Strict):
             raise ValueError("each tile size once")
         return sizes
 
+    @property
+    def dropped(self) -> str:
+        """Say, after the word tiles, which ones are left out of the gallery."""
+        least = self.least_valid_share
+        if least in ("none", 0.0):
+            return "without valid pixels"
+        return f"with less than {100 * float(least):g}% of valid pixels"
+
 
 class GroundTruth(Strict):
     """Which tiles answer a query, from rays cast through four anchor pixels."""

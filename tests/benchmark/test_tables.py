@@ -36,6 +36,16 @@ def test_the_cell_is_named(cells: str, said: str, tmp_path: Path) -> None:
         read_table(path, ("id", "x", "image"), complete=("x",))
 
 
+@pytest.mark.parametrize("line", [1, 2, 40_000])
+def test_the_line_that_is_not_utf8_is_named(line: int, tmp_path: Path) -> None:
+    path = tmp_path / "queries.csv"
+    rows = [b"id,image", *(b"q%d,photo.jpg" % n for n in range(50_000))]
+    rows[line - 1] = b"q,ph\xf6to.jpg"
+    path.write_bytes(b"\n".join(rows))
+    with pytest.raises(BenchmarkError, match=rf"line {line}: the byte 0xf6 is not UTF-8\n"):
+        read_table(path, ("id", "image"))
+
+
 def test_whole_numbers_are_whole(tmp_path: Path) -> None:
     path = tmp_path / "crops.csv"
     path.write_text("id,crop_x\na,3\nb,3.0\n")
@@ -74,7 +84,16 @@ def test_degrees_are_degrees(tmp_path: Path) -> None:
             lambda t: t.assign(fx=["wide", *t["fx"][1:]]),
             "column 'fx', row 1: 'wide'",
         ),
-        ("queries.csv", lambda t: t.assign(x=np.nan), "queries without a pose"),
+        (
+            "queries.csv",
+            lambda t: t.assign(x=t["x"].where(t["id"] != "hills/q3")),
+            "queries.csv: column 'x', row 4 (hills/q3): nothing\n  expected: a number",
+        ),
+        (
+            "queries.csv",
+            lambda t: t.assign(prior_qw=np.nan),
+            "column 'prior_qw', row 1 (hills/q0): nothing; row 2 (hills/q1): nothing",
+        ),
         ("matching/crops.csv", lambda t: t.assign(crop_x="left"), "column 'crop_x', row 1: 'left'"),
         ("matching/crops.csv", lambda t: t.assign(crop_x=np.nan), "row 1: nothing"),
     ],

@@ -287,8 +287,8 @@ def test_text_that_a_person_wrote(tmp_path: Path) -> None:
     assert read_text(path, ProtocolError, "protocol file") == "ü"
     with pytest.raises(ProtocolError, match=r"too large for a protocol file\n.*at most 1 bytes"):
         read_text(path, ProtocolError, "protocol file", limit_bytes=1)
-    path.write_bytes(b"abc\xff")
-    with pytest.raises(ProtocolError, match="not text: byte 3 is not UTF-8"):
+    path.write_bytes(b"a\nc\xff")
+    with pytest.raises(ProtocolError, match="not text: byte 3 is not UTF-8, in line 2"):
         read_text(path, ProtocolError, "protocol file")
     with pytest.raises(ProtocolError, match="no such protocol file"):
         read_text(tmp_path / "b", ProtocolError, "protocol file")

@@ -207,9 +207,40 @@ def test_the_iou_rule(tmp_path: Path) -> None:
     assert positives(truth_in(tmp_path / "high"), "a") == middle
     prepared(place, tmp_path / "low", {"rule": "iou", "iou_above": 0.1})
     assert positives(truth_in(tmp_path / "low"), "a") > middle
-    with pytest.raises(BenchmarkError, match="no photo has a tile that answers it"):
+    with pytest.raises(BenchmarkError, match="no photo has a tile that answers it") as refused:
         prepared(place, tmp_path / "none", {"rule": "iou", "iou_above": 0.72})
+    assert "1 photo: no tile overlaps by more than 0.72: the best by 0.713 (a.jpg)" in str(
+        refused.value
+    )
+    assert refused.value.fix is not None
+    assert refused.value.fix.startswith("lower --iou-above below 0.713, or choose a --tile-size")
+    assert "CRS" not in refused.value.fix
     assert not (tmp_path / "none").exists()
+
+
+def refusal(place: Place, folder: Path, rules: dict[str, Any]) -> BenchmarkError:
+    with pytest.raises(BenchmarkError, match="no photo has a tile that answers it") as refused:
+        prepared(place, folder, rules)
+    return refused.value
+
+
+def test_overlaps_below_the_threshold_are_one_reason(tmp_path: Path) -> None:
+    place = make_place(tmp_path, {"a.jpg": (64, 70), "b.jpg": (64, 64), "c.jpg": (70, 75)})
+    found = refusal(place, tmp_path / "park", {"rule": "iou", "iou_above": 0.9})
+    reason = "3 photos: no tile overlaps by more than 0.9: the best by 0.713 (b.jpg)"
+    assert f"answers it ({reason}); cameras" in str(found)
+
+
+def test_footprints_around_the_map_are_told_to_take_a_larger_one(tmp_path: Path) -> None:
+    place = make_place(tmp_path, {"a.jpg": (128.0, 128.0)})
+    x, y = NORTH_WEST
+    place.change_image("a.jpg", center=[x + 128, y - 128, 1000.0])
+    found = refusal(place, tmp_path / "park", {})
+    assert "(1 photo: the footprint overlaps tiles, but none of its 4 points lies in one)" in str(
+        found
+    )
+    assert found.fix is not None
+    assert found.fix.startswith("take a map that is larger than the footprints, or --rule iou")
 
 
 def test_a_map_smaller_than_a_tile_is_one_tile(tmp_path: Path) -> None:

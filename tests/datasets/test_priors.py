@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -95,3 +97,41 @@ def test_turned_priors_are_told_from_the_truth(seed: int) -> None:
     nonsense = turned_priors(poses(yaw + 135, pitch, roll), truth)
     assert list(nonsense)[-1] == "rotation is more than 45 degrees off"
     assert sum(nonsense.values()).tolist() == [1] * 12
+
+
+MISTAKES = {
+    "yaw has the wrong sign": lambda yaw, pitch, roll: (-yaw, pitch, roll),
+    "yaw is 180 degrees off": lambda yaw, pitch, roll: (yaw + 180, pitch, roll),
+    "yaw is 90 degrees too large": lambda yaw, pitch, roll: (yaw + 90, pitch, roll),
+    "yaw is 90 degrees too small": lambda yaw, pitch, roll: (yaw - 90, pitch, roll),
+    "pitch has the wrong sign": lambda yaw, pitch, roll: (yaw, -pitch, roll),
+}
+
+
+def named(rotations: Any, angles: Any, mistake: str) -> dict[str, list[bool]]:
+    """Return what is said of gimbal angles with a mistake, and with the noise of a gimbal."""
+    angles = angles + np.random.default_rng(0).normal(0, 0.5, angles.shape)
+    given = angles_to_rotations(*MISTAKES[mistake](*angles.T), convergence_deg=0.0)
+    nowhere = np.zeros((len(angles), 3))
+    truth, priors = (Poses.from_centres(turned, nowhere) for turned in (rotations, given))
+    return {what: rows.tolist() for what, rows in turned_priors(priors, truth).items()}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize("pitch", [-60.0, -87.0])
+@pytest.mark.parametrize("yaw", [45.0, -45.0, 132.0, 33.0, 60.0])
+def test_the_mistake_that_explains_best_is_named(mistake: str, yaw: float, pitch: float) -> None:
+    angles = np.array([(yaw + off, pitch, 0.0) for off in np.linspace(-7, 7, 15)])
+    rotations = angles_to_rotations(*angles.T, convergence_deg=0.0)
+    assert named(rotations, angles, mistake) == {mistake: [True] * 15}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_the_mistake_is_named_at_the_yaws_of_a_flight(mistake: str, brighton: Path) -> None:
+    photos = json.loads((brighton / "poses.json").read_text())["images"].values()
+    rotations = np.array([photo["R_w2c"] for photo in photos])
+    # Looking down, yaw is where the top of the photo points: by 37 to 50 degrees, or the opposite.
+    up, pitch = -rotations[:, 1], np.degrees(np.arcsin(rotations[:, 2, 2]))
+    yaw = np.degrees(np.arctan2(up[:, 0], up[:, 1]))
+    angles = np.stack([yaw, pitch, np.zeros(18)], axis=1)
+    assert named(rotations, angles, mistake) == {mistake: [True] * 18}

@@ -15,6 +15,7 @@ from rasterio import Affine
 from airzoo_bench.datasets.facts_lines import kinds_and_warnings
 from airzoo_bench.datasets.geometry_checks.dataset import folder_facts, open_benchmark
 from airzoo_bench.datasets.plausibility import Kind
+from airzoo_bench.protocol.lookup import shipped_protocols
 from tests.datasets import documented
 from tests.datasets.tagged import LEVEL, NAMES, tag
 from tests.support import (
@@ -50,7 +51,35 @@ def test_empty_tiles_are_counted(place: Place, capsys: pytest.CaptureFixture[str
     write_raster(place.dom, colours, nodata=0)
     assert run_main(*place.arguments()) == 0
     # Of tiles of 64 px every 32 px, those that begin at 0 and 32 both ways end before 100.
-    assert "of cases; 4 empty tiles left out" in capsys.readouterr().out
+    assert "of cases; 4 tiles without valid pixels left out" in capsys.readouterr().out
+
+
+def test_tiles_below_a_threshold_are_not_called_empty(
+    place: Place, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    colours = np.full((3, MAP_SIZE_M, MAP_SIZE_M), 9, np.uint8)
+    colours[:, :100, :100] = 0
+    write_raster(place.dom, colours, nodata=0)
+    shipped = shipped_protocols()["photos-retrieval"].read_text()
+    half = tmp_path / "half.toml"
+    half.write_text(shipped.replace("least_valid_share = 0.0", "least_valid_share = 0.5"))
+    assert run_main(*place.arguments(protocol=half)) == 0
+    # Those that begin at 0, 32 or 64 both ways, but for the last of these.
+    assert "; 8 tiles with less than 50% of valid pixels left out" in capsys.readouterr().out
+    predictions = tmp_path / "p.npz"
+    assert run_main("template", "park-retrieval", "--out", predictions) == 0
+    for command in (("eval", "retrieval"), ("check",)):
+        assert run_main(*command, predictions) == 0
+        said = capsys.readouterr()
+        assert "8 tiles with less than 50% of valid pixels are in no gallery" in said.out + said.err
+    filled = dict(np.load(predictions))
+    filled["ranked_ids"] = filled["ranked_ids"].astype("U40")
+    filled["ranked_ids"][0, 0] = "park/64_00001_00002"
+    np.savez(predictions, **filled)
+    assert run_main("check", predictions) == 1
+    said = capsys.readouterr()
+    fix = "leave this tile out: 43.8% of its pixels are valid, and dropped_tiles.csv lists it"
+    assert fix in said.out + said.err
 
 
 def moved(place: Place) -> None:

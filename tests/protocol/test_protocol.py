@@ -117,6 +117,16 @@ def test_refused(case: str, tmp_path: Path) -> None:
         assert fragment in message
 
 
+@pytest.mark.parametrize(
+    ("sizes", "findings"), [([40_000], 1), ([8], 1), ([8, 40_000], 2), ([512, 40_000], 1), ([], 1)]
+)
+def test_a_wrong_size_is_one_finding(sizes: list[int], findings: int, tmp_path: Path) -> None:
+    path = written(tmp_path / "mine.toml", under("gallery", tile_sizes_px=sizes))
+    with pytest.raises(ProtocolError) as caught:
+        load_protocol(path)
+    assert caught.value.what.count("gallery.tile_sizes_px") == findings
+
+
 def test_many_findings_are_cut_short(tmp_path: Path) -> None:
     path = written(tmp_path / "mine.toml", under(**{f"key{i}": 1 for i in range(20)}))
     with pytest.raises(ProtocolError, match=r"unknown key 'key4'\n    and 15 more"):

@@ -200,7 +200,11 @@ def test_empty_tiles_are_dropped_counted_and_answer_nothing(tmp_path: Path) -> N
     assert everything.queries["id"].tolist() == ["s/p000", "s/p001"]
     assert some.queries["id"].tolist() == ["s/p001"]
     assert some.excluded["reason"].tolist() == [
-        "the footprint meets only tiles without valid pixels"
+        "only tiles without valid pixels would answer it, and they are not in the gallery"
+    ]
+    assert many.excluded["reason"].tolist() == [
+        "only tiles with less than 60% of valid pixels would answer it, and they are not in the "
+        "gallery"
     ]
 
 

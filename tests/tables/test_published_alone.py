@@ -47,6 +47,31 @@ def test_scenes_and_chosen_scores(capsys: pytest.CaptureFixture[str]) -> None:
     assert rows[-1]["Method"] == "MegaLoc (Ours)"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "column"),
+    [
+        (("uav-visloc-retrieval", "--sort", "R@1"), "R@1"),
+        (("uav-visloc-retrieval", "--sort", "AP@5", "--layout", "scenes"), "Average AP@5"),
+        (("airzoo-real-retrieval", "--sort", "R@5", "--layout", "scenes"), "Average R@5"),
+    ],
+)
+def test_rows_are_sorted(
+    arguments: tuple[str, ...], column: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = printed(capsys, *arguments)
+    values = [float(row[column]) for row in rows]
+    assert len(set(values)) > 3
+    assert values == sorted(values, reverse=True)
+
+
+def test_a_score_to_sort_by_that_is_not_printed_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = ("table", "--published", "--protocol", "uav-visloc-retrieval", "--sort")
+    assert run_main(*command, "R@2") == 2
+    assert "expected: one of: R@1; R@3; R@5; AP@5" in capsys.readouterr().err
+
+
 def test_the_best_of_reported_rows_is_marked(capsys: pytest.CaptureFixture[str]) -> None:
     command = ("table", "--published", "--protocol", "uav-visloc-retrieval", "-f", "markdown")
     assert run_main(*command) == 0

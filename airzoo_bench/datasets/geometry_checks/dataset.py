@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile
-from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of, read_queries
+from airzoo_bench.benchmark.queries import (
+    CAMERA_COLUMNS,
+    POSE_COLUMNS,
+    SceneInputs,
+    cameras_of,
+    poses_of,
+    read_queries,
+)
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.places import data_root
@@ -161,7 +168,8 @@ def _scene(benchmark: Benchmark, scene: SceneFile) -> PosedScene:
     import pandas as pd
 
     nothing_left_out = pd.DataFrame({"id": []})
-    photos = read_queries(benchmark.scene_folder(scene.id), nothing_left_out)
+    numbers = (*CAMERA_COLUMNS, *POSE_COLUMNS)
+    photos = read_queries(benchmark.scene_folder(scene.id), nothing_left_out, numbers)
     check_scene_entry(benchmark, scene, photos)
     return PosedScene(
         scene.id,
@@ -248,7 +256,8 @@ def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
     if not (entry.dsm and dom.is_file() and dsm.is_file()):
         return None
     tracks = benchmark.file.tracks
-    photos = read_queries(home, pd.DataFrame({"id": []}))
+    numbers = (*CAMERA_COLUMNS, *POSE_COLUMNS)
+    photos = read_queries(home, pd.DataFrame({"id": []}), numbers)
     inputs = SceneInputs(scene, photos, entry.crs, check_map(dom), dsm, entry.plane_height_m)
     retrieval = read_retrieval_truth(home, scene) if "retrieval" in tracks else None
     if retrieval is not None and entry.gallery is None:

@@ -16,6 +16,7 @@ from airzoo_bench.tables.printed.scores import is_known
 __all__ = ["latex_grids"]
 
 _NUMBER_LIKE = re.compile(r"[^A-Za-z@]*[0-9][^A-Za-z@]*|[+-]?[0-9]+[.,][0-9]+(?![0-9]* ?[a-z°]).*")
+_YEAR = re.compile(r"(?:19|20)[0-9]{2}")
 _LONGEST_VALUE = 200
 _MOST_HEADERS = 12
 _MOST_FIELDS = 200_000
@@ -65,9 +66,12 @@ def _blocks(lines: Sequence[Line]) -> Iterator[_Block]:
 
 
 def _is_title(line: Line) -> bool:
-    """Whether only the first field of a line holds something, which is no number."""
+    """Whether only the first field of a line holds something, which is no number of a column."""
     first, *others = line.cells
-    return bool(first.text) and not any(c.text for c in others) and not _is_value(first.text)
+    # A number over several columns is of none of them, and a year is the name of a group.
+    is_name = first.span > 1 or bool(_YEAR.fullmatch(plain_name(first.text)))
+    is_alone = bool(first.text) and not any(cell.text for cell in others)
+    return is_alone and (is_name or not _is_value(first.text))
 
 
 def _is_header(line: Line) -> bool:

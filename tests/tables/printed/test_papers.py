@@ -117,6 +117,31 @@ def test_heads_that_are_years(tmp_path: Path) -> None:
     assert heads == [("2023", "R@1"), ("2023", "R@5"), ("2024", "R@1"), ("2024", "R@5")]
 
 
+YEARS_OVER_ROWS = r"""
+\begin{tabular}{lcc}
+ & \multicolumn{2}{c}{City} \\
+Method & R@1 & R@5 \\
+\midrule
+\multicolumn{3}{c}{2023} \\
+A & 10.00 & 20.00 \\
+\textbf{2024} & & \\
+B & 12.00 & 22.00 \\
+C & \textbf{11.00} & 21.00 \\
+\end{tabular}
+"""
+
+
+def test_years_over_groups_of_rows(tmp_path: Path) -> None:
+    path = tmp_path / "t.tex"
+    path.write_text(YEARS_OVER_ROWS)
+    found = read_published(path)
+    assert found.notes == ()
+    shown = [(cell.method, cell.scene, cell.score.name) for cell in found.cells]
+    assert shown == [(name, "City", score) for name in "ABC" for score in ("R@1", "R@5")]
+    sections = {cell.method: cell.section for cell in found.cells}
+    assert sections["A"] != sections["B"] == sections["C"]
+
+
 def test_tables_of_other_scenes_are_not_averaged_together(tmp_path: Path) -> None:
     one = (
         "| Method | City R@1 | Rural R@1 | Average R@1 |\n|-|-|-|-|\n| X | 10.00 | 20.00 | 15.00 |"
