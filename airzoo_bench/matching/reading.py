@@ -13,8 +13,8 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.prediction_files import Fields, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import Poses, check_rotations
-from airzoo_bench.geometry.precision import COARSEST_M, narrow_type, pose_errors_m
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
+from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
 from airzoo_bench.matching.pose_list import read_pose_list
 from airzoo_bench.matching.predictions import Correspondences, GivenPoses, MatchingPredictions
 
@@ -124,7 +124,10 @@ def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondence
     where = f"{arrays.path}, field 'rotations'"
     rotation[found] = _rotations(where, rotations[found], query_ids[found])
     poses = Poses(rotation=rotation, centres=np.where(found[:, None], centres, 0.0))
-    return GivenPoses(found, poses, np.zeros(len(rows)))
+    errors = np.zeros(len(rows))
+    near = found & (np.abs(centres) <= FARTHEST).all(axis=1)
+    errors[near] = centre_errors_m(centres[near])
+    return GivenPoses(found, poses, errors, centred=True)
 
 
 def _found(arrays: Arrays, name: str, values: Floats) -> Bools:

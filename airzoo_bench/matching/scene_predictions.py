@@ -101,7 +101,7 @@ def match_scene(
         if isinstance(content, GivenPoses):
             matched = _match_poses(content, truth, rows)
             # After the convention: it decides which digits count.
-            check_digits(content, predictions.query_ids)
+            check_digits(content, predictions.query_ids, truth.poses.centres)
             return matched
         return _match_correspondences(content, truth, rows)
     except PredictionError as error:

@@ -281,6 +281,35 @@ def test_centres_lose_nothing(world: World, tmp_path: Path) -> None:
     np.testing.assert_allclose(predicted.poses.rotation, true.rotation, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize(("decimals", "error"), [(0, "0.5 m"), (1, "0.05 m"), (2, None)])
+def test_centres_of_few_decimals_are_judged_as_translations_are(
+    world: World, tmp_path: Path, decimals: int, error: str | None
+) -> None:
+    true = world.truth.poses
+    centres = true.centres + np.random.default_rng(0).random((N_QUERIES, 3))
+    moved = dict(zip(("x", "y", "z"), centres.T, strict=True))
+    real = replace(world, truth=replace(world.truth, queries=world.truth.queries.assign(**moved)))
+    rounded = np.round(centres, decimals)
+    fields = world.named(rotations=true.rotation, centres=rounded)
+    if error is None:
+        assert matched(real, tmp_path, fields).poses is not None
+        return
+    message = refused(real, tmp_path, fields)
+    for part in ("field 'centres'", "too few digits in the centres of 5 of 5", error, "0.01 m"):
+        assert part in message
+    # Fewer than three centres may have few decimals; so may places of a grid at one height, one
+    # place for all, and the cameras of a made-up scene, which are at whole metres here.
+    one = np.where(np.arange(N_QUERIES)[:, None] == 2, rounded, np.nan)
+    turned = np.where(np.isfinite(one)[:, :, None], true.rotation, np.nan)
+    assert matched(real, tmp_path, world.named(rotations=turned, centres=one)).poses is not None
+    level = np.where([False, False, True], rounded[0], rounded)
+    for there in (level, np.tile(rounded[0], (N_QUERIES, 1))):
+        fields = world.named(rotations=true.rotation, centres=there)
+        assert matched(real, tmp_path, fields).poses is not None
+    fields = world.named(rotations=true.rotation, centres=true.centres)
+    assert matched(world, tmp_path, fields).poses is not None
+
+
 def test_poses_of_too_few_digits(
     world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
