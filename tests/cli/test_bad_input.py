@@ -543,6 +543,34 @@ def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     assert "predictions were not compared with the benchmark" in capsys.readouterr().err
 
 
+OF_TRACKS = {
+    "retrieval": ("uav-visloc-retrieval", ["p.npz", "p.parquet"]),
+    "matching": ("photos-matching", ["p.npz", "p.txt"]),
+    "reconstruction": ("photos-reconstruction", ["p.npz", "p.ply", "p.laz", "p.zip", "p"]),
+}
+"""A protocol of each track, and what its predictions come as; names without ending are folders."""
+
+
+@pytest.mark.parametrize("asked", OF_TRACKS)
+@pytest.mark.parametrize("own", OF_TRACKS)
+def test_predictions_of_another_track_are_told_their_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: str, own: str
+) -> None:
+    protocol, names = OF_TRACKS[own]
+    for name in names:
+        path = tmp_path / name
+        if path.suffix == ".npz":
+            np.savez(path, protocol=protocol)
+        elif path.suffix:
+            path.write_text("ply")
+        else:
+            path.mkdir()
+            (path / "protocol.txt").write_text(protocol)
+        assert run_main("eval", asked, path, "--data", tmp_path) == 2
+        told = f"airzoo-bench eval {own} {path}" in capsys.readouterr().err
+        assert told == (asked != own), name
+
+
 GOOD = "GOOD"  # stands for a good prediction file
 OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "no such data": (
@@ -563,7 +591,7 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     ),
     "a folder as predictions": (
         ["eval", "retrieval", "."],
-        [".: a folder, not a prediction file", ".npz"],
+        [".: a folder, as predictions of the reconstruction track are", ".npz"],
     ),
     "another ending": (
         ["eval", "retrieval", "p.csv"],
