@@ -11,7 +11,7 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.conventions import suspect_inverted
 from airzoo_bench.matching.lifting import LiftStatus
-from airzoo_bench.matching.predictions import MatchingPredictions
+from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
 from airzoo_bench.matching.settings import MatchingProtocol
@@ -33,6 +33,7 @@ _NOT_LIFTED = {
 }
 _DOUBTS = {
     "poses": "are they world-to-camera, and all coordinates in the scene's CRS?",
+    "centres": "are all coordinates in the scene's CRS?",
     "pairs": "poor pairs make such poses, and points that are not in the scene's CRS",
     "matches": "poor matches make such poses",
 }
@@ -52,6 +53,7 @@ def plausibility_warnings(
 
 
 def lifting_notes(
+    predictions: MatchingPredictions,
     truths: Sequence[MatchingTruth],
     scene_predictions: Sequence[ScenePredictions],
     protocol: MatchingProtocol,
@@ -65,7 +67,7 @@ def lifting_notes(
             int((one.answered & np.isnan(there).any(axis=1)).sum())
             for one, there in zip(given, centres, strict=True)
         )
-        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, centres, "poses")]
+        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, centres, predictions)]
     became = np.zeros(len(LiftStatus), np.int64)
     blind = beyond = 0
     for truth, predicted in zip(truths, scene_predictions, strict=True):
@@ -100,22 +102,25 @@ def scored_notes(
         f"scored from {kind}",
         *_failed_notes(dict(sorted(reasons.items()))),
         *_count_notes(sums["matches"], dropped, blind, sums["beyond_limit"]),
-        *_far_notes(truths, [scene.centres for scene in scored], kind),
+        *_far_notes(truths, [scene.centres for scene in scored], predictions),
     ]
 
 
-def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
+def _far_notes(
+    truths: Sequence[MatchingTruth], centres: Sequence[Floats], predictions: MatchingPredictions
+) -> list[str]:
     """Suspect another frame or convention where poses lie beyond any GPS error."""
-    offsets = [c - t.priors.centres for t, c in zip(truths, centres, strict=True)]
+    offsets = np.concatenate([c - t.priors.centres for t, c in zip(truths, centres, strict=True)])
     with np.errstate(over="ignore"):
-        away = np.linalg.norm(np.concatenate(offsets), axis=1)
-    far = int((away > _FAR_M).sum())
+        far = int((np.linalg.norm(offsets, axis=1) > _FAR_M).sum())
     if not far:
         return []
+    content = predictions.content
+    centred = isinstance(content, GivenPoses) and content.centred
     return [
-        f"{far:,} of {counted(int(np.isfinite(away).sum()), 'pose')} "
+        f"{far:,} of {counted(int((~np.isnan(offsets).any(axis=1)).sum()), 'pose')} "
         f"{agreeing(far, 'lies', 'lie')} more than {_FAR_M:,g} m from the "
-        f"photo's GPS position: {_DOUBTS[kind]}"
+        f"photo's GPS position: {_DOUBTS['centres' if centred else content.kind]}"
     ]
 
 

@@ -243,7 +243,7 @@ def test_a_centre_beyond_measure_is_told_in_words_only(
         warnings.simplefilter("error")
         for command in (("eval", "matching"), ("check",)):
             assert run_main(*command, path, "--data", world.root) == 0
-            assert "more than 1,000 m from the photo's GPS" in re.sub(
+            assert "1 of 5 poses lies more than 1,000 m from the photo's GPS" in re.sub(
                 r"\s+", " ", "".join(capsys.readouterr())
             )
 
