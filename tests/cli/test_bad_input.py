@@ -518,6 +518,22 @@ def test_check_refuses_what_eval_refuses(
         assert ("leave out the file's ending" in message) == ids[0].endswith(".JPG")
 
 
+@pytest.mark.parametrize("scene", ["EAST", "East"])
+def test_a_scene_by_its_title_is_told_how_it_is_written(
+    scene: str, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {"query_ids": [f"{scene}/q00000"], "ranked_ids": [[f"east/t{k:05d}" for k in range(5)]]}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
+    said = []
+    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
+        assert run_main(*command, path) == code
+        said.append(capsys.readouterr().err.removeprefix("airzoo-bench: "))
+    assert said[0] == said[1]
+    assert f"write the scene as the protocol does: east for {scene}" in said[0]
+    assert "ids such as east/q00000" in said[0]
+    assert "name the right protocol" not in said[0]
+
+
 def test_check_refuses_tiles_that_are_not_in_the_gallery(
     data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
