@@ -20,8 +20,11 @@ from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.placing import AlignedScene, MatchedPrediction
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, ScenePrediction
 from airzoo_bench.reconstruction.scoring import ScoredScene
-from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
-from airzoo_bench.reconstruction.settings import Fusion, ReconstructionScores
+from airzoo_bench.reconstruction.settings import (
+    Fusion,
+    ReconstructionProtocol,
+    ReconstructionScores,
+)
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,
@@ -62,21 +65,23 @@ def notes_of_reading(
     prediction: ScenePrediction,
     truth: ReconstructionTruth,
     claim: MatchedPrediction,
-    alignment: AlignmentSettings,
-    fusion: Fusion,
+    chosen: ReconstructionProtocol,
+    scale: float,
 ) -> list[str]:
-    """Say what looks odd about a prediction as it was read, and what was left open by it."""
+    """Say what looks odd about a prediction as it was read, and what was left open by it.
+
+    `scale` is that of the alignment: metres that a unit of the prediction is.
+    """
+    method = chosen.alignment.method
     geometry = prediction.geometry
     if isinstance(geometry, FileCloud):
         notes = [*geometry.notes]
     else:
-        notes = [*geometry.notes, *_odd_views(geometry, truth, fusion)]
+        notes = [*geometry.notes, *_odd_views(geometry, truth, chosen.fusion, scale)]
     if claim.cameras is not None:
         return [*notes, *_odd_cameras(claim.cameras, truth)]
-    if alignment.method != "none":
-        notes.append(
-            f"holds no cameras: taken as it stands, without alignment by {alignment.method}"
-        )
+    if method != "none":
+        notes.append(f"holds no cameras: taken as it stands, without alignment by {method}")
     return notes
 
 
@@ -188,7 +193,7 @@ def _named(names: tuple[str, ...]) -> str:
     return first_of([name[:80] for name in names])
 
 
-def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list[str]:
+def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion, scale: float) -> list[str]:
     widths, heights = truth.photos["width"], truth.photos["height"]
     odd = suspect_image_size(views.size, int(widths.median()), int(heights.median()))
     notes = [odd] if odd else []
@@ -197,7 +202,7 @@ def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list
             "has no image_names: its views were taken for the photos in the order of their names, "
             "which their poses fit"
         )
-    notes += _far_depth(views, fusion)
+    notes += _far_depth(views, fusion, scale)
     if views.depth is not None and views.images is not None and not views.images.found.all():
         lost = int(np.count_nonzero(~views.images.found))
         maps = counted(len(views.images.found), "depth map")
@@ -207,15 +212,15 @@ def _odd_views(views: Views, truth: ReconstructionTruth, fusion: Fusion) -> list
     return notes
 
 
-def _far_depth(views: Views, fusion: Fusion) -> list[str]:
-    """Say where depth maps hold nothing nearer than the protocol looks."""
+def _far_depth(views: Views, fusion: Fusion, scale: float) -> list[str]:
+    """Say where depth maps hold nothing nearer than the protocol looks, once they are aligned."""
     if views.depth is None or views.depth.size == 0:
         return []
     some = views.depth[: max(1, _LOOKED_AT // max(views.depth[0].size, 1))]
-    seen = some[np.isfinite(some) & (some > 0)]
+    seen = some[np.isfinite(some) & (some > 0)].astype(np.float64) * scale
     if seen.size and (seen > fusion.max_depth_m).mean() > 0.5:
         return [
-            f"depths are {float(np.median(seen)):g} m (median), beyond the protocol's "
+            f"depths are {float(np.median(seen)):g} m as aligned (median), beyond the protocol's "
             f"{fusion.max_depth_m:g} m: are they in millimetres?"
         ]
     return []

@@ -93,7 +93,7 @@ def scored_scene(
         placed = align_scene(claim, true, _rules_of(chosen), work)
         scored = score_scene(claim, placed, true.cameras, _rules_of(chosen), work)
         notes = [
-            *notes_of_reading(found, truth, claim, chosen.alignment, chosen.fusion),
+            *notes_of_reading(found, truth, claim, chosen, placed.alignment.transform.scale),
             *notes_of_digits(found, placed, chosen.scores),
             *notes_of_placed(placed, chosen.scores),
             *notes_of_scored(scored, chosen.scores),
