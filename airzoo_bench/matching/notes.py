@@ -12,8 +12,8 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.conventions import suspect_inverted
 from airzoo_bench.matching.lifting import LiftStatus
 from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
-from airzoo_bench.matching.scene_predictions import ScenePredictions
-from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
+from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
+from airzoo_bench.matching.scoring import NEAR_DEG, NEAR_M, NOT_GIVEN, ScoredScene, lifted_points
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 
@@ -47,7 +47,6 @@ def plausibility_warnings(
     return [
         *_scale_notes(scenes),
         *_crop_notes(scenes),
-        *_prior_notes(scenes),
         *_inverted_notes(scenes),
     ]
 
@@ -67,7 +66,18 @@ def lifting_notes(
             int((one.answered & np.isnan(there).any(axis=1)).sum())
             for one, there in zip(given, centres, strict=True)
         )
-        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, centres, predictions)]
+        near = 0
+        if protocol.prior.source != "truth":
+            near = sum(
+                count_near(one.poses, truth.priors, NEAR_M, NEAR_DEG)
+                for truth, one in zip(truths, given, strict=True)
+                if one.poses is not None
+            )
+        return [
+            *_failed_notes({NOT_GIVEN: lost}),
+            *_far_notes(truths, centres, predictions),
+            *_prior_notes(near, truths),
+        ]
     became = np.zeros(len(LiftStatus), np.int64)
     blind = beyond = 0
     for truth, predicted in zip(truths, scene_predictions, strict=True):
@@ -103,6 +113,7 @@ def scored_notes(
         *_failed_notes(dict(sorted(reasons.items()))),
         *_count_notes(sums["matches"], dropped, blind, sums["beyond_limit"]),
         *_far_notes(truths, [scene.centres for scene in scored], predictions),
+        *_prior_notes(sums["near_prior"], truths),
     ]
 
 
@@ -152,12 +163,14 @@ def _count_notes(given: int, lost: dict[str, int], blind: int, beyond: int) -> l
     return notes
 
 
-def _prior_notes(scenes: Sequence[_Scene]) -> list[str]:
-    same = sum(predicted.equal_to_prior(truth) for truth, predicted in scenes)
-    total = sum(len(truth.queries) for truth, _ in scenes)
-    if not same:
+def _prior_notes(near: int, truths: Sequence[MatchingTruth]) -> list[str]:
+    if not near:
         return []
-    return [f"{same:,} of {total:,} answers equal the prior, the photo's own GPS and gimbal angles"]
+    total = sum(len(truth.queries) for truth in truths)
+    return [
+        f"{near:,} of {total:,} answers equal the prior, the photo's own GPS and gimbal angles, "
+        f"within {NEAR_M * 100:g} cm and {NEAR_DEG:g} degrees"
+    ]
 
 
 def _inverted_notes(scenes: Sequence[_Scene]) -> list[str]:
