@@ -9,7 +9,7 @@ import numpy as np
 
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matching.conventions import suspect_inverted
+from airzoo_bench.matching.conventions import suspect_inverted, suspect_turned
 from airzoo_bench.matching.lifting import LiftStatus
 from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
 from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
@@ -178,7 +178,8 @@ def _inverted_notes(scenes: Sequence[_Scene]) -> list[str]:
     for truth, predicted in scenes:
         if predicted.poses is not None:
             found = np.isfinite(predicted.poses.centres).all(axis=1)
-            said = suspect_inverted(predicted.poses.take(found), truth.priors.take(found))
+            given, priors = predicted.poses.take(found), truth.priors.take(found)
+            said = suspect_turned(given, priors) or suspect_inverted(given, priors)
             notes += [f"scene {truth.scene}: {said}"] if said else []
     return notes
 

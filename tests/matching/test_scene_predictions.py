@@ -17,7 +17,11 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.quaternions import matrix_to_quaternion, quaternion_to_matrix
-from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
+from airzoo_bench.matching.conventions import (
+    refuse_other_conventions,
+    suspect_inverted,
+    suspect_turned,
+)
 from airzoo_bench.matching.notes import plausibility_warnings
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
@@ -222,6 +226,48 @@ def test_inverted_rotations_of_photos_that_look_down_are_asked_about(tilt: float
         refuse_other_conventions(inverted, priors)
         asked += suspect_inverted(inverted, priors) is not None
     assert asked == 0 if tilt == 0 else asked >= (45 if tilt > 4 else 30)
+
+
+@pytest.mark.parametrize("degrees", [90, 180, -90])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_cameras_turned_alike_are_asked_about(axis: str, degrees: int) -> None:
+    rng = np.random.default_rng(0)
+    gimbal = np.concatenate([looking_down(rng.normal(0, 20), yaw) for yaw in range(0, 360, 18)])
+    off = Rotation.from_rotvec(rng.normal(0, np.radians(2), (20, 3))).as_matrix()
+    priors = Poses(rotation=gimbal, centres=np.zeros((20, 3)))
+    true = Poses(rotation=off @ gimbal, centres=rng.normal(0, 3, (20, 3)))
+    turned = Rotation.from_euler(axis, degrees, degrees=True).as_matrix() @ true.rotation
+    found = suspect_turned(replace(true, rotation=turned), priors)
+    assert found is not None
+    assert f"turned by {degrees} degrees about its {axis} axis" in found
+    assert suspect_turned(true, priors) is None
+    # A gimbal's yaw may be wrong by 180 degrees in some photos.
+    flipped = np.where(np.arange(20)[:, None, None] < 6, gimbal @ np.diag((-1, -1, 1)), gimbal)
+    assert suspect_turned(replace(true, rotation=turned), replace(priors, rotation=flipped))
+    assert suspect_turned(true, replace(priors, rotation=flipped)) is None
+    # Not all are turned, or each by another angle, or cameras are elsewhere: no convention.
+    some = np.where(np.arange(20)[:, None, None] < 14, turned, true.rotation)
+    each = Rotation.random(20, random_state=0).as_matrix() @ true.rotation
+    for rotation in (some, each):
+        assert suspect_turned(replace(true, rotation=rotation), priors) is None
+    far = Poses(rotation=turned, centres=true.centres + 100)
+    assert suspect_turned(far, priors) is None
+    assert (
+        suspect_turned(replace(true, rotation=turned).take(slice(4)), priors.take(slice(4))) is None
+    )
+
+
+def test_a_camera_upside_down_is_asked_about_by_eval_and_check(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = world.truth.poses
+    upside = np.diag((-1.0, -1.0, 1.0)) @ true.rotation
+    path = world.write(tmp_path / "u.npz", world.named(rotations=upside, centres=true.centres))
+    for command in (("eval", "matching"), ("check",)):
+        assert run_main(*command, path, "--data", world.root) == 0
+        said = re.sub(r"\s+", " ", "".join(capsys.readouterr()))
+        assert "scene hills: are the rotations those of a camera turned by 180 degrees" in said
+        assert "about its z axis? They differ from the gimbal's by 17" in said
 
 
 def test_many_pixels_of_a_little_smaller_image_are_suspected(world: World, tmp_path: Path) -> None:
