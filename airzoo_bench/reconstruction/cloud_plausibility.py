@@ -126,7 +126,7 @@ def mirror_warning(
 
     Tried are the axes of the prediction's own frame, about its origin, where conventions differ
     (OpenGL's y and z, y or z that point up), and those of the truth's about the middle of the
-    cloud.
+    cloud, and about any plane, such as that of the cameras: it then lies between cloud and truth.
 
     Parameters
     ----------
@@ -145,12 +145,15 @@ def mirror_warning(
         return None
     some = cloud[:: max(1, len(cloud) // _TRIED)]
     tree = cKDTree(truth - truth[0])
-    tried = [some, *(points for points, _ in _with_other_axes(some, transform))]
+    apart = np.median(truth, axis=0) - np.median(some, axis=0)
+    others = list(_with_other_axes(some, transform, apart))
+    # A cloud that is merely elsewhere is not mirrored.
+    tried = [some, some + apart, *(points for points, _ in others)]
     for limit in sorted(near):
         shares = np.array([_share_near(tree, points - truth[0], limit) for points in tried])
         best = int(np.argmax(shares))
-        if shares[0] <= _POOR and shares[best] >= max(_GOOD, 2 * shares[0]):
-            words = [words for _, words in _with_other_axes(some, transform)][best - 1]
+        if shares[0] <= _POOR and shares[best] >= max(_GOOD, 2 * shares[:2].max()):
+            words = others[best - 2][1]
             return (
                 f"the cloud looks mirrored or turned over: {shares[0]:.0%} of its points lie "
                 f"within {limit:g} m of the truth, {shares[best]:.0%} with {words}, though its "
@@ -164,7 +167,9 @@ def _share_near(tree: cKDTree, points: Floats, limit: float) -> float:
     return float(np.isfinite(away).mean())
 
 
-def _with_other_axes(some: Floats, transform: Similarity) -> Iterator[tuple[Floats, str]]:
+def _with_other_axes(
+    some: Floats, transform: Similarity, apart: Floats
+) -> Iterator[tuple[Floats, str]]:
     """Yield points as they would lie with axes negated, then also exchanged, and what was done."""
     own, middle = transform.inverse().apply(some), np.median(some, axis=0)
     for order in itertools.permutations((0, 1, 2)):
@@ -173,7 +178,11 @@ def _with_other_axes(some: Floats, transform: Similarity) -> Iterator[tuple[Floa
             if words:
                 at_origin = transform.apply(own[:, order] * signs)
                 yield at_origin, f"{words} about the origin of its own frame"
-                yield (some - middle)[:, order] * signs + middle, f"{words} about its middle"
+                here = (some - middle)[:, order] * signs + middle
+                yield here, f"{words} about its middle"
+                if order == (0, 1, 2):
+                    there = here + np.where(np.less(signs, 0.0), apart, 0.0)
+                    yield there, f"{words} about the middle between it and the truth"
 
 
 def _axes_in_words(order: tuple[int, ...], signs: tuple[float, ...]) -> str:
