@@ -28,6 +28,7 @@ _READ = 2000
 _FEWEST_DIGITS = 6
 _TRIED = 2000
 _POOR, _GOOD = 0.5, 0.6
+_BETWEEN = "about the middle between it and the truth"
 
 
 def plausibility_warnings(cloud: Floats, truth: Floats) -> tuple[str, ...]:
@@ -147,17 +148,19 @@ def mirror_warning(
     tree = cKDTree(truth - truth[0])
     apart = np.median(truth, axis=0) - np.median(some, axis=0)
     others = list(_with_other_axes(some, transform, apart))
-    # A cloud that is merely elsewhere is not mirrored.
+    # A cloud that is merely elsewhere would fit about as well without being mirrored.
+    moved = np.array([words.endswith(_BETWEEN) for _, words in others])
     tried = [some, some + apart, *(points for points, _ in others)]
     for limit in sorted(near):
-        shares = np.array([_share_near(tree, points - truth[0], limit) for points in tried])
+        own, shifted, *rest = (_share_near(tree, points - truth[0], limit) for points in tried)
+        least = np.maximum(_GOOD, 2 * np.where(moved, max(own, shifted), own))
+        shares = np.where(rest >= least, rest, 0.0)
         best = int(np.argmax(shares))
-        if shares[0] <= _POOR and shares[best] >= max(_GOOD, 2 * shares[:2].max()):
-            words = others[best - 2][1]
+        if own <= _POOR and shares[best]:
             return (
-                f"the cloud looks mirrored or turned over: {shares[0]:.0%} of its points lie "
-                f"within {limit:g} m of the truth, {shares[best]:.0%} with {words}, though its "
-                "cameras are aligned"
+                f"the cloud looks mirrored or turned over: {own:.0%} of its points lie "
+                f"within {limit:g} m of the truth, {shares[best]:.0%} with {others[best][1]}, "
+                "though its cameras are aligned"
             )
     return None
 
@@ -182,7 +185,7 @@ def _with_other_axes(
                 yield here, f"{words} about its middle"
                 if order == (0, 1, 2):
                     there = here + np.where(np.less(signs, 0.0), apart, 0.0)
-                    yield there, f"{words} about the middle between it and the truth"
+                    yield there, f"{words} {_BETWEEN}"
 
 
 def _axes_in_words(order: tuple[int, ...], signs: tuple[float, ...]) -> str:
