@@ -124,7 +124,8 @@ def _turn(axis: int, degrees: float) -> Floats:
     """Return the rotation about an axis of the camera by a multiple of 90 degrees."""
     quaternion = np.array([[np.cos(np.radians(degrees / 2)), 0.0, 0.0, 0.0]])
     quaternion[0, axis + 1] = np.sin(np.radians(degrees / 2))
-    return quaternion_to_matrix(quaternion)[0]
+    turn: Floats = quaternion_to_matrix(quaternion)[0]
+    return turn
 
 
 def _degrees_between(one: Floats, other: Floats) -> Floats:
