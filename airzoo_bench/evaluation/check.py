@@ -68,10 +68,10 @@ def _checked(given: Given, resources: Resources) -> Checked:
     errors = list(track.validation_errors(predictions, protocol, thorough=True))
     if errors:
         return Checked(errors, [])
-    track.assign(predictions, protocol, (), given.data)
     try:
         _, truths = read_truths(track, protocol, given.data)
     except BenchmarkError as error:
+        track.assign(predictions, protocol, (), given.data)
         return _without_benchmark(given, resources, error)
     assigned = track.assign(predictions, protocol, truths, given.data)
     return _with_benchmark(given, truths, assigned, resources)

@@ -56,13 +56,47 @@ def open_predictions(
     UserError
         The file cannot be read, or no protocol of the track is known for it.
     """
-    found = track_of(path, protocol, data, resources) if track is None else TRACKS.get(track)
+    _refuse_special(path)
+    if track is None:
+        found = track_of(path, protocol, data, resources)
+    else:
+        found = TRACKS.get(track)
+        _refuse_other_kind(path, found)
     refuse_other_track(path, protocol, data, found.protocol, resources.memory_bytes)
     predictions = found.read(path, resources.memory_bytes)
     chosen = choose_protocol(
         path, predictions.protocol, protocol, data, found.protocol, found.says_protocol
     )
     return Given(found, predictions, chosen, data)
+
+
+def _refuse_special(path: Path) -> None:
+    """Refuse what would be waited for or read without end, before anything is opened."""
+    if path.is_symlink() and not path.exists():
+        what, fix = "a link to nothing", "copy there what it should lead to"
+    elif path.exists() and not (path.is_file() or path.is_dir()):
+        what, fix = "a pipe, a socket or a device, and no file", "copy what it gives into a file"
+    else:
+        return
+    raise UnreadableError(what, where=path, expected="a file, or a folder", fix=fix)
+
+
+def _refuse_other_kind(path: Path, asked: AnyTrack) -> None:
+    """Refuse what only predictions of other tracks come as, and name the command for those."""
+    tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
+    ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
+    if path.is_dir():
+        what, fitting = "a folder", [track for track in tracks if track.folders]
+    else:
+        what, fitting = f"a {ending} file", [track for track in tracks if ending in track.suffixes]
+    if path.exists() and fitting and asked not in fitting:
+        raise UnreadableError(
+            f"{what}, as predictions of the {fitting[0].name} track are, not those of the "
+            f"{asked.name} track",
+            where=path,
+            expected=asked.kinds,
+            fix=f"those are scored by `airzoo-bench eval {fitting[0].name} {path}`",
+        )
 
 
 def read_truths(track: AnyTrack, protocol: Protocol, data: Path) -> tuple[Benchmark, list[Truth]]:

@@ -137,7 +137,7 @@ def _other_benchmark(
     example: str | None = None,
 ) -> PredictionError:
     """Return the error for predictions none of whose ids belongs to the benchmark."""
-    scenes = set(np.unique(scene_of(ids)))
+    scenes = {str(scene) for scene in np.unique(scene_of(ids))}
     ending = scenes <= {scene.id for scene in protocol.scenes} and with_endings(ids)
     alike = [] if ending else _alike(scenes, protocol, data)
     guess = f"they look like those of {' or '.join(alike)}" if alike else ""
@@ -149,8 +149,17 @@ def _other_benchmark(
         expected=f"ids such as {expected}",
         fix="leave out the file's ending: ids are names without it"
         if ending
-        else "name the right protocol with --protocol; `airzoo-bench template` writes the ids",
+        else _scenes_as_titles(scenes, protocol)
+        or "name the right protocol with --protocol; `airzoo-bench template` writes the ids",
     )
+
+
+def _scenes_as_titles(scenes: set[str], protocol: Protocol) -> str:
+    """Say how scenes are written that ids call by their title, or in other letters."""
+    own = {name.lower(): one.id for one in protocol.scenes for name in (one.title, one.id)}
+    meant = [f"{own[name.lower()]} for {name}" for name in sorted(scenes) if name.lower() in own]
+    titled = [] if scenes & set(own.values()) else meant[:3]
+    return f"write the scene as the protocol does: {', '.join(titled)}" if titled else ""
 
 
 def _alike(scenes: set[str], protocol: Protocol, data: Path) -> list[str]:

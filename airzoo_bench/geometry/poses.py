@@ -342,5 +342,10 @@ def _vectors(what: str, value: ArrayLike, count: int, names: Sequence[object] | 
     bad = ~np.isfinite(vectors).all(axis=1)
     refuse_cameras(bad, f"{what} have NaN or infinite entries", names=names)
     beyond = (np.abs(vectors) > FARTHEST).any(axis=1)
-    refuse_cameras(beyond, f"{what} have entries beyond {FARTHEST:g}", names=names)
+    refuse_cameras(
+        beyond,
+        f"{what} have entries beyond {FARTHEST:g}",
+        names=names,
+        expected="coordinates of the scene's CRS",
+    )
     return vectors

@@ -19,6 +19,7 @@ from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
     "COARSEST_M",
+    "centre_errors_m",
     "narrow_type",
     "pose_errors_m",
     "rounding_errors",
@@ -39,6 +40,9 @@ _EXACT = 1e-14
 _BEYOND_CHANCE = 4.0
 # So many bits are not 0 by chance: once in a thousand.
 _CHANCE_BITS = 10
+# Fewer centres than this may have few decimals by their nature, and those at one height may be
+# places of a grid.
+_ENOUGH_CENTRES = 3
 _NARROW: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
 
 
@@ -177,6 +181,26 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
         moved = _of_translations(translations)
     by_turn = weight * turned * np.sqrt((translations**2).sum(axis=1))
     errors: Floats = np.hypot(by_turn, np.sqrt((moved**2).sum(axis=1)))
+    return errors
+
+
+def centre_errors_m(centres: Floats) -> Floats:
+    """Estimate how far rounding has moved camera centres that are given as they are.
+
+    Parameters
+    ----------
+    centres : (N, 3) array
+        Finite.
+
+    Returns
+    -------
+    (N,) array
+        0 where fewer than three differ, or all lie at one height: those may be meant as they are.
+    """
+    few = len(np.unique(centres, axis=0)) < _ENOUGH_CENTRES
+    if few or np.ptp(centres[:, 2]) == 0:
+        return np.zeros(len(centres))
+    errors: Floats = np.sqrt((rounding_errors(centres) ** 2).sum(axis=1))
     return errors
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
@@ -9,7 +11,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
 
-__all__ = ["refuse_other_conventions", "suspect_inverted"]
+__all__ = ["refuse_other_conventions", "suspect_inverted", "suspect_turned"]
 
 # Poses count as inverted where that brings most of them this many times nearer to the priors.
 _TIMES_NEARER = 10.0
@@ -21,6 +23,11 @@ _FAR_DEG, _TIMES_NEARER_DEG = 20.0, 3.0
 # Where cameras look straight down, the inverse of a rotation is tilted to the opposite side. It is
 # suspected from this many photos, this mean gain, and this many standard errors of the gain on.
 _LEAST_PHOTOS, _LEAST_GAIN_DEG, _STANDARD_ERRORS = 5, 0.5, 3.0
+# One turn of the camera's axes is suspected where it brings most photos this near to their priors,
+# and nearly all this near to them or to their opposite yaw, of which gimbals are wrong in a third
+# of the photos at Brighton; and half of the centres lie this near. What fails does not fail alike.
+_MOST, _NEARLY_ALL, _ALIKE_DEG, _NEAR_M = 0.6, 0.9, 8.0, 50.0
+_OPPOSITE_YAW = np.diag((-1.0, -1.0, 1.0))
 # From camera axes x right, y down, z forward to x right, y up, z backward, or back.
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 
@@ -80,6 +87,45 @@ def suspect_inverted(given: Poses, priors: Poses) -> str | None:
         f"{inverted.mean():.1f} degrees from where the gimbal says, as they stand "
         f"{as_given.mean():.1f} (means)"
     )
+
+
+def suspect_turned(given: Poses, priors: Poses) -> str | None:
+    """Return a note where cameras that are in place are turned by 90 or 180 degrees, all alike.
+
+    This is no error: priors can have axes of their own, too.
+
+    Parameters
+    ----------
+    given, priors : Poses
+        Of the same N queries; N may be 0.
+    """
+    if len(given) < _LEAST_PHOTOS:
+        return None
+    with np.errstate(over="ignore"):
+        away = float(np.median(np.linalg.norm(given.centres - priors.centres, axis=1)))
+    if away > _NEAR_M:
+        return None
+    off = np.median(rotation_angle_deg(given.rotation, priors.rotation))
+    for axis, degrees in itertools.product(range(3), (90.0, 180.0, -90.0)):
+        turned = _turn(axis, degrees) @ priors.rotation
+        alike = rotation_angle_deg(given.rotation, turned) < _ALIKE_DEG
+        other = rotation_angle_deg(given.rotation, turned @ _OPPOSITE_YAW) < _ALIKE_DEG
+        if alike.mean() >= _MOST and (alike | other).mean() >= _NEARLY_ALL:
+            return (
+                f"are the rotations those of a camera turned by {degrees:g} degrees about its "
+                f"{'xyz'[axis]} axis? They differ from the gimbal's by {off:.0f} degrees (median); "
+                f"turned back, {alike.sum()} of {len(given)} by less than {_ALIKE_DEG:g}, and "
+                f"centres lie {away:.1f} m from GPS"
+            )
+    return None
+
+
+def _turn(axis: int, degrees: float) -> Floats:
+    """Return the rotation about an axis of the camera by a multiple of 90 degrees."""
+    quaternion = np.array([[np.cos(np.radians(degrees / 2)), 0.0, 0.0, 0.0]])
+    quaternion[0, axis + 1] = np.sin(np.radians(degrees / 2))
+    turn: Floats = quaternion_to_matrix(quaternion)[0]
+    return turn
 
 
 def _degrees_between(one: Floats, other: Floats) -> Floats:

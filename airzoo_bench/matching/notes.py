@@ -9,11 +9,11 @@ import numpy as np
 
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matching.conventions import suspect_inverted
+from airzoo_bench.matching.conventions import suspect_inverted, suspect_turned
 from airzoo_bench.matching.lifting import LiftStatus
-from airzoo_bench.matching.predictions import MatchingPredictions
-from airzoo_bench.matching.scene_predictions import ScenePredictions
-from airzoo_bench.matching.scoring import NOT_GIVEN, ScoredScene, lifted_points
+from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
+from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
+from airzoo_bench.matching.scoring import NEAR_DEG, NEAR_M, NOT_GIVEN, ScoredScene, lifted_points
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 
@@ -33,6 +33,7 @@ _NOT_LIFTED = {
 }
 _DOUBTS = {
     "poses": "are they world-to-camera, and all coordinates in the scene's CRS?",
+    "centres": "are all coordinates in the scene's CRS?",
     "pairs": "poor pairs make such poses, and points that are not in the scene's CRS",
     "matches": "poor matches make such poses",
 }
@@ -46,12 +47,12 @@ def plausibility_warnings(
     return [
         *_scale_notes(scenes),
         *_crop_notes(scenes),
-        *_prior_notes(scenes),
         *_inverted_notes(scenes),
     ]
 
 
 def lifting_notes(
+    predictions: MatchingPredictions,
     truths: Sequence[MatchingTruth],
     scene_predictions: Sequence[ScenePredictions],
     protocol: MatchingProtocol,
@@ -65,7 +66,18 @@ def lifting_notes(
             int((one.answered & np.isnan(there).any(axis=1)).sum())
             for one, there in zip(given, centres, strict=True)
         )
-        return [*_failed_notes({NOT_GIVEN: lost}), *_far_notes(truths, centres, "poses")]
+        near = 0
+        if protocol.prior.source != "truth":
+            near = sum(
+                count_near(one.poses, truth.priors, NEAR_M, NEAR_DEG)
+                for truth, one in zip(truths, given, strict=True)
+                if one.poses is not None
+            )
+        return [
+            *_failed_notes({NOT_GIVEN: lost}),
+            *_far_notes(truths, centres, predictions),
+            *_prior_notes(near, truths),
+        ]
     became = np.zeros(len(LiftStatus), np.int64)
     blind = beyond = 0
     for truth, predicted in zip(truths, scene_predictions, strict=True):
@@ -100,22 +112,26 @@ def scored_notes(
         f"scored from {kind}",
         *_failed_notes(dict(sorted(reasons.items()))),
         *_count_notes(sums["matches"], dropped, blind, sums["beyond_limit"]),
-        *_far_notes(truths, [scene.centres for scene in scored], kind),
+        *_far_notes(truths, [scene.centres for scene in scored], predictions),
+        *_prior_notes(sums["near_prior"], truths),
     ]
 
 
-def _far_notes(truths: Sequence[MatchingTruth], centres: Sequence[Floats], kind: str) -> list[str]:
+def _far_notes(
+    truths: Sequence[MatchingTruth], centres: Sequence[Floats], predictions: MatchingPredictions
+) -> list[str]:
     """Suspect another frame or convention where poses lie beyond any GPS error."""
-    offsets = [c - t.priors.centres for t, c in zip(truths, centres, strict=True)]
+    offsets = np.concatenate([c - t.priors.centres for t, c in zip(truths, centres, strict=True)])
     with np.errstate(over="ignore"):
-        away = np.linalg.norm(np.concatenate(offsets), axis=1)
-    far = int((away > _FAR_M).sum())
+        far = int((np.linalg.norm(offsets, axis=1) > _FAR_M).sum())
     if not far:
         return []
+    content = predictions.content
+    centred = isinstance(content, GivenPoses) and content.centred
     return [
-        f"{far:,} of {counted(int(np.isfinite(away).sum()), 'pose')} "
+        f"{far:,} of {counted(int((~np.isnan(offsets).any(axis=1)).sum()), 'pose')} "
         f"{agreeing(far, 'lies', 'lie')} more than {_FAR_M:,g} m from the "
-        f"photo's GPS position: {_DOUBTS[kind]}"
+        f"photo's GPS position: {_DOUBTS['centres' if centred else content.kind]}"
     ]
 
 
@@ -147,12 +163,14 @@ def _count_notes(given: int, lost: dict[str, int], blind: int, beyond: int) -> l
     return notes
 
 
-def _prior_notes(scenes: Sequence[_Scene]) -> list[str]:
-    same = sum(predicted.equal_to_prior(truth) for truth, predicted in scenes)
-    total = sum(len(truth.queries) for truth, _ in scenes)
-    if not same:
+def _prior_notes(near: int, truths: Sequence[MatchingTruth]) -> list[str]:
+    if not near:
         return []
-    return [f"{same:,} of {total:,} answers equal the prior, the photo's own GPS and gimbal angles"]
+    total = sum(len(truth.queries) for truth in truths)
+    return [
+        f"{near:,} of {total:,} answers equal the prior, the photo's own GPS and gimbal angles, "
+        f"within {NEAR_M * 100:g} cm and {NEAR_DEG:g} degrees"
+    ]
 
 
 def _inverted_notes(scenes: Sequence[_Scene]) -> list[str]:
@@ -160,7 +178,8 @@ def _inverted_notes(scenes: Sequence[_Scene]) -> list[str]:
     for truth, predicted in scenes:
         if predicted.poses is not None:
             found = np.isfinite(predicted.poses.centres).all(axis=1)
-            said = suspect_inverted(predicted.poses.take(found), truth.priors.take(found))
+            given, priors = predicted.poses.take(found), truth.priors.take(found)
+            said = suspect_turned(given, priors) or suspect_inverted(given, priors)
             notes += [f"scene {truth.scene}: {said}"] if said else []
     return notes
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.formats.budget import Budget
@@ -16,7 +18,9 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
 
-__all__ = ["read_pose_list"]
+__all__ = ["NO_POSE", "read_pose_list", "refused_in"]
+
+NO_POSE = "write NaN in all of a pose that was not found"
 
 _COLUMNS = 8
 _LIMIT_BYTES = 1 << 27
@@ -56,11 +60,29 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     _check_unit(values[found, :4], names[found], path)
     quaternion = np.where(found[:, None], values[:, :4], (1.0, 0.0, 0.0, 0.0))
     translation = np.where(found[:, None], values[:, 4:], 0.0)
-    poses = Poses.from_quaternions(quaternion, translation, names.tolist())
+    with refused_in(path, NO_POSE):
+        poses = Poses.from_quaternions(quaternion, translation, names.tolist())
     errors = np.zeros(len(found))
     errors[found] = pose_errors_m(poses.rotation[found], translation[found], quaternion[found])
     given = GivenPoses(found, poses, errors, quaternions=True)
     return MatchingPredictions(path, None, names, given)
+
+
+@contextmanager
+def refused_in(where: object, fix: str) -> Iterator[None]:
+    """Say of cameras that cannot be which file they stand in, and how to mend it.
+
+    Raises
+    ------
+    PredictionError
+        In place of a CameraError.
+    """
+    try:
+        yield
+    except CameraError as error:
+        raise PredictionError(
+            error.what, where=where, expected=error.expected, fix=error.fix or fix
+        ) from error
 
 
 def _check_rows(rows: list[list[str]], path: Path) -> None:

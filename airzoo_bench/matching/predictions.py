@@ -19,7 +19,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.precision import COARSEST_M
+from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
 
 __all__ = [
     "Correspondences",
@@ -77,6 +77,8 @@ class GivenPoses:
         How far rounding in the file may have moved the cameras; see `pose_errors_m`.
     quaternions : bool
         Whether the file has rotations as quaternions, and not as matrices.
+    centred : bool
+        Whether the file has centres, and not translations.
     """
 
     kind: ClassVar[str] = "poses"
@@ -85,6 +87,7 @@ class GivenPoses:
     poses: Poses
     errors_m: Floats
     quaternions: bool = False
+    centred: bool = False
 
 
 MatchingPredictions = QueryPredictions[Correspondences | GivenPoses]
@@ -102,24 +105,43 @@ def validation_errors(predictions: MatchingPredictions) -> Iterator[PredictionEr
     yield from errors_of(checks)
 
 
-def check_digits(given: GivenPoses, query_ids: NDArray[np.str_]) -> None:
+def check_digits(
+    given: GivenPoses, query_ids: NDArray[np.str_], true_centres: Floats | None = None
+) -> None:
     """Refuse poses whose rounding may have moved their cameras by more than a centimetre.
+
+    Parameters
+    ----------
+    given : GivenPoses
+        Of Q queries.
+    query_ids : (Q,) str
+    true_centres : (N, 3) float64, optional
+        Where those of a made-up scene have few decimals themselves, centres with as few have lost
+        nothing.
 
     Raises
     ------
     PredictionError
         It names them and the error.
     """
-    coarse = np.flatnonzero(given.errors_m > COARSEST_M)
+    limit = COARSEST_M
+    if given.centred and true_centres is not None:
+        limit = max(limit, float(centre_errors_m(true_centres).max(initial=0.0)))
+    coarse = np.flatnonzero(given.errors_m > limit)
     if coarse.size:
         error = float(np.sqrt((given.errors_m[coarse] ** 2).mean()))
+        why = "" if given.centred else ", since its centre is -R^T t"
+        fix = "compute in float64 and write all digits"
+        translated = (
+            " (%.17g in text), or write an .npz with rotations and centres, which lose nothing"
+        )
         raise PredictionError(
-            f"too few digits in the poses of {_queries(query_ids[coarse], query_ids)}: what they "
-            f"leave out moves a camera by {error:.2g} m on average, since its centre is -R^T t",
-            where="the poses",
+            f"too few digits in the {'centres' if given.centred else 'poses'} of "
+            f"{_queries(query_ids[coarse], query_ids)}: what they leave out moves a camera by "
+            f"{error:.2g} m on average{why}",
+            where="field 'centres'" if given.centred else "the poses",
             expected=f"digits that fix camera centres to {COARSEST_M:g} m",
-            fix="compute in float64 and write all digits (%.17g in text), or write an .npz with "
-            "rotations and centres, which lose nothing",
+            fix=fix if given.centred else fix + translated,
         )
 
 

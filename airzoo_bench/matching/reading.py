@@ -8,14 +8,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import CameraError, PredictionError
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.prediction_files import Fields, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import Poses, check_rotations
-from airzoo_bench.geometry.precision import COARSEST_M, narrow_type, pose_errors_m
-from airzoo_bench.matching.pose_list import read_pose_list
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
+from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
+from airzoo_bench.matching.pose_list import NO_POSE, read_pose_list, refused_in
 from airzoo_bench.matching.predictions import Correspondences, GivenPoses, MatchingPredictions
 
 __all__ = ["read_matching"]
@@ -106,10 +106,12 @@ def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences 
     where = f"{arrays.path}, field 'poses'"
     rotation = np.tile(np.eye(3), (len(values), 1, 1))
     rotation[found] = _rotations(where, given[:, :, :3], query_ids[found])
+    translation = np.where(found[:, None], values[:, :, 3], 0.0)
+    with refused_in(where, NO_POSE):
+        poses = Poses.from_translations(rotation, translation, query_ids.tolist())
     errors = np.zeros(len(values))
     errors[found] = pose_errors_m(given[:, :, :3], given[:, :, 3], None)
-    translation = np.where(found[:, None], values[:, :, 3], 0.0)
-    return GivenPoses(found, Poses.from_translations(rotation, translation), errors)
+    return GivenPoses(found, poses, errors)
 
 
 def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences | GivenPoses:
@@ -124,7 +126,10 @@ def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondence
     where = f"{arrays.path}, field 'rotations'"
     rotation[found] = _rotations(where, rotations[found], query_ids[found])
     poses = Poses(rotation=rotation, centres=np.where(found[:, None], centres, 0.0))
-    return GivenPoses(found, poses, np.zeros(len(rows)))
+    errors = np.zeros(len(rows))
+    near = found & (np.abs(centres) <= FARTHEST).all(axis=1)
+    errors[near] = centre_errors_m(centres[near])
+    return GivenPoses(found, poses, errors, centred=True)
 
 
 def _found(arrays: Arrays, name: str, values: Floats) -> Bools:
@@ -140,15 +145,8 @@ def _found(arrays: Arrays, name: str, values: Floats) -> Bools:
 
 
 def _rotations(where: str, matrices: Floats, names: NDArray[np.str_]) -> Floats:
-    try:
+    with refused_in(where, "write the rotation matrix R, world-to-camera"):
         return check_rotations(matrices, names.tolist())
-    except CameraError as error:
-        raise PredictionError(
-            error.what,
-            where=where,
-            expected=error.expected,
-            fix=error.fix or "write the rotation matrix R, world-to-camera",
-        ) from error
 
 
 def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Floats:

@@ -22,7 +22,7 @@ from airzoo_bench.matching.predictions import (
 )
 from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = ["ScenePredictions", "match_scene"]
+__all__ = ["ScenePredictions", "count_near", "match_scene"]
 
 
 # Coordinates may lie this far outside a picture: sub-pixel refinement oversteps its border.
@@ -64,10 +64,7 @@ class ScenePredictions:
         """Count the poses that are the photo's own GPS position and gimbal angles."""
         if self.poses is None:
             return 0
-        with np.errstate(over="ignore"):
-            apart = np.linalg.norm(self.poses.centres - truth.priors.centres, axis=1)
-        turned = rotation_angle_deg(self.poses.rotation, truth.priors.rotation)
-        return int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
+        return count_near(self.poses, truth.priors, _SAME_M, _SAME_DEG)
 
     def parts(self) -> list[slice]:
         """Return the rows of each query."""
@@ -75,6 +72,14 @@ class ScenePredictions:
             slice(int(start), int(stop))
             for start, stop in zip(self.offsets[:-1], self.offsets[1:], strict=True)
         ]
+
+
+def count_near(poses: Poses, priors: Poses, metres: float, degrees: float) -> int:
+    """Count the poses, NaN where there is none, that lie as near to their priors as that."""
+    with np.errstate(over="ignore"):
+        apart = np.linalg.norm(poses.centres - priors.centres, axis=1)
+    turned = rotation_angle_deg(poses.rotation, priors.rotation)
+    return int(((apart < metres) & (turned < degrees)).sum())
 
 
 def match_scene(
@@ -101,7 +106,7 @@ def match_scene(
         if isinstance(content, GivenPoses):
             matched = _match_poses(content, truth, rows)
             # After the convention: it decides which digits count.
-            check_digits(content, predictions.query_ids)
+            check_digits(content, predictions.query_ids, truth.poses.centres)
             return matched
         return _match_correspondences(content, truth, rows)
     except PredictionError as error:

@@ -14,7 +14,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import pose_errors
 from airzoo_bench.matching.pose import PoseProblem, solve_poses
-from airzoo_bench.matching.scene_predictions import ScenePredictions
+from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
 from airzoo_bench.matching.scores import pose_columns
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
 from airzoo_bench.matching.solvers import PoseEstimate
@@ -23,12 +23,22 @@ from airzoo_bench.matching.truth import MatchingTruth
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["NOT_GIVEN", "ScoredScene", "lifted_points", "score_priors", "score_scene"]
+__all__ = [
+    "NEAR_DEG",
+    "NEAR_M",
+    "NOT_GIVEN",
+    "ScoredScene",
+    "lifted_points",
+    "score_priors",
+    "score_scene",
+]
 
 
 MISSING = "missing from the predictions"
 NOT_GIVEN = "no pose given"
 GIVEN = "given"
+NEAR_M, NEAR_DEG = 0.05, 0.1
+"""An answer this near to its prior counts as the prior, however it was written or solved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +107,9 @@ def score_scene(
         posed = _solved(truth, predicted, protocol, resources)
     records = _records(truth, predicted.answered, posed, protocol.scores)
     counts = _result_counts(truth, records) | {"equal_to_prior": predicted.equal_to_prior(truth)}
+    if protocol.prior.source != "truth":
+        poses = Poses(rotation=posed.rotations, centres=posed.centres)
+        counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
     return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
 
 

@@ -163,7 +163,7 @@ class MatchingTrack(
     ) -> list[str]:
         """See `lifting_notes` and `plausibility_warnings`."""
         return [
-            *lifting_notes(truths, scene_predictions, protocol, resources.jobs),
+            *lifting_notes(predictions, truths, scene_predictions, protocol, resources.jobs),
             *plausibility_warnings(truths, scene_predictions),
         ]
 

@@ -28,6 +28,7 @@ _READ = 2000
 _FEWEST_DIGITS = 6
 _TRIED = 2000
 _POOR, _GOOD = 0.5, 0.6
+_BETWEEN = "about the middle between it and the truth"
 
 
 def plausibility_warnings(cloud: Floats, truth: Floats) -> tuple[str, ...]:
@@ -113,7 +114,8 @@ def mirror_warning(
 
     Tried are the axes of the prediction's own frame, from which `transform` brought it, about its
     origin, where conventions differ (OpenGL's y and z, y or z that point up), and those of the
-    truth's about the middle of the cloud. A point fits where the truth is nearer than one of the
+    truth's about the middle of the cloud, and about any plane, such as that of the cameras: the
+    middle then lies between cloud and truth. A point fits where the truth is nearer than one of the
     distances `near`; the first that tells is taken. A flat scene fits at large ones however it is
     turned over.
     """
@@ -123,16 +125,21 @@ def mirror_warning(
         return None
     some = cloud[:: max(1, len(cloud) // _TRIED)]
     tree = cKDTree(truth - truth[0])
-    tried = [some, *(points for points, _ in _with_other_axes(some, transform))]
+    apart = np.median(truth, axis=0) - np.median(some, axis=0)
+    others = list(_with_other_axes(some, transform, apart))
+    # A cloud that is merely elsewhere would fit about as well without being mirrored.
+    moved = np.array([words.endswith(_BETWEEN) for _, words in others])
+    tried = [some, some + apart, *(points for points, _ in others)]
     for limit in sorted(near):
-        shares = np.array([_share_near(tree, points - truth[0], limit) for points in tried])
+        own, shifted, *rest = (_share_near(tree, points - truth[0], limit) for points in tried)
+        least = np.maximum(_GOOD, 2 * np.where(moved, max(own, shifted), own))
+        shares = np.where(rest >= least, rest, 0.0)
         best = int(np.argmax(shares))
-        if shares[0] <= _POOR and shares[best] >= max(_GOOD, 2 * shares[0]):
-            words = [words for _, words in _with_other_axes(some, transform)][best - 1]
+        if own <= _POOR and shares[best]:
             return (
-                f"the cloud looks mirrored or turned over: {shares[0]:.0%} of its points lie "
-                f"within {limit:g} m of the truth, {shares[best]:.0%} with {words}, though its "
-                "cameras are aligned"
+                f"the cloud looks mirrored or turned over: {own:.0%} of its points lie "
+                f"within {limit:g} m of the truth, {shares[best]:.0%} with {others[best][1]}, "
+                "though its cameras are aligned"
             )
     return None
 
@@ -142,7 +149,9 @@ def _share_near(tree: cKDTree, points: Floats, limit: float) -> float:
     return float(np.isfinite(away).mean())
 
 
-def _with_other_axes(some: Floats, transform: Similarity) -> Iterator[tuple[Floats, str]]:
+def _with_other_axes(
+    some: Floats, transform: Similarity, apart: Floats
+) -> Iterator[tuple[Floats, str]]:
     """Yield points as they would lie with axes negated, then also exchanged, and what was done."""
     own, middle = transform.inverse().apply(some), np.median(some, axis=0)
     for order in itertools.permutations((0, 1, 2)):
@@ -151,7 +160,11 @@ def _with_other_axes(some: Floats, transform: Similarity) -> Iterator[tuple[Floa
             if words:
                 at_origin = transform.apply(own[:, order] * signs)
                 yield at_origin, f"{words} about the origin of its own frame"
-                yield (some - middle)[:, order] * signs + middle, f"{words} about its middle"
+                here = (some - middle)[:, order] * signs + middle
+                yield here, f"{words} about its middle"
+                if order == (0, 1, 2):
+                    there = here + np.where(np.less(signs, 0.0), apart, 0.0)
+                    yield there, f"{words} {_BETWEEN}"
 
 
 def _axes_in_words(order: tuple[int, ...], signs: tuple[float, ...]) -> str:

@@ -64,9 +64,10 @@ def scene_notes(
     protocol: ReconstructionProtocol,
 ) -> list[str]:
     """Say what looks odd about a prediction, what was left out of it, and how it was aligned."""
+    scale = 1.0 if scored.alignment is None else scored.alignment.transform.scale
     return [
         *prediction.notes,
-        *_odd_views(prediction, truth, protocol.fusion),
+        *_odd_views(prediction, truth, protocol.fusion, scale),
         *_odd_cameras(cameras, truth, protocol),
         *_notes_of_digits(prediction, scored, protocol.scores),
         *_alignment_notes(scored.alignment),
@@ -182,7 +183,7 @@ def _named(names: tuple[str, ...]) -> str:
 
 
 def _odd_views(
-    prediction: ScenePrediction, truth: ReconstructionTruth, fusion: Fusion
+    prediction: ScenePrediction, truth: ReconstructionTruth, fusion: Fusion, scale: float
 ) -> list[str]:
     maps, images = prediction.geometry, prediction.images
     if isinstance(maps, FileCloud):
@@ -197,18 +198,20 @@ def _odd_views(
             "which their poses fit"
         )
     if isinstance(maps, DepthMaps):
-        notes += _odd_depth(maps, images, fusion)
+        notes += _odd_depth(maps, images, fusion, scale)
     if fusion.least_confidence is not None and maps.confidence is None:
         notes.append("has no confidence: all of it was taken")
     return notes
 
 
-def _odd_depth(maps: DepthMaps, images: ImagePoses | None, fusion: Fusion) -> list[str]:
-    """Say where depth maps hold nothing nearer than the protocol looks, or have no pose."""
-    notes, seen = [], _some_depths(maps)
+def _odd_depth(
+    maps: DepthMaps, images: ImagePoses | None, fusion: Fusion, scale: float
+) -> list[str]:
+    """Say where depths, once aligned, are all beyond what the protocol looks at, or lack a pose."""
+    notes, seen = [], _some_depths(maps).astype(np.float64) * scale
     if seen.size and (seen > fusion.max_depth_m).mean() > 0.5:
         notes.append(
-            f"depths are {float(np.median(seen)):g} m (median), beyond the protocol's "
+            f"depths are {float(np.median(seen)):g} m as aligned (median), beyond the protocol's "
             f"{fusion.max_depth_m:g} m: are they in millimetres?"
         )
     if images is not None and not images.found.all():

@@ -38,7 +38,7 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     ),
     "a folder as predictions": (
         ["eval", "retrieval", "."],
-        [".: a folder, not a prediction file", ".npz"],
+        [".: a folder, as predictions of the reconstruction track are", ".npz"],
     ),
     "another ending": (
         ["eval", "retrieval", "p.csv"],

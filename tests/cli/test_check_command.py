@@ -156,3 +156,47 @@ def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     protocol = data / "made" / "protocols" / "made-retrieval.toml"
     assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
     assert "predictions were not compared with the benchmark" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("scene", ["EAST", "East"])
+def test_a_scene_by_its_title_is_told_how_it_is_written(
+    scene: str, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {"query_ids": [f"{scene}/q00000"], "ranked_ids": [[f"east/t{k:05d}" for k in range(5)]]}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
+    said = []
+    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
+        assert run_main(*command, path) == code
+        said.append(capsys.readouterr().err.removeprefix("airzoo-bench: "))
+    assert said[0] == said[1]
+    assert f"write the scene as the protocol does: east for {scene}" in said[0]
+    assert "ids such as east/q00000" in said[0]
+    assert "name the right protocol" not in said[0]
+
+
+OF_TRACKS = {
+    "retrieval": ("uav-visloc-retrieval", ["p.npz", "p.parquet"]),
+    "matching": ("photos-matching", ["p.npz", "p.txt"]),
+    "reconstruction": ("photos-reconstruction", ["p.npz", "p.ply", "p.laz", "p.zip", "p"]),
+}
+"""A protocol of each track, and what its predictions come as; names without ending are folders."""
+
+
+@pytest.mark.parametrize("asked", OF_TRACKS)
+@pytest.mark.parametrize("own", OF_TRACKS)
+def test_predictions_of_another_track_are_told_their_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: str, own: str
+) -> None:
+    protocol, names = OF_TRACKS[own]
+    for name in names:
+        path = tmp_path / name
+        if path.suffix == ".npz":
+            np.savez(path, protocol=protocol)
+        elif path.suffix:
+            path.write_text("ply")
+        else:
+            path.mkdir()
+            (path / "protocol.txt").write_text(protocol)
+        assert run_main("eval", asked, path, "--data", tmp_path) == 2
+        told = f"airzoo-bench eval {own} {path}" in capsys.readouterr().err
+        assert told == (asked != own), name

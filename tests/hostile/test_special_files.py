@@ -12,6 +12,7 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.sources import photo_sizes
 from airzoo_bench.reconstruction.reading import open_reconstruction
+from tests.support import run_main
 
 
 def special(kind: str, path: Path) -> None:
@@ -53,3 +54,20 @@ def test_alone(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     special(kind, Path("yard.ply"))
     with pytest.raises(PredictionError, match=r"no folder and no archive|no such predictions"):
         open_reconstruction(tmp_path / "yard.ply", unpacked_limit_bytes=1 << 30)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("command", ["eval retrieval", "eval matching", "eval reconstruction"])
+def test_given_to_a_command(
+    kind: str,
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    special(kind, Path("one.npz"))
+    what = "a link to nothing" if kind == "link to nothing" else "a pipe, a socket or a device"
+    for words in (command, "check"):
+        assert run_main(*words.split(), "one.npz") == 2
+        assert f"one.npz: {what}" in capsys.readouterr().err

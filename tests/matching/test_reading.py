@@ -167,6 +167,10 @@ UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
         ["2 poses are NaN or infinite in part", "NaN in all of it"],
     ),
     "infinite": (POSES | {"poses": np.full((2, 3, 4), np.inf)}, []),
+    "beyond measure": (
+        POSES | {"poses": np.where(np.arange(4) == 3, 1e300, RT)},
+        ["translations have entries beyond 1e+12", "hills/a", "field 'poses'", "NaN in all"],
+    ),
     "scaled": (POSES | {"poses": SCALED}, ["not orthonormal", "hills/a", "field 'poses'", "fix"]),
     "no rotations": (without(CENTRED, "rotations"), ["lacks the field rotations"]),
     "poses twice": (CENTRED | {"poses": RT}, ["holds poses and centres", "disagree"]),

@@ -27,13 +27,17 @@ def test_poor_matches_are_not_suspected_of_a_convention(
     assert "poor pairs make such poses" in said
     assert "world-to-camera" not in said
     true = world.truth.poses
-    poses = world.named(rotations=true.rotation, centres=true.centres + 5e4)
-    said = " | ".join(evaluated(world, tmp_path, poses).result.notes)
-    assert "are they world-to-camera" in said
-    # And check says so too.
-    path = world.write(tmp_path / "m.npz", poses)
-    assert run_main("check", path, "--data", world.root) == 0
-    assert "are they world-to-camera" in capsys.readouterr().err
+    away = -np.einsum("nij,nj->ni", true.rotation, true.centres + 5e4 + np.pi)
+    poses = world.named(poses=np.concatenate([true.rotation, away[:, :, None]], axis=2))
+    # Of centres that are given no convention is asked.
+    centred = world.named(rotations=true.rotation, centres=true.centres + 5e4)
+    for fields, asked in ((poses, True), (centred, False)):
+        said = " | ".join(evaluated(world, tmp_path, fields).result.notes)
+        path = world.write(tmp_path / "m.npz", fields)
+        assert run_main("check", path, "--data", world.root) == 0
+        for told in (said, capsys.readouterr().err):  # check says so too
+            assert "all coordinates in the scene's CRS?" in told
+            assert ("are they world-to-camera" in told) == asked
 
 
 def test_check_notes_what_eval_notes(

@@ -17,7 +17,11 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
-from airzoo_bench.matching.conventions import refuse_other_conventions, suspect_inverted
+from airzoo_bench.matching.conventions import (
+    refuse_other_conventions,
+    suspect_inverted,
+    suspect_turned,
+)
 from airzoo_bench.matching.notes import plausibility_warnings
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
@@ -224,6 +228,48 @@ def test_inverted_rotations_of_photos_that_look_down_are_asked_about(tilt: float
     assert asked == 0 if tilt == 0 else asked >= (45 if tilt > 4 else 30)
 
 
+@pytest.mark.parametrize("degrees", [90, 180, -90])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_cameras_turned_alike_are_asked_about(axis: str, degrees: int) -> None:
+    rng = np.random.default_rng(0)
+    gimbal = np.concatenate([looking_down(rng.normal(0, 20), yaw) for yaw in range(0, 360, 18)])
+    off = Rotation.from_rotvec(rng.normal(0, np.radians(2), (20, 3))).as_matrix()
+    priors = Poses(rotation=gimbal, centres=np.zeros((20, 3)))
+    true = Poses(rotation=off @ gimbal, centres=rng.normal(0, 3, (20, 3)))
+    turned = Rotation.from_euler(axis, degrees, degrees=True).as_matrix() @ true.rotation
+    found = suspect_turned(replace(true, rotation=turned), priors)
+    assert found is not None
+    assert f"turned by {degrees} degrees about its {axis} axis" in found
+    assert suspect_turned(true, priors) is None
+    # A gimbal's yaw may be wrong by 180 degrees in some photos.
+    flipped = np.where(np.arange(20)[:, None, None] < 6, gimbal @ np.diag((-1, -1, 1)), gimbal)
+    assert suspect_turned(replace(true, rotation=turned), replace(priors, rotation=flipped))
+    assert suspect_turned(true, replace(priors, rotation=flipped)) is None
+    # Not all are turned, or each by another angle, or cameras are elsewhere: no convention.
+    some = np.where(np.arange(20)[:, None, None] < 14, turned, true.rotation)
+    each = Rotation.random(20, random_state=0).as_matrix() @ true.rotation
+    for rotation in (some, each):
+        assert suspect_turned(replace(true, rotation=rotation), priors) is None
+    far = Poses(rotation=turned, centres=true.centres + 100)
+    assert suspect_turned(far, priors) is None
+    assert (
+        suspect_turned(replace(true, rotation=turned).take(slice(4)), priors.take(slice(4))) is None
+    )
+
+
+def test_a_camera_upside_down_is_asked_about_by_eval_and_check(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = world.truth.poses
+    upside = np.diag((-1.0, -1.0, 1.0)) @ true.rotation
+    path = world.write(tmp_path / "u.npz", world.named(rotations=upside, centres=true.centres))
+    for command in (("eval", "matching"), ("check",)):
+        assert run_main(*command, path, "--data", world.root) == 0
+        said = re.sub(r"\s+", " ", "".join(capsys.readouterr()))
+        assert "scene hills: are the rotations those of a camera turned by 180 degrees" in said
+        assert "about its z axis? They differ from the gimbal's by 17" in said
+
+
 def test_many_pixels_of_a_little_smaller_image_are_suspected(world: World, tmp_path: Path) -> None:
     for factor, repeats, asked in ((1.0, 10, False), (0.8, 10, True), (0.8, 1, False)):
         query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
@@ -243,7 +289,7 @@ def test_a_centre_beyond_measure_is_told_in_words_only(
         warnings.simplefilter("error")
         for command in (("eval", "matching"), ("check",)):
             assert run_main(*command, path, "--data", world.root) == 0
-            assert "more than 1,000 m from the photo's GPS" in re.sub(
+            assert "1 of 5 poses lies more than 1,000 m from the photo's GPS" in re.sub(
                 r"\s+", " ", "".join(capsys.readouterr())
             )
 
@@ -279,6 +325,35 @@ def test_centres_lose_nothing(world: World, tmp_path: Path) -> None:
     assert predicted.poses is not None
     np.testing.assert_array_equal(predicted.poses.centres, true.centres)
     np.testing.assert_allclose(predicted.poses.rotation, true.rotation, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("decimals", "error"), [(0, "0.5 m"), (1, "0.05 m"), (2, None)])
+def test_centres_of_few_decimals_are_judged_as_translations_are(
+    world: World, tmp_path: Path, decimals: int, error: str | None
+) -> None:
+    true = world.truth.poses
+    centres = true.centres + np.random.default_rng(0).random((N_QUERIES, 3))
+    moved = dict(zip(("x", "y", "z"), centres.T, strict=True))
+    real = replace(world, truth=replace(world.truth, queries=world.truth.queries.assign(**moved)))
+    rounded = np.round(centres, decimals)
+    fields = world.named(rotations=true.rotation, centres=rounded)
+    if error is None:
+        assert matched(real, tmp_path, fields).poses is not None
+        return
+    message = refused(real, tmp_path, fields)
+    for part in ("field 'centres'", "too few digits in the centres of 5 of 5", error, "0.01 m"):
+        assert part in message
+    # Fewer than three centres may have few decimals; so may places of a grid at one height, one
+    # place for all, and the cameras of a made-up scene, which are at whole metres here.
+    one = np.where(np.arange(N_QUERIES)[:, None] == 2, rounded, np.nan)
+    turned = np.where(np.isfinite(one)[:, :, None], true.rotation, np.nan)
+    assert matched(real, tmp_path, world.named(rotations=turned, centres=one)).poses is not None
+    level = np.where([False, False, True], rounded[0], rounded)
+    for there in (level, np.tile(rounded[0], (N_QUERIES, 1))):
+        fields = world.named(rotations=true.rotation, centres=there)
+        assert matched(real, tmp_path, fields).poses is not None
+    fields = world.named(rotations=true.rotation, centres=true.centres)
+    assert matched(world, tmp_path, fields).poses is not None
 
 
 def test_poses_of_too_few_digits(

@@ -121,6 +121,22 @@ def test_a_cloud_that_is_mirrored_where_it_lies() -> None:
     assert "x negated about its middle" in found
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_cloud_that_is_mirrored_about_its_cameras(axis: int) -> None:
+    truth = HILLS + TRUTH[0]
+    plane = truth[:, axis].mean() + 60.0
+    mirrored = truth.copy()
+    mirrored[:, axis] = 2 * plane - truth[:, axis]
+    found = mirror_warning(mirrored, truth, Similarity.identity(), [2.0])
+    assert found is not None
+    assert f"{'xyz'[axis]} negated about the middle between it and the truth" in found
+    # What is merely elsewhere is not mirrored, flat or not.
+    away = np.eye(3)[axis] * 60.0
+    for height in (1.0, 0.01, 0.0):
+        scene = HILLS * (1, 1, height) + TRUTH[0]
+        assert mirror_warning(scene + away, scene, Similarity.identity(), [1.0, 2.0]) is None
+
+
 def test_a_cloud_that_fits_or_is_merely_wrong_is_not_mirrored() -> None:
     truth = HILLS + TRUTH[0]
     assert mirror_warning(truth, truth, Similarity.identity(), [2.0]) is None

@@ -223,6 +223,17 @@ def test_digits_that_cameras_lost_are_named(lost: str, world: World, tmp_path: P
         assert stated / 4 < np.sqrt((moved**2).sum(axis=1).mean()) < stated * 4
 
 
+@pytest.mark.parametrize(("units", "depth", "asked"), [(1e4, 1.0, False), (1.0, 1e3, True)])
+def test_far_depths_are_those_after_the_alignment(
+    units: float, depth: float, asked: bool, world: World, tmp_path: Path
+) -> None:
+    fields = world.views("yard")
+    fields["extrinsics"] = fields["extrinsics"] * np.array((1.0, 1.0, 1.0, units))
+    fields["depth"] = fields["depth"] * units * depth
+    path = save(tmp_path / "p" / "yard.npz", fields).parent
+    assert any("are they in millimetres?" in note for note in notes_of(world, path)) == asked
+
+
 def test_half_a_pixel_is_asked_for_where_it_matters(world: World, tmp_path: Path) -> None:
     exact, folder = world.views("lot"), tmp_path / "p"
     unsaid = {name: values for name, values in exact.items() if name != "pixel_centres"}
