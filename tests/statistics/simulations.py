@@ -1,14 +1,16 @@
 """Simulated coverage of intervals and false findings of tests, as docs/statistics.md prints them.
 
-``python -m tests.statistics.simulations`` prints all figures of the page, in some two minutes.
+``python -m tests.statistics.simulations`` prints all figures of the page, in some three minutes.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, product
+from pathlib import Path
 
 import numpy as np
 from scipy.special import ndtri
@@ -31,7 +33,7 @@ UAV_RATES = {
     "0.9": (0.9,) * 11,
     "0.3": (0.3,) * 11,
     "0.02": (0.02,) * 11,
-    "mixed": (0.5, 0.3, 0.02, 0.1, 0.6, 0.01, 0.04, 0.4, 0.2, 0.05, 0.3),
+    "0.01 to 0.6": (0.5, 0.3, 0.02, 0.1, 0.6, 0.01, 0.04, 0.4, 0.2, 0.05, 0.3),
 }
 RANKS = np.array([1, 1, 1, 1 / 2, 1 / 2, 1 / 3, 1 / 4, 1 / 5])
 """Of the one positive, where it is found among five: AP@5 is one of these, or 0."""
@@ -40,6 +42,46 @@ RANKS = np.array([1, 1, 1, 1 / 2, 1 / 2, 1 / 3, 1 / 4, 1 / 5])
 def uav_visloc(rates: str) -> Scenes:
     """Return its scenes at one of `UAV_RATES`."""
     return tuple(zip(UAV_VISLOC, UAV_RATES[rates], strict=True))
+
+
+DESIGNS = {", ".join(f"{q} at {rate}" for q, rate in scenes): scenes for scenes in SATURATED} | {
+    f"UAV-VisLoc at {rates}": uav_visloc(rates) for rates in UAV_RATES
+}
+AGREEMENT = (0.0, 0.5, 0.8)
+
+
+def documented(*start: str) -> list[float]:
+    """Read the shares, in %, of the row of docs/statistics.md that starts with these cells."""
+    page = Path(__file__).parents[2] / "docs" / "statistics.md"
+    cells = f"| {' | '.join(start)} | "
+    lines = page.read_text(encoding="utf-8").splitlines()
+    (row,) = [line.removeprefix(cells) for line in lines if line.startswith(cells)]
+    return [float(share) / 100 for share in re.findall(r"([\d.]+) %", row)]
+
+
+def standard_error(share: float, *counts: int) -> float:
+    """Return that of the difference of a share in simulations of so many data sets each."""
+    return float(np.sqrt(max(share * (1 - share), 1e-3) * sum(1 / count for count in counts)))
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How many intervals hold what is true.
+
+    Attributes
+    ----------
+    average : float
+        Of the first method's average.
+    difference : float
+        Of the difference of two methods.
+    differ : float
+        How many queries differ, counted by what they add to the variance of the difference (Kish's
+        effective number): few, if most of it comes from the few of a small scene.
+    """
+
+    average: float
+    difference: float
+    differ: float
 
 
 def coverage_of_rates(scenes: Scenes) -> float:
@@ -59,46 +101,61 @@ def coverage_of_rates(scenes: Scenes) -> float:
 
 
 def coverage_of_shares(
-    scenes: Scenes, count: int, agree: float, *, soft: bool = False, seed: int = 0
-) -> tuple[float, float, float]:
-    """Draw two methods of the same rates, and count how many intervals hold what is true.
+    scenes: Scenes,
+    count: int,
+    agree: float,
+    *,
+    soft: bool = False,
+    gain: float = 0.0,
+    seed: int = 0,
+) -> Coverage:
+    """Draw two methods, and count how many intervals hold what is true.
 
     Parameters
     ----------
     scenes : sequence of (int, float)
-        Queries, and the rate of both methods.
+        Queries, and the rate of the first method.
     count : int
         Of data sets.
     agree : float
-        The second method answers so much of what the first does, or as much as it must.
+        On this share of the queries the second method answers as the first does; on the rest, by
+        itself.
     soft : bool
         Shares between 0 and 1, as AP@5, instead of hits.
-
-    Returns
-    -------
-    (float, float, float)
-        Coverage of the first's average, of the difference; the difference's mean width.
+    gain : float
+        By so much the rate of the second method's own answers is nearer to 0.5.
     """
     random = np.random.default_rng(seed)
-    drawn = [_two_methods(random, count, scene, agree, soft=soft) for scene in scenes]
+    rates = np.array([rate for _, rate in scenes])
+    others = rates + gain * np.sign(0.5 - rates)
+    drawn = [
+        _two_methods(random, (count, queries), rate, other, agree, soft=soft)
+        for (queries, rate), other in zip(scenes, others, strict=True)
+    ]
     size = RANKS.mean() if soft else 1.0
-    true = size * float(np.mean([rate for _, rate in scenes]))
-    mean = average_limits([one for one, _ in drawn], 0.95)
-    gap = difference_limits([one - other for one, other in drawn], 0.95)
-    return _held(mean, true), _held(gap, 0.0), float((gap[:, 1] - gap[:, 0]).mean())
+    gaps = [one - other for one, other in drawn]
+    added = np.concatenate([(gap / gap.shape[1]) ** 2 for gap in gaps], axis=1)
+    return Coverage(
+        _held(average_limits([one for one, _ in drawn], 0.95), size * rates.mean()),
+        _held(difference_limits(gaps, 0.95), (1 - agree) * size * (rates - others).mean()),
+        float(added.sum(axis=1).mean() ** 2 / (added**2).sum(axis=1).mean()),
+    )
 
 
 def _two_methods(
-    random: np.random.Generator, count: int, scene: tuple[int, float], agree: float, *, soft: bool
+    random: np.random.Generator,
+    shape: tuple[int, int],
+    rate: float,
+    other_rate: float,
+    agree: float,
+    *,
+    soft: bool,
 ) -> tuple[Floats, Floats]:
-    queries, rate = scene
-    kept = max(agree, 1 - (1 - rate) / rate)
-    one = random.random((count, queries)) < rate
-    chance = np.where(one, kept, rate * (1 - kept) / (1 - rate))
-    other = random.random((count, queries)) < chance
+    one = random.random(shape) < rate
+    other = np.where(random.random(shape) < agree, one, random.random(shape) < other_rate)
     if not soft:
         return one.astype(float), other.astype(float)
-    return one * random.choice(RANKS, one.shape), other * random.choice(RANKS, one.shape)
+    return one * random.choice(RANKS, shape), other * random.choice(RANKS, shape)
 
 
 def _held(limits: Floats, true: float) -> float:
@@ -184,13 +241,12 @@ def _found(tests: Sequence[PairedTest]) -> float:
 
 
 def _figures_of_shares(count: int) -> Iterator[str]:
-    yield "coverage in %: average; difference of independent methods, of such as agree by 0.8"
-    cases = [(str(scenes), scenes) for scenes in SATURATED]
-    cases += [(f"UAV-VisLoc, {name}", uav_visloc(name)) for name in UAV_RATES]
-    for (name, scenes), soft in product(cases, (False, True)):
-        apart, alike = (coverage_of_shares(scenes, count, a, soft=soft) for a in (0.0, 0.8))
-        shown = " ".join(f"{100 * share:6.1f}" for share in (*apart[:2], alike[1]))
-        yield f"{name:33} {'AP@5' if soft else 'hits'} {shown}"
+    yield "coverage: average; differences, and how many queries differ, by agreement"
+    for soft, (name, scenes) in product((False, True), DESIGNS.items()):
+        found = [coverage_of_shares(scenes, count, agree, soft=soft) for agree in AGREEMENT]
+        shown = [f"{100 * one.difference:.1f} % ({one.differ:.1f})" for one in found]
+        average = f"{100 * found[0].average:.1f} %"
+        yield f"| {' | '.join([name, 'AP@5' if soft else 'hits', average, *shown])} |"
     yield "exact coverage in %: of the average, of each scene by itself"
     for scenes in SATURATED:
         exact = [coverage_of_rates(part) for part in (scenes, scenes[:1], scenes[1:])]
