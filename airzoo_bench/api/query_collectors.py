@@ -17,7 +17,7 @@ from airzoo_bench.api.photos import Photo
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.evaluation.prediction_files import write_predictions
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.poses import check_rotations
+from airzoo_bench.geometry.rotations import check_rotations
 from airzoo_bench.retrieval.predictions import (
     RankedIds,
     RetrievalPredictions,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.core.exchange import exchange
 from airzoo_bench.core.places import (
     cannot_write,
     check_output_file,
@@ -23,7 +24,6 @@ from airzoo_bench.core.places import (
 )
 from airzoo_bench.core.temporaries import (
     clear_abandoned,
-    exchange,
     set_aside,
     temporary_file,
     temporary_folder,

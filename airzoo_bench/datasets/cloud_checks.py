@@ -19,7 +19,7 @@ from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
-from airzoo_bench.geometry.frames import check_same_crs
+from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.units import vertical_m
 from airzoo_bench.reconstruction.regions import Box, box_of
 

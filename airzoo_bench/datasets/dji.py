@@ -19,7 +19,8 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.formats.photos import opened_photo
-from airzoo_bench.geometry.frames import describe_crs, from_lonlat, horizontal_crs
+from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
+from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.units import grid_convergence_deg
@@ -119,7 +120,7 @@ def priors_to_poses(priors: Mapping[str, PhotoPrior], crs: Any) -> Poses:
     priors : mapping of str to PhotoPrior
         By the photo's name; the poses are in its order.
     crs : Any
-        See `geometry.frames.horizontal_crs`. Altitudes become z as they are.
+        See `geometry.crs.horizontal_crs`. Altitudes become z as they are.
 
     Raises
     ------

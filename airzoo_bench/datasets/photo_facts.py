@@ -19,7 +19,7 @@ from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.rays import nearest_heights
+from airzoo_bench.geometry.missing_heights import nearest_heights
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -26,7 +26,8 @@ from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import validation_message
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses, check_rotations
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import check_rotations
 
 __all__ = ["PosedPhotos", "read_poses"]
 

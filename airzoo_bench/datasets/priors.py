@@ -19,8 +19,12 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.photo_facts import median
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import (
+    angles_to_rotations,
+    rotation_angle_deg,
+    rotations_to_angles,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -20,7 +20,8 @@ from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.datasets.poses import PosedPhotos
-from airzoo_bench.geometry.frames import check_same_crs, describe_crs, horizontal_crs, to_lonlat
+from airzoo_bench.geometry.crs import check_same_crs, describe_crs, horizontal_crs
+from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.units import check_true_metres, vertical_m
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, first_of
 
-__all__ = ["Bools", "Floats", "Ints", "apply_matrix", "multiply", "refuse_cameras"]
+__all__ = ["Bools", "Floats", "Ints", "apply_matrix", "multiply", "refuse_cameras", "transposed"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,6 +55,22 @@ def multiply(a: Floats, b: Floats) -> Floats:
     """
     columns = apply_matrix(a[..., None, :, :], np.swapaxes(b, -1, -2))
     return np.swapaxes(columns, -1, -2)
+
+
+def transposed(matrices: Floats) -> Floats:
+    """Transpose matrices, whatever their leading dimensions.
+
+    Parameters
+    ----------
+    matrices : (..., 3, 3) array
+        Not copied.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        A view of them.
+    """
+    return np.swapaxes(matrices, -1, -2)
 
 
 def refuse_cameras(

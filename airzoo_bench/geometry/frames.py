@@ -13,55 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pyproj import CRS, Geod, Transformer
-from pyproj.exceptions import CRSError
 
-from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import horizontal_crs, same_plane
 
 __all__ = [
     "change_of_plane",
-    "check_same_crs",
-    "describe_crs",
     "ecef_to_geodetic",
     "enu_axes",
     "from_lonlat",
     "geodesic_distance_m",
     "geodetic_to_ecef",
-    "horizontal_crs",
-    "same_plane",
     "to_lonlat",
     "unwrapped",
 ]
 
 _WGS84 = CRS.from_epsg(4326)
-
-
-def horizontal_crs(crs: Any) -> CRS:
-    """Return the horizontal part of a CRS, given as anything pyproj takes.
-
-    Parameters
-    ----------
-    crs : Any
-        An EPSG code, ``"EPSG:4547"``, WKT, a PROJ string, a CRS of pyproj or rasterio.
-
-    Returns
-    -------
-    CRS
-        Of two axes.
-
-    Raises
-    ------
-    UserError
-        A CRS that PROJ does not know, or that is neither projected nor geographic.
-    """
-    try:
-        known = CRS.from_user_input(crs)
-    except CRSError as error:
-        raise UserError(f"unknown CRS {crs!r}", expected="such as EPSG:4547 or WKT") from error
-    flat = known.to_2d()
-    if not (flat.is_projected or flat.is_geographic):
-        raise UserError(f"CRS {known.name!r} has no map plane", expected="projected or geographic")
-    return flat
 
 
 def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
@@ -70,7 +37,7 @@ def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
     Parameters
     ----------
     crs : Any
-        See `horizontal_crs`.
+        See `crs.horizontal_crs`.
     xy : (..., 2) array
         x (easting or longitude), y (northing or latitude).
 
@@ -82,7 +49,7 @@ def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
     Raises
     ------
     UserError
-        See `horizontal_crs`.
+        See `crs.horizontal_crs`.
     """
     return _transformed(_transformer(horizontal_crs(crs), _WGS84), xy)
 
@@ -93,7 +60,7 @@ def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
     Parameters
     ----------
     crs : Any
-        See `horizontal_crs`.
+        See `crs.horizontal_crs`.
     lonlat : (..., 2) array
         Degrees.
 
@@ -219,80 +186,16 @@ def _transformed(transformer: Transformer, points: ArrayLike) -> Floats:
     return np.where(usable[..., None], moved, np.nan)
 
 
-def check_same_crs(a: Any, b: Any, what: str) -> None:
-    """Refuse two CRS whose map planes differ, see `same_plane`.
-
-    Parameters
-    ----------
-    a, b : Any
-        See `horizontal_crs`.
-    what : str
-        What the two belong to, such as ``"DOM and DSM"``.
-
-    Raises
-    ------
-    RasterError
-        They differ; both are named.
-    UserError
-        See `horizontal_crs`.
-    """
-    if same_plane(a, b):
-        return
-    first, second = horizontal_crs(a), horizontal_crs(b)
-    raise RasterError(
-        f"{what} differ in CRS: {describe_crs(first)} and {describe_crs(second)}",
-        expected="one CRS",
-        fix="reproject one of them, e.g. with gdalwarp",
-    )
-
-
-def same_plane(first: Any, second: Any) -> bool:
-    """Whether two CRS have one map plane.
-
-    They do when PROJ finds them equivalent, or gives them one EPSG code, or finds their
-    datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
-    their axes. A vertical part is left aside.
-
-    Parameters
-    ----------
-    first, second : Any
-        See `horizontal_crs`.
-
-    Returns
-    -------
-    bool
-        False where their coordinates differ.
-
-    Raises
-    ------
-    UserError
-        See `horizontal_crs`.
-    """
-    a, b = horizontal_crs(first), horizontal_crs(second)
-    code = a.to_epsg()
-    if a.equals(b, ignore_axis_order=True) or (code is not None and code == b.to_epsg()):
-        return True
-    # WKT 1 has no place for EPSG:4547's northing-easting axes: PROJ then finds whole and part
-    # different, though the parts agree.
-    if a.geodetic_crs is None or b.geodetic_crs is None:
-        return False
-    return (
-        a.geodetic_crs.equals(b.geodetic_crs, ignore_axis_order=True)
-        and a.coordinate_operation == b.coordinate_operation
-        and _axes(a) == _axes(b)
-    )
-
-
 def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
     """Return what takes coordinates (..., 2) of one CRS to another, x before y.
 
-    Coordinates are left as they are where the two are one CRS (see `frames.same_plane`);
+    Coordinates are left as they are where the two are one CRS (see `crs.same_plane`);
     otherwise they go through WGS84, and are NaN beyond the domain of either.
 
     Parameters
     ----------
     source, target : Any
-        See `frames.horizontal_crs`.
+        See `crs.horizontal_crs`.
 
     Returns
     -------
@@ -302,26 +205,3 @@ def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
     if same_plane(source, target):
         return lambda xy: xy
     return lambda xy: from_lonlat(target, to_lonlat(source, xy))
-
-
-def _axes(crs: CRS) -> list[tuple[str, float]]:
-    return sorted((axis.direction, axis.unit_conversion_factor) for axis in crs.axis_info)
-
-
-def describe_crs(crs: CRS) -> str:
-    """Name a CRS for messages: its EPSG code where it has one, and its name.
-
-    Parameters
-    ----------
-    crs : CRS
-        Of pyproj or rasterio.
-
-    Returns
-    -------
-    str
-        Such as "EPSG:32615 (WGS 84 / UTM zone 15N)".
-    """
-    code = crs.to_epsg()
-    if code is None:
-        return crs.name if crs.name != "unknown" else crs.to_string()[:80]
-    return f"EPSG:{code} ({crs.name})"

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.core.errors import CameraError
-from airzoo_bench.geometry.arrays import Floats, apply_matrix, multiply, refuse_cameras
+from airzoo_bench.geometry.arrays import Floats, apply_matrix, refuse_cameras, transposed
 from airzoo_bench.geometry.rotations import (
+    check_rotations,
     matrix_to_quaternion,
     quaternion_to_matrix,
     unit_quaternion_to_matrix,
@@ -21,15 +22,10 @@ __all__ = [
     "FARTHEST",
     "Poses",
     "camera_to_world",
-    "check_rotations",
     "rays_to_world",
-    "rotation_angle_deg",
     "world_to_camera",
 ]
 
-_ROTATION_TOLERANCE = 1e-4
-# From within the tolerance the error goes 1e-4, 1e-8, 1e-16: the third step only tidies up.
-_NEWTON_STEPS = 3
 # Steps of poses in a truth: quaternions to 1e-9, centres to 0.1 mm.
 _QUATERNION_DECIMALS = 9
 _CENTRE_DECIMALS = 4
@@ -113,7 +109,7 @@ class Poses:
         """
         rotation = check_rotations(R, names)
         translation = _vectors("translations", t, len(rotation), names)
-        return cls(rotation=rotation, centres=-apply_matrix(_transposed(rotation), translation))
+        return cls(rotation=rotation, centres=-apply_matrix(transposed(rotation), translation))
 
     @classmethod
     def from_quaternions(
@@ -190,68 +186,6 @@ class Poses:
         return Poses(rotation=unit_quaternion_to_matrix(quaternions + 0.0), centres=centres)
 
 
-def check_rotations(
-    R: ArrayLike, names: Sequence[object] | None = None, where: object = None
-) -> Floats:
-    """Refuse matrices that do not rotate, and return the nearest exact rotations.
-
-    Parameters
-    ----------
-    R : (N, 3, 3) array
-        World-to-camera, or any other rotations.
-    names : sequence of N, optional
-        Names of the cameras for messages.
-    where : object, optional
-        The file the rotations are from.
-
-    Returns
-    -------
-    (N, 3, 3) array
-        The nearest orthonormal matrices (Frobenius), the polar factors, so that digits rounded
-        away in a file do not scale or shear the geometry. Found by Newton-Schulz steps
-        R (3 I - R^T R) / 2 (Higham, Functions of Matrices, 2008, equation 8.20), written out, since
-        LAPACK's rounding depends on the processor.
-
-    Raises
-    ------
-    CameraError
-        Another shape, entries not finite, |R^T R - I| above 1e-4 in any entry, or a reflection
-        (det < 0). The first three cameras are named with how far they are off.
-    """
-    matrices = np.asarray(R, dtype=np.float64)
-    if matrices.ndim != 3 or matrices.shape[1:] != (3, 3):
-        raise CameraError(
-            f"rotations have shape {matrices.shape}", where=where, expected="shape (N, 3, 3)"
-        )
-    not_finite = ~np.isfinite(matrices).all(axis=(1, 2))
-    refuse_cameras(not_finite, "rotation has NaN or infinite entries", names=names, where=where)
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(multiply(_transposed(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
-    refuse_cameras(
-        ~(off <= _ROTATION_TOLERANCE),
-        "rotation is not orthonormal",
-        names=names,
-        details=[f"|R^T R - I| = {value:.2g}" for value in off],
-        where=where,
-        expected=f"|R^T R - I| <= {_ROTATION_TOLERANCE:g} in every entry",
-    )
-    determinant = np.linalg.det(matrices)
-    refuse_cameras(
-        determinant < 0.0,
-        "rotation is a reflection",
-        names=names,
-        details=[f"det = {value:.3g}" for value in determinant],
-        where=where,
-        expected="det = +1",
-        fix="check the axes: exactly one of them points the wrong way",
-    )
-    for _ in range(_NEWTON_STEPS):
-        matrices = (
-            multiply(matrices, 3.0 * np.eye(3) - multiply(_transposed(matrices), matrices)) / 2.0
-        )
-    return matrices
-
-
 def rays_to_world(poses: Poses, rays: Floats) -> Floats:
     """Turn directions of the camera frame (N, M, 3) into world directions R^T d, (N, M, 3).
 
@@ -267,7 +201,7 @@ def rays_to_world(poses: Poses, rays: Floats) -> Floats:
     (N, M, 3) array
         Of the same lengths.
     """
-    return apply_matrix(_transposed(poses.rotation)[:, None], rays)
+    return apply_matrix(transposed(poses.rotation)[:, None], rays)
 
 
 def world_to_camera(poses: Poses, points: Floats) -> Floats:
@@ -304,35 +238,6 @@ def camera_to_world(poses: Poses, points_cam: Floats) -> Floats:
         World coordinates.
     """
     return rays_to_world(poses, points_cam) + poses.centres[:, None]
-
-
-def rotation_angle_deg(Ra: ArrayLike, Rb: ArrayLike) -> Floats:
-    """Geodesic angle between rotations, in degrees.
-
-    atan2 of sine (the skew part of Ra Rb^T) and cosine (its trace): unlike arccos of the trace, it
-    keeps all digits near 0 and near 180 degrees.
-
-    Parameters
-    ----------
-    Ra, Rb : (..., 3, 3) array
-        Rotations; leading dimensions broadcast.
-
-    Returns
-    -------
-    (...) array
-        0 to 180; NaN where a rotation is NaN.
-    """
-    inverse = _transposed(np.asarray(Rb, dtype=np.float64))
-    relative = multiply(np.asarray(Ra, dtype=np.float64), inverse)
-    skew = relative - _transposed(relative)
-    x, y, z = skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]
-    sine = np.sqrt(x * x + y * y + z * z)
-    cosine = np.trace(relative, axis1=-2, axis2=-1) - 1.0
-    return np.asarray(np.degrees(np.arctan2(sine, cosine)), dtype=np.float64)
-
-
-def _transposed(matrices: Floats) -> Floats:
-    return np.swapaxes(matrices, -1, -2)
 
 
 def _vectors(what: str, value: ArrayLike, count: int, names: Sequence[object] | None) -> Floats:

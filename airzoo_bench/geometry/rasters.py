@@ -1,4 +1,4 @@
-"""Georeferenced rasters: what a GeoTIFF says of itself, its grid, its colours.
+"""Georeferenced rasters: what a GeoTIFF says of itself, and its grid.
 
 In pixel coordinates column comes before row; the raster's corner is (0, 0), the centre of its
 first pixel (0.5, 0.5). A transform is an affine.Affine or a sequence (a, b, c, d, e, f):
@@ -18,20 +18,14 @@ from typing import Any
 
 import numpy as np
 import rasterio
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyproj import CRS
-from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
-from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import (
-    describe_crs,
-    geodesic_distance_m,
-    horizontal_crs,
-    to_lonlat,
-)
+from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
+from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat
 
 __all__ = [
     "RasterInfo",
@@ -39,7 +33,6 @@ __all__ = [
     "open_info",
     "opened",
     "pixel_to_world",
-    "read_rgb",
     "world_to_pixel",
     "world_to_pixel_steps",
 ]
@@ -204,80 +197,6 @@ def gsd_m(info: RasterInfo) -> tuple[float, float]:
             fix="check the geotransform and the CRS of the file",
         )
     return x, y
-
-
-def read_rgb(
-    path: str | Path,
-    window: tuple[int, int, int, int] | None = None,
-    *,
-    long_side_px: int | None = None,
-) -> NDArray[np.uint8]:
-    """Read colours: grey is repeated, alpha dropped.
-
-    Parameters
-    ----------
-    path : str or Path
-    window : (column, row, width, height), optional
-        In whole pixels; all of the raster where left out.
-    long_side_px : int, optional
-        Averaged down so far that the longer side is no longer than this.
-
-    Returns
-    -------
-    (height, width, 3) uint8 array
-        The bands that the file calls red, green and blue; otherwise the first three.
-
-    Raises
-    ------
-    RasterError
-        Not 8 bit; a palette; more than four bands of which none are called red, green and blue; a
-        window that is empty or reaches outside; see also `opened`.
-    """
-    with opened(path) as dataset:
-        column, row, width, height = window or (0, 0, dataset.width, dataset.height)
-        inside = column >= 0 and row >= 0 and width > 0 and height > 0
-        if not inside or column + width > dataset.width or row + height > dataset.height:
-            raise RasterError(
-                f"window {window} (column, row, width, height) is not inside the raster",
-                where=path,
-                expected=f"a part of {dataset.width} x {dataset.height} px",
-            )
-        bands = _rgb_bands(dataset, path)
-        scale = min(1.0, (long_side_px or max(width, height)) / max(width, height))
-        pixels = dataset.read(
-            bands,
-            window=Window(column, row, width, height),
-            out_shape=(3, max(1, round(height * scale)), max(1, round(width * scale))),
-            resampling=Resampling.average,
-        )
-    return np.ascontiguousarray(np.moveaxis(pixels, 0, -1))
-
-
-def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:
-    kinds = list(dataset.colorinterp)
-    rgb = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
-    if all(kind in kinds for kind in rgb):
-        bands = [kinds.index(kind) + 1 for kind in rgb]
-    elif len(kinds) <= 2 and ColorInterp.palette not in kinds:
-        bands = [1, 1, 1]
-    elif len(kinds) in (3, 4):
-        bands = [1, 2, 3]
-    else:
-        raise RasterError(
-            f"no colours: {len(kinds)} bands ({', '.join(kind.name for kind in kinds)})",
-            where=path,
-            expected="grey or RGB, with or without alpha",
-            fix="gdal_translate -b for the bands, -expand rgb for a palette",
-        )
-    dtypes = {dataset.dtypes[band - 1] for band in bands}
-    if dtypes != {"uint8"}:
-        raise RasterError(
-            f"colours are {', '.join(sorted(dtypes))}",
-            where=path,
-            expected="8 bit (uint8)",
-            fix="gdal_translate -ot Byte -scale",
-        )
-    return bands
 
 
 def _georeference(dataset: Any, path: str | Path) -> Any:

@@ -1,4 +1,4 @@
-"""Camera rotations from quaternions w x y z and from gimbal angles, and back.
+"""Camera rotations: checked, compared, from quaternions w x y z and gimbal angles, and back.
 
 The angles are DJI's: yaw, then pitch, then roll turn a camera that looks north at the horizon about
 its own axes down, right and forward (z-y-x in north-east-down). Yaw 0 is true north, clockwise
@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.core.errors import CameraError
-from airzoo_bench.geometry.arrays import Floats, refuse_cameras
+from airzoo_bench.geometry.arrays import Floats, multiply, refuse_cameras, transposed
 
 __all__ = [
     "angles_to_rotations",
+    "check_rotations",
     "matrix_to_quaternion",
     "quaternion_to_matrix",
+    "rotation_angle_deg",
     "rotations_to_angles",
     "unit_quaternion_to_matrix",
 ]
@@ -28,6 +30,9 @@ _QUATERNION_TOLERANCE = 1e-3
 # Within this (rad) of straight down or up yaw and roll turn about one axis: with rounding at 1e-16
 # they could not be told apart to better than 1e-8.
 _LOCKED = 1e-8
+_ROTATION_TOLERANCE = 1e-4
+# From within the tolerance the error goes 1e-4, 1e-8, 1e-16: the third step only tidies up.
+_NEWTON_STEPS = 3
 
 
 def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None) -> Floats:
@@ -170,3 +175,90 @@ def rotations_to_angles(R: ArrayLike, *, convergence_deg: ArrayLike) -> Floats:
     grid = np.degrees(yaw) + np.asarray(convergence_deg, dtype=np.float64)
     around = (grid + 180.0) % 360.0 - 180.0
     return np.stack(np.broadcast_arrays(around, np.degrees(pitch), np.degrees(roll)), axis=-1)
+
+
+def check_rotations(
+    R: ArrayLike, names: Sequence[object] | None = None, where: object = None
+) -> Floats:
+    """Refuse matrices that do not rotate, and return the nearest exact rotations.
+
+    Parameters
+    ----------
+    R : (N, 3, 3) array
+        World-to-camera, or any other rotations.
+    names : sequence of N, optional
+        Names of the cameras for messages.
+    where : object, optional
+        The file the rotations are from.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        The nearest orthonormal matrices (Frobenius), the polar factors, so that digits rounded
+        away in a file do not scale or shear the geometry. Found by Newton-Schulz steps
+        R (3 I - R^T R) / 2 (Higham, Functions of Matrices, 2008, equation 8.20), written out, since
+        LAPACK's rounding depends on the processor.
+
+    Raises
+    ------
+    CameraError
+        Another shape, entries not finite, |R^T R - I| above 1e-4 in any entry, or a reflection
+        (det < 0). The first three cameras are named with how far they are off.
+    """
+    matrices = np.asarray(R, dtype=np.float64)
+    if matrices.ndim != 3 or matrices.shape[1:] != (3, 3):
+        raise CameraError(
+            f"rotations have shape {matrices.shape}", where=where, expected="shape (N, 3, 3)"
+        )
+    not_finite = ~np.isfinite(matrices).all(axis=(1, 2))
+    refuse_cameras(not_finite, "rotation has NaN or infinite entries", names=names, where=where)
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(multiply(transposed(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
+    refuse_cameras(
+        ~(off <= _ROTATION_TOLERANCE),
+        "rotation is not orthonormal",
+        names=names,
+        details=[f"|R^T R - I| = {value:.2g}" for value in off],
+        where=where,
+        expected=f"|R^T R - I| <= {_ROTATION_TOLERANCE:g} in every entry",
+    )
+    determinant = np.linalg.det(matrices)
+    refuse_cameras(
+        determinant < 0.0,
+        "rotation is a reflection",
+        names=names,
+        details=[f"det = {value:.3g}" for value in determinant],
+        where=where,
+        expected="det = +1",
+        fix="check the axes: exactly one of them points the wrong way",
+    )
+    for _ in range(_NEWTON_STEPS):
+        matrices = (
+            multiply(matrices, 3.0 * np.eye(3) - multiply(transposed(matrices), matrices)) / 2.0
+        )
+    return matrices
+
+
+def rotation_angle_deg(Ra: ArrayLike, Rb: ArrayLike) -> Floats:
+    """Geodesic angle between rotations, in degrees.
+
+    atan2 of sine (the skew part of Ra Rb^T) and cosine (its trace): unlike arccos of the trace, it
+    keeps all digits near 0 and near 180 degrees.
+
+    Parameters
+    ----------
+    Ra, Rb : (..., 3, 3) array
+        Rotations; leading dimensions broadcast.
+
+    Returns
+    -------
+    (...) array
+        0 to 180; NaN where a rotation is NaN.
+    """
+    inverse = transposed(np.asarray(Rb, dtype=np.float64))
+    relative = multiply(np.asarray(Ra, dtype=np.float64), inverse)
+    skew = relative - transposed(relative)
+    x, y, z = skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]
+    sine = np.sqrt(x * x + y * y + z * z)
+    cosine = np.trace(relative, axis1=-2, axis2=-1) - 1.0
+    return np.asarray(np.degrees(np.arctan2(sine, cosine)), dtype=np.float64)

@@ -12,7 +12,8 @@ from pyproj.database import get_units_map
 
 from airzoo_bench.core.errors import CameraError, RasterError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import describe_crs, from_lonlat, horizontal_crs
+from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
+from airzoo_bench.geometry.frames import from_lonlat
 
 __all__ = [
     "check_true_metres",
@@ -49,7 +50,7 @@ def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
     Parameters
     ----------
     crs : Any
-        A projected CRS, see `frames.horizontal_crs`.
+        A projected CRS, see `crs.horizontal_crs`.
     lonlat : (..., 2) array
         Longitude, latitude in degrees.
 
@@ -61,7 +62,7 @@ def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
     Raises
     ------
     UserError
-        See `frames.horizontal_crs`.
+        See `crs.horizontal_crs`.
     """
     place = np.asarray(lonlat, dtype=np.float64)
     proj = Proj(horizontal_crs(crs))
@@ -110,7 +111,7 @@ def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
     Parameters
     ----------
     crs : Any
-        A projected CRS, see `frames.horizontal_crs`.
+        A projected CRS, see `crs.horizontal_crs`.
     lonlat : (..., 2) array
         WGS84 longitude, latitude in degrees.
 
@@ -124,7 +125,7 @@ def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
     CameraError
         The CRS is not projected.
     UserError
-        See `frames.horizontal_crs`.
+        See `crs.horizontal_crs`.
     """
     plane = horizontal_crs(crs)
     if not plane.is_projected:

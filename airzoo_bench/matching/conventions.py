@@ -8,8 +8,12 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import (
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rotation_angle_deg,
+)
 
 __all__ = ["refuse_other_conventions", "suspect_inverted", "suspect_turned"]
 

@@ -22,6 +22,7 @@ from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.missing_heights import HeightAt, meet_missing, nearest_heights
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
@@ -30,12 +31,7 @@ from airzoo_bench.geometry.rasters import (
     pixel_to_world,
     world_to_pixel,
 )
-from airzoo_bench.geometry.rays import (
-    HeightAt,
-    intersect_heightfield,
-    meet_missing,
-    nearest_heights,
-)
+from airzoo_bench.geometry.rays import intersect_heightfield
 from airzoo_bench.matching.settings import Crop
 
 __all__ = [
@@ -99,7 +95,7 @@ def crop_windows(
 
     The image's four corners are cast onto the surface model. A corner whose ray comes down where
     the model has no height, or past its edge, is met with a level plane, as `missing_heights` says
-    (see `rays.meet_missing`). Any other that misses (above the horizon, too far) is cut
+    (see `missing_heights.meet_missing`). Any other that misses (above the horizon, too far) is cut
     at `max_range_m` along its ray, and counts with the horizontal position of that end. The box
     around the four, in the map's pixels, grows on each of its sides by `margin` times its length
     along that axis, is widened to whole pixels and cut to the map.

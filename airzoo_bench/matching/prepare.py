@@ -18,7 +18,7 @@ from airzoo_bench.benchmark.queries import (
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.arrays import Bools
-from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, with_truth_as_prior

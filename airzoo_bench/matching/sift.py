@@ -25,7 +25,7 @@ from airzoo_bench.evaluation.parts import DOUBLED
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.sift import Descriptors, Grey, extract, mutual_nearest
 
 __all__ = ["SiftSettings", "Task", "match", "match_photos", "resample"]

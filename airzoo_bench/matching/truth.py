@@ -25,7 +25,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import read_text, sha256_of
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import check_same_crs
+from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
 

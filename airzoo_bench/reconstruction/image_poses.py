@@ -14,8 +14,9 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
+from airzoo_bench.geometry.poses import FARTHEST, Poses
 from airzoo_bench.geometry.precision import pose_errors_m
+from airzoo_bench.geometry.rotations import check_rotations
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.pose_metrics import pair_errors
 from airzoo_bench.reconstruction.truth import ReconstructionTruth

@@ -9,17 +9,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
-from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.reconstruction.motions import (
+    angle_deg,
+    lengths,
+    motions_to_next,
+    relative_poses,
+    world_motions,
+)
 
 __all__ = [
     "PairErrors",
-    "angle_deg",
     "auc_of_depth_anything_3",
     "centre_errors",
     "pair_errors",
     "pose_auc",
-    "relative_poses",
     "rms_of_placed",
     "step_errors",
 ]
@@ -158,11 +164,11 @@ def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int
     last = dict.fromkeys(limits_deg, 0)
     for row in range(len(there) - 1):
         pairs = there[row], there[row + 1 :]
-        turn, move = _world_motions(predicted, there[0], *pairs)
-        true_turn, true_move = _world_motions(truth, there[0], *pairs)
+        turn, move = world_motions(predicted, there[0], *pairs)
+        true_turn, true_move = world_motions(truth, there[0], *pairs)
         direction = angle_deg(move, true_move)
         direction = np.minimum(direction, 180.0 - direction)
-        direction[(_lengths(move) == 0.0) | (_lengths(true_move) == 0.0)] = 90.0
+        direction[(lengths(move) == 0.0) | (lengths(true_move) == 0.0)] = 90.0
         worse = np.maximum(rotation_angle_deg(turn, true_turn), direction)
         right += (worse[:, None] < np.arange(len(right))).sum(axis=0)
         # The last degree of a histogram has both its borders.
@@ -194,7 +200,7 @@ def centre_errors(aligned: Poses, truth: Poses) -> Floats:
     Sturm, Engelhard, Endres, Burgard, Cremers, A benchmark for the evaluation of RGB-D SLAM
     systems, IROS 2012, section IV.
     """
-    return _infinite(_lengths(aligned.centres - truth.centres), _failed(aligned))
+    return _infinite(lengths(aligned.centres - truth.centres), _failed(aligned))
 
 
 def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
@@ -218,12 +224,12 @@ def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
     Sturm et al., see `centre_errors`.
     """
     # E = (true motion)^-1 (motion), each from camera i to camera i + 1, camera-to-world.
-    turn, move = _motions(aligned)
-    true_turn, true_move = _motions(truth)
+    turn, move = motions_to_next(aligned)
+    true_turn, true_move = motions_to_next(truth)
     failed = _failed(aligned)
     lost = failed[:-1] | failed[1:]
     return (
-        _infinite(_lengths(move - true_move), lost),
+        _infinite(lengths(move - true_move), lost),
         _infinite(rotation_angle_deg(turn, true_turn), lost),
     )
 
@@ -256,72 +262,13 @@ def _pair_block(
     true_turn, true_move = relative_poses(truth, first, second)
     failed = _failed(predicted)
     lost = failed[block, None] | failed[None, :]
-    length, true_length = _lengths(move), _lengths(true_move)
+    length, true_length = lengths(move), lengths(true_move)
     direction = angle_deg(move, true_move)
     rounding = _NO_BASELINE * np.abs(predicted.centres[~failed]).max(initial=0.0)
     direction = np.where(length <= rounding, np.inf, direction)
     direction = np.where(true_length <= least_baseline, 0.0, direction)
     rotation = rotation_angle_deg(turn, true_turn)
     return _infinite(rotation, lost), _infinite(direction, lost)
-
-
-def relative_poses(poses: Poses, first: Ints, second: Ints) -> tuple[Floats, Floats]:
-    """Return the poses of second cameras as first ones see them.
-
-    Parameters
-    ----------
-    poses : Poses
-        Of all cameras.
-    first, second : (...) int array
-        Rows of `poses`; they broadcast.
-
-    Returns
-    -------
-    rotation : (..., 3, 3) array
-        From the first camera to the second, R_j R_i^T.
-    direction : (..., 3) array
-        Of the second camera's centre, as long as the baseline.
-    """
-    rotation = poses.rotation[first]
-    turn: Floats = poses.rotation[second] @ np.swapaxes(rotation, -1, -2)
-    return turn, apply_matrix(rotation, poses.centres[second] - poses.centres[first])
-
-
-def _motions(poses: Poses) -> tuple[Floats, Floats]:
-    rotation = poses.rotation
-    turn = rotation[:-1] @ np.swapaxes(rotation[1:], -1, -2)
-    return turn, apply_matrix(rotation[:-1], np.diff(poses.centres, axis=0))
-
-
-def _world_motions(poses: Poses, first: int, row: int, others: Ints) -> tuple[Floats, Floats]:
-    # Of E_i^-1 E_j, the cameras E being from the frame of the first one.
-    rotation = poses.rotation @ poses.rotation[first].T
-    centres = apply_matrix(poses.rotation[first], poses.centres - poses.centres[first])
-    moved = -apply_matrix(rotation, centres)
-    back = rotation[row].T
-    return back @ rotation[others], apply_matrix(back, moved[others] - moved[row])
-
-
-def angle_deg(a: Floats, b: Floats) -> Floats:
-    """Angles between vectors; atan2 of sine and cosine keeps all digits near 0 and 180 degrees.
-
-    Parameters
-    ----------
-    a, b : (..., 3) array
-        Of any lengths; they broadcast.
-
-    Returns
-    -------
-    (...) array
-        0 to 180 degrees; 0 where a vector has length 0.
-    """
-    sine = _lengths(np.cross(a, b))
-    return np.asarray(np.degrees(np.arctan2(sine, (a * b).sum(axis=-1))))
-
-
-def _lengths(vectors: Floats) -> Floats:
-    squared: Floats = (vectors * vectors).sum(axis=-1)
-    return np.sqrt(squared)
 
 
 def _failed(poses: Poses) -> Bools:

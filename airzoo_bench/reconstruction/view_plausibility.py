@@ -7,8 +7,9 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.reconstruction.pose_metrics import angle_deg, relative_poses
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.reconstruction.motions import angle_deg, relative_poses
 
 __all__ = ["refuse_other_resolution", "suspect_camera_to_world", "suspect_image_size"]
 

@@ -1,4 +1,4 @@
-"""Paired tests of methods on the same units: permutation, bootstrap, McNemar; Holm."""
+"""Paired tests of methods on the same units: permutation, bootstrap, McNemar."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference
 __all__ = [
     "LEVEL",
     "PairedTest",
-    "holm",
     "mcnemar",
     "p_floor",
     "paired_permutation",
@@ -32,34 +31,6 @@ _SLACK = 1e-9  # as `paired_difference`: sums that are closer differ by the proc
 _P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
 Flips = Callable[[int, int, int], NDArray[np.uint8]]
 """Group, first pattern, count of patterns -> (N, count): 0 where two values change places."""
-
-
-def holm(p_values: Floats, family: int | None = None) -> Floats:
-    """Adjust p-values so that the chance of any false finding stays below the level.
-
-    Parameters
-    ----------
-    p_values : (M,) array
-        Of the comparisons that are reported.
-    family : int, optional
-        How many were looked at, at least M; M where left out. Those that are not given count as 1,
-        so that the given ones come out as large as they can.
-
-    Returns
-    -------
-    (M,) array
-        In the same order, at most 1.
-
-    References
-    ----------
-    S. Holm, A simple sequentially rejective multiple test procedure, Scandinavian Journal of
-    Statistics 6 (1979).
-    """
-    order = np.argsort(p_values, kind="stable")
-    factors = (family or len(p_values)) - np.arange(len(p_values))
-    adjusted = np.empty(len(p_values))
-    adjusted[order] = np.minimum(np.maximum.accumulate(p_values[order] * factors), 1.0)
-    return adjusted
 
 
 @dataclass(frozen=True)

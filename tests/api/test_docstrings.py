@@ -27,10 +27,10 @@ from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.evaluation.track import Track
 
 ROOT = Path(ab.__file__).parent
-OF_FILES = {"blocks", "heightfield", "march", "missing_heights", "rasters", "sift"}
+OF_FILES = {"blocks", "colours", "heightfield", "march", "rasters", "sift"}
 FORMULAS = [
     *("retrieval.metrics", "retrieval.distance_metrics", "matching.metrics"),
-    *("reconstruction.metrics", "reconstruction.pose_metrics"),
+    *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
     *(
         f"{room}.{path.stem}"
         for room in ("statistics", "geometry")

@@ -16,22 +16,24 @@ PAGE = ROOT / "docs" / "benchmark-folder.md"
 
 # Where `prepare photos` refuses, by what is at fault.
 REFUSING = {
-    "Folders, names and the CRS of the poses": ["datasets/sources", "geometry/frames"],
+    "Folders, names and the CRS of the poses": ["datasets/sources", "geometry/crs"],
     "Photos and their metadata": ["formats/photos", "benchmark/images", "datasets/dji"],
     "Cameras and poses": [
-        *("datasets/poses", "geometry/cameras", "geometry/poses", "geometry/units"),
+        *("datasets/poses", "geometry/cameras", "geometry/rotations", "geometry/poses"),
+        "geometry/units",
     ],
     "Priors": ["datasets/priors", "matching/prepare"],
     "Map and surface model": [
-        *("geometry/rasters", "datasets/raster_checks", "datasets/map_facts", "retrieval/gallery"),
+        *("geometry/rasters", "geometry/colours", "datasets/raster_checks", "datasets/map_facts"),
+        "retrieval/gallery",
     ],
     "Cloud": ["datasets/cloud_checks"],
     "All together": ["datasets/photos"],
 }
 # Which argument of a function that refuses is the message.
 MESSAGE = {"refuse_cameras": 1, "_refuse_names": 1, "_refuse": 2}
-# Of calls that no command makes.
-INTERNAL = ("shape", "window", "inset")
+# Of calls that `prepare photos` does not make.
+INTERNAL = ("shape", "window", "inset", "quaternion")
 
 
 def text_of(node: ast.expr | None) -> str:

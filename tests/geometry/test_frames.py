@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
+from airzoo_bench.geometry.crs import horizontal_crs
 from airzoo_bench.geometry.frames import (
     ecef_to_geodetic,
     enu_axes,
     from_lonlat,
     geodesic_distance_m,
     geodetic_to_ecef,
-    horizontal_crs,
     to_lonlat,
 )
 from airzoo_bench.geometry.poses import Poses, camera_to_world, world_to_camera

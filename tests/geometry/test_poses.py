@@ -7,15 +7,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import CameraError
-from airzoo_bench.geometry.poses import (
-    Poses,
-    camera_to_world,
+from airzoo_bench.geometry.poses import Poses, camera_to_world, rays_to_world, world_to_camera
+from airzoo_bench.geometry.rotations import (
     check_rotations,
-    rays_to_world,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
     rotation_angle_deg,
-    world_to_camera,
 )
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
 
 from .support import quick, seeds
 

@@ -12,12 +12,12 @@ from rasterio import Affine
 from rasterio.enums import ColorInterp
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry.frames import check_same_crs
+from airzoo_bench.geometry.colours import read_rgb
+from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.rasters import (
     gsd_m,
     open_info,
     pixel_to_world,
-    read_rgb,
     world_to_pixel,
     world_to_pixel_steps,
 )

@@ -9,8 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import CameraError, UserError
 from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
+from airzoo_bench.geometry.rotations import (
+    angles_to_rotations,
+    rotation_angle_deg,
+    rotations_to_angles,
+)
 from airzoo_bench.geometry.units import grid_convergence_deg
 
 from .support import quick

@@ -12,8 +12,8 @@ from pyproj import CRS, Geod, Transformer
 from airzoo_bench.core.errors import CameraError, RasterError
 from airzoo_bench.geometry.blocks import blocked_heights, median_height, survey_heights
 from airzoo_bench.geometry.heightfield import HeightField, metres_of
+from airzoo_bench.geometry.missing_heights import nearest_heights
 from airzoo_bench.geometry.rasters import open_info, opened
-from airzoo_bench.geometry.rays import nearest_heights
 from airzoo_bench.geometry.units import check_true_metres, scale_error, vertical_m
 from airzoo_bench.matching.lifting import lift
 from tests.geometry.support import write_tif

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from airzoo_bench.core import temporaries
+from airzoo_bench.core import exchange
 from airzoo_bench.core.files import atomic_entries, atomic_folder, atomic_write
 
 NAMES = ("records", "result", "figures")
@@ -27,7 +27,7 @@ STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "
 _SIZE = 20_000
 LIMITS = {"full": 4096, "tiny": 1}
 """By how many bytes a file may grow, times the step."""
-_LINES_OF = ("temporaries.py", "files.py")
+_LINES_OF = ("temporaries.py", "exchange.py", "files.py")
 _NO_FAULT = 3  # there are fewer steps
 
 
@@ -140,7 +140,7 @@ def hidden(home: Path) -> list[str]:
 def main() -> None:
     root, kind, fault, swap = Path(sys.argv[1]), sys.argv[2], sys.argv[3], sys.argv[4] == "swap"
     if not swap:
-        temporaries._swapped = lambda new, path: False
+        exchange._swapped = lambda new, path: False
     size = 1 if fault in ("tiny", "line") else _SIZE
     old, new = "a" * size, "b" * size
     cases = []

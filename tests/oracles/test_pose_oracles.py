@@ -21,8 +21,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.rotations import (
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rotation_angle_deg,
+)
 from airzoo_bench.matching.pose import PoseProblem, solve_pose
 from airzoo_bench.matching.solvers import Status
 from tests.geometry.support import LENSES

@@ -11,8 +11,8 @@ from airzoo_bench.results.comparison import Comparison, compare
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.sampling import make_sample, score_intervals
 from airzoo_bench.results.selection import choose_scores
+from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.interval_layout import intervals_table
 from airzoo_bench.tables.verdicts import sentence

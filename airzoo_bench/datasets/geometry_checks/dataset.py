@@ -30,7 +30,7 @@ from airzoo_bench.datasets.map_facts import check_overlap
 from airzoo_bench.datasets.raster_checks import check_map, surveyed
 from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_facts
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import describe_crs, same_plane
+from airzoo_bench.geometry.crs import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.matching.truth import read_truth as read_matching_truth

@@ -85,7 +85,7 @@ def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
     cameras, poses : Cameras, Poses
         Of N photos.
     crs : Any
-        Projected CRS of the poses; see `frames.horizontal_crs`.
+        Projected CRS of the poses; see `crs.horizontal_crs`.
 
     Returns
     -------

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from airzoo_bench.datasets.mini.prepare import noisy_priors
-from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.geometry.rotations import angles_to_rotations
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
 
 
 def made_poses(count: int) -> Poses:

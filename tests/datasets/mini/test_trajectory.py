@@ -15,7 +15,8 @@ from airzoo_bench.datasets.mini.flights.trajectory import (
     trajectory_poses,
 )
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS
-from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rotations import rotation_angle_deg
 from tests.datasets.mini.flights import CITY, flights, over_city
 from tests.datasets.mini.views import poses_trajectory
 

@@ -34,8 +34,8 @@ from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.datasets.mini.world.model import CRS, Buildings, Mesh, Region, World
+from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import read_rgb
 
 __all__ = ["FORMAT", "ensure_world", "load_world", "save_world", "world_folder", "write_raster"]
 
