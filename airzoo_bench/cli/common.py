@@ -22,6 +22,8 @@ from airzoo_bench.core.progress import told
 from airzoo_bench.tables.model import Table
 
 if TYPE_CHECKING:
+    from airzoo_bench.protocol.model import Protocol
+    from airzoo_bench.results.result import ScoreColumn
     from airzoo_bench.tables.latex_float import LatexStyle
 
 __all__ = [
@@ -41,6 +43,7 @@ __all__ = [
     "resolve_data",
     "say",
     "say_replaced",
+    "scores_of",
     "show",
     "with_data",
     "working",
@@ -241,3 +244,13 @@ def working(label: str) -> Iterator[None]:
 
     with Console(stderr=True).status(Text(printable(label))):
         yield
+
+
+def scores_of(name: str) -> tuple[Protocol, list[ScoreColumn]]:
+    """Return the protocol of a name, and all scores of its track."""
+    from airzoo_bench.core.registry import TRACKS
+    from airzoo_bench.protocol.lookup import find_protocol
+    from airzoo_bench.results.result import score_columns
+
+    protocol = find_protocol(name, data_root())
+    return protocol, list(score_columns(TRACKS.get(protocol.track).scores(protocol, ())))

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airzoo_bench.cli.common import scores_of
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.files import result_paths
-from airzoo_bench.results.result import Result, ScoreColumn, read_result, score_columns
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.results.selection import check_score, find_scene, named_scores
 from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.layouts import AVERAGE
@@ -19,7 +20,6 @@ from airzoo_bench.tables.rename import rename
 from airzoo_bench.tables.reported_rows import with_floors, with_published
 
 if TYPE_CHECKING:
-    from airzoo_bench.protocol.model import Protocol
     from airzoo_bench.tables.model import Table
 
 __all__ = ["make_table"]
@@ -167,7 +167,7 @@ class _TableMaker:
         from airzoo_bench.tables.published import published_benchmarks
 
         wanted = self.request.scores
-        protocol, columns = _scores_of(name)
+        protocol, columns = scores_of(name)
         every_score = self.request.every_score or bool(wanted)
         scores = [column for column in columns if every_score or column.headline]
         for score in wanted:
@@ -257,7 +257,7 @@ class _TableMaker:
         if self.request.protocol is None:
             columns = [score for result in self.results for score in result.columns]
         else:
-            columns = _scores_of(self.request.protocol)[1]
+            columns = scores_of(self.request.protocol)[1]
         return {score.key: score for score in columns}
 
     def _cited(self, made: Table) -> Table:
@@ -275,16 +275,6 @@ class _TableMaker:
             return []
         who = "all rows" if self.request.mark_published else "the rows that were scored here"
         return [f"the best of each score is that of {who}"]
-
-
-def _scores_of(name: str) -> tuple[Protocol, list[ScoreColumn]]:
-    """Return the protocol of a name, and all scores of its track."""
-    from airzoo_bench.core.places import data_root
-    from airzoo_bench.core.registry import TRACKS
-    from airzoo_bench.protocol.lookup import find_protocol
-
-    protocol = find_protocol(name, data_root())
-    return protocol, list(score_columns(TRACKS.get(protocol.track).scores(protocol, ())))
 
 
 def _of_floors(names: str) -> list[str]:

@@ -108,6 +108,11 @@ class Dataset(ABC, Generic[OptionsT]):
     def benchmark(self, options: OptionsT) -> str:
         """Name the benchmark, which is what its folder in the data root is called.
 
+        Parameters
+        ----------
+        options : object
+            Of the class `options`.
+
         Raises
         ------
         UserError
@@ -120,6 +125,13 @@ class Dataset(ABC, Generic[OptionsT]):
 
         `datasets.truths.build_truths` makes the truth of a scene, `datasets.folder.write_benchmark`
         the folder.
+
+        Parameters
+        ----------
+        options : object
+            Of the class `options`.
+        settings : PrepareSettings
+            Where the folder is made, and how.
 
         Raises
         ------

@@ -128,9 +128,9 @@ def test_an_interrupted_prepare_leaves_nothing(tmp_path: Path) -> None:
     slowed = (
         "import time\n"
         "from airzoo_bench.__main__ import main\n"
-        "from airzoo_bench.datasets import tiles\n"
-        "read = tiles.read_tile\n"
-        "tiles.read_tile = lambda *given: (time.sleep(0.05), read(*given))[1]\n"
+        "from airzoo_bench.datasets import folder\n"
+        "read = folder.read_tile\n"
+        "folder.read_tile = lambda *given: (time.sleep(0.05), read(*given))[1]\n"
         "main()\n"
     )
     command = [sys.executable, "-c", slowed, *arguments]

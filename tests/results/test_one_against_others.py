@@ -97,7 +97,7 @@ class TestOfOne:
         best = compare(methods, scores, method="best", resampling=FAST)
         assert best.family == 6
         assert (
-            "Holm over all 6 pairs of methods, since the method was chosen"
+            "corrected by Holm for all 6 pairs of methods, since the method was chosen"
             in (comparison_table(best).notes[-1])
         )
 

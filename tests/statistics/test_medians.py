@@ -198,9 +198,9 @@ def test_the_table_says_which_test_was_made() -> None:
     )
     assert both.startswith(
         "p: paired permutation, two-sided, 600 random patterns, seed 0; of medians paired "
-        "bootstrap, two-sided, 600 resamples, seed 0; Holm over methods"
+        "bootstrap, two-sided, 600 resamples, seed 0; corrected by Holm"
     )
-    assert one.startswith("p: paired bootstrap, two-sided, 600 resamples, seed 0; Holm")
+    assert one.startswith("p: paired bootstrap, two-sided, 600 resamples, seed 0; corrected")
 
 
 @pytest.mark.parametrize("column", [HIT, ERROR])
