@@ -14,7 +14,7 @@ from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.map_facts import check_overlap
-from airzoo_bench.datasets.photos_dataset import PhotoOptions
+from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.raster_checks import (

@@ -1,74 +1,18 @@
-"""Own photos as a dataset: what `prepare photos` asks for."""
+"""Own photos as a dataset of `prepare`."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Any
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.options import Option
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
+from airzoo_bench.datasets.photo_options import PhotoOptions, Rule
 
-__all__ = ["PHOTOS", "PhotoOptions", "Photos"]
+__all__ = ["PHOTOS", "Photos"]
 
 _LONGEST_NAME = 48  # of which more names are made
-
-Rule = Literal["plane", "dsm", "iou"]
-
-
-@dataclass(frozen=True)
-class PhotoOptions:
-    """Where the parts of a scene lie, and what differs from the protocols to start from."""
-
-    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
-    images: Annotated[Path, Option("images", "Folder of the photos.")]
-    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
-    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
-    dsm: Annotated[Path, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")]
-    cloud: Annotated[
-        Path | None,
-        Option("cloud", "True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
-    ] = None
-    priors: Annotated[
-        Path | None,
-        Option(
-            "priors",
-            "CSV of positions and gimbal angles, where the photos' metadata lack them.",
-        ),
-    ] = None
-    crs: Annotated[
-        str | None, Option("crs", "CRS of the poses (default: what their file says).")
-    ] = None
-    protocol: Annotated[
-        str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
-    ] = "photos-retrieval"
-    matching_protocol: Annotated[
-        str, Option("matching-protocol", "Matching protocol to start from, a name or .toml file.")
-    ] = "photos-matching"
-    reconstruction_protocol: Annotated[
-        str,
-        Option(
-            "reconstruction-protocol",
-            "Reconstruction protocol to start from, a name or .toml file.",
-        ),
-    ] = "photos-reconstruction"
-    tile_size: Annotated[
-        list[int] | None,
-        Option("tile-size", "Side of a tile in map pixels; repeat it (default: the protocol's)."),
-    ] = None
-    rule: Annotated[
-        Rule | None, Option("rule", "When a tile is positive (default: the protocol's).")
-    ] = None
-    iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
-
-    @property
-    def files(self) -> dict[str, Path]:
-        """What the benchmark refers to, by the name that benchmark.toml has for it."""
-        files = {"images": self.images, "dom": self.dom, "dsm": self.dsm, "cloud": self.cloud}
-        return {key: path for key, path in files.items() if path is not None}
 
 
 class Photos(Dataset[PhotoOptions]):

@@ -18,7 +18,7 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.photos_dataset import PhotoOptions
+from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.geometry.crs import check_same_crs, describe_crs, horizontal_crs
 from airzoo_bench.geometry.frames import to_lonlat

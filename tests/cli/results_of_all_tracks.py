@@ -22,8 +22,8 @@ from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
 from airzoo_bench.datasets.mini.export.frame_list import FrameList
 from airzoo_bench.datasets.mini.prepare import ROLL, Photos, mini_photos
+from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.photos import prepare_photos
-from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction

@@ -22,8 +22,8 @@ from tests.support import photo_protocols
 @pytest.fixture(scope="module")
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from airzoo_bench.datasets.dataset import PrepareSettings
+    from airzoo_bench.datasets.photo_options import PhotoOptions
     from airzoo_bench.datasets.photos import prepare_photos
-    from airzoo_bench.datasets.photos_dataset import PhotoOptions
 
     root = tmp_path_factory.mktemp("data")
     sources = PhotoOptions(

@@ -16,8 +16,8 @@ from rasterio import Affine
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.facts_lines import plausibility_warnings
+from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.photos import prepare_photos
-from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from tests.support import photo_protocols
 

@@ -19,8 +19,8 @@ from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.photos import prepare_photos
-from airzoo_bench.datasets.photos_dataset import PhotoOptions
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
