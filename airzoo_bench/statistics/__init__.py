@@ -1,1 +1,1 @@
-"""Statistics on records: intervals, paired tests, comparisons, and the tables that tell of them."""
+"""Intervals, paired tests, resampling: numbers in, numbers out."""
