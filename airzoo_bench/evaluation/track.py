@@ -68,6 +68,9 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     jobs : int
         Threads that ``eval`` takes by default.
     options : tuple of EvalOption
+    recorded : frozenset of str
+        Columns of the records that are neither scores nor conditions of the queries; a ``*`` stands
+        for any letters.
     files : mapping of str to callable
         What a run writes beside ``result.json`` and ``records.csv``, by its name.
     baseline : Baseline or None
@@ -118,6 +121,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     example: ClassVar[str] = "preds.npz --out results/mymethod"
     jobs: ClassVar[int] = 2
     options: ClassVar[tuple[EvalOption, ...]] = ()
+    recorded: ClassVar[frozenset[str]] = frozenset(("scene", "query", "answered"))
     files: ClassVar[Mapping[str, Callable[[Any, Path], None]]] = {}
     baseline: ClassVar[Baseline[Any] | None] = None
     template_kinds: ClassVar[tuple[str, ...]] = ()

@@ -29,7 +29,7 @@ from airzoo_bench.matching.predictions import (
 )
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
-from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.scores import RECORDED, matching_scores
 from airzoo_bench.matching.scoring import ScoredScene, score_priors, score_scene
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
@@ -60,6 +60,7 @@ class MatchingTrack(
     """Cross-view matching; see `Track`."""
 
     name = "matching"
+    recorded = RECORDED
     summary = (
         "Score cross-view matching: translation and pose recall, median error, for each scene."
     )

@@ -23,7 +23,7 @@ from airzoo_bench.reconstruction.notes import listing_notes
 from airzoo_bench.reconstruction.prepared import PreparedCloud
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
 from airzoo_bench.reconstruction.scenes import read_through, scored_scene
-from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.scores import RECORDED, reconstruction_scores
 from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing, worst_poses
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.sources import InMemoryCloud, concatenated
@@ -73,6 +73,7 @@ class ReconstructionTrack(
     """Multi-view reconstruction; see `Track`. All scenes share the listed predictions."""
 
     name = "reconstruction"
+    recorded = RECORDED
     summary = (
         "Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."
     )

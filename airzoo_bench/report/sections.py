@@ -196,7 +196,7 @@ def _shown_records(asked: tuple[Path, int]) -> pd.DataFrame:
         if name in _KEPT
         or name in tiles
         or (name in scores and _is_shown(scores[name]))
-        or (name not in scores and is_condition(name))
+        or (name not in scores and is_condition(name, result.track))
     ]
     return read_records(path, result, kept)
 

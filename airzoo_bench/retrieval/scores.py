@@ -18,16 +18,17 @@ __all__ = [
     "retrieval_scores",
 ]
 
+RANKED_TILE = "tile@"
+"""How the columns begin that name the first tiles of each list."""
+
 RECORDED = frozenset(
     (
         *("scene", "query", "answered", "positives", "tie_dependent", "first_hit_rank", "ranked"),
+        f"{RANKED_TILE}*",
         "first_tile",  # what records before the columns of `RANKED_TILE` have
     )
 )
 """Columns of the records that are neither scores nor conditions of the queries."""
-
-RANKED_TILE = "tile@"
-"""How the columns begin that name the first tiles of each list."""
 
 AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
 

@@ -26,7 +26,7 @@ from airzoo_bench.retrieval.predictions import (
 )
 from airzoo_bench.retrieval.reading import read_retrieval
 from airzoo_bench.retrieval.scene_predictions import ScenePredictions, match_scene
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scores import RECORDED, retrieval_scores
 from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
@@ -53,6 +53,7 @@ class RetrievalTrack(
     """Aerial image retrieval; see `Track`."""
 
     name = "retrieval"
+    recorded = RECORDED
     summary = "Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."
     protocol = RetrievalProtocol
     kinds = ".npz or .parquet"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -12,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matching import scores as matching
-from airzoo_bench.reconstruction import scores as reconstruction
 from airzoo_bench.results.records import Scored
-from airzoo_bench.retrieval import scores as retrieval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +37,6 @@ __all__ = [
 
 UNKNOWN = "unknown"
 """The group of the queries for which a condition has no value."""
-
-_RECORDED = retrieval.RECORDED | matching.RECORDED | reconstruction.RECORDED
 
 _MOST_CATEGORIES = 12
 _MOST_BINS = 6
@@ -77,9 +75,18 @@ class Grouping:
         return np.bincount(self.codes, minlength=len(self.labels))
 
 
-def is_condition(name: str) -> bool:
-    """Whether a column of records, of any track and no score, tells of queries, not of methods."""
-    return name not in _RECORDED and not name.startswith(retrieval.RANKED_TILE)
+def is_condition(name: str, track: str) -> bool:
+    """Whether a column of a track's records, and no score, tells of queries, not of methods."""
+    return not any(fnmatchcase(name, pattern) for pattern in _recorded(track))
+
+
+@cache
+def _recorded(track: str) -> frozenset[str]:
+    # A result may be of a track whose package is not installed here.
+    found = (
+        TRACKS.get(track).recorded if track in TRACKS.names() else {"scene", "query", "answered"}
+    )
+    return frozenset(found)
 
 
 def condition_names(method: Scored) -> list[str]:
@@ -89,7 +96,7 @@ def condition_names(method: Scored) -> list[str]:
     return [
         name
         for name in records.columns
-        if is_condition(name)
+        if is_condition(name, method.result.track)
         and name not in scores
         and records[name].nunique(dropna=False) > 1
         and (_is_number(records[name]) or records[name].nunique() <= _MOST_CATEGORIES)

@@ -180,16 +180,30 @@ def test_conditions_are_what_no_method_did() -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["scene", "query", "first_hit_rank", "tile@1", "tile@10", "status", "inliers", "alignment"],
+    ("track", "names"),
+    [
+        ("retrieval", ["scene", "query", "first_hit_rank", "tile@1", "tile@10"]),
+        ("matching", ["status", "inliers"]),
+        ("reconstruction", ["alignment"]),
+        ("of a package that is not here", ["scene", "query", "answered"]),
+    ],
 )
-def test_what_a_method_did_is_no_condition(name: str) -> None:
-    assert not is_condition(name)
+def test_what_a_method_did_is_no_condition(track: str, names: list[str]) -> None:
+    assert not any(is_condition(name, track) for name in names)
+    assert is_condition("weather", track)
+
+
+def test_a_column_is_kept_by_the_track_that_makes_it() -> None:
+    assert is_condition("alignment", "retrieval")
 
 
 def conditions_left(result: Result, records: pd.DataFrame) -> set[str]:
     scores = {column.key for column in result.columns}
-    return {name for name in map(str, records) if is_condition(name) and name not in scores}
+    return {
+        name
+        for name in map(str, records)
+        if is_condition(name, result.track) and name not in scores
+    }
 
 
 def test_records_of_retrieval_hold_conditions_beside_what_is_declared(tmp_path: Path) -> None:
