@@ -82,11 +82,9 @@ def is_condition(name: str, track: str) -> bool:
 
 @cache
 def _recorded(track: str) -> frozenset[str]:
-    # A result may be of a track whose package is not installed here.
-    found = (
-        TRACKS.get(track).recorded if track in TRACKS.names() else {"scene", "query", "answered"}
-    )
-    return frozenset(found)
+    if track not in TRACKS.names():  # its package is not installed here
+        return frozenset(("scene", "query", "answered"))
+    return frozenset(TRACKS.get(track).recorded)
 
 
 def condition_names(method: Scored) -> list[str]:
