@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from itertools import combinations
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ __all__ = [
     "in_order",
     "listed",
     "numbers",
+    "path_of",
     "positive",
     "refused",
     "same_index",
@@ -32,6 +34,7 @@ __all__ = [
 ]
 
 MOST = 2**31 - 1
+_LONGEST_NAME = 255  # of a file, on the systems that there are
 _DOUBLE = np.dtype(np.float64).itemsize
 
 
@@ -91,16 +94,15 @@ def in_order(name: str, values: Any) -> Any:
             expected="a list or array, whose order counts",
             fix="sort it: for a dict of scores, sorted(scores, key=scores.get, reverse=True)",
         )
-    if isinstance(values, np.ma.MaskedArray):
-        if np.ma.is_masked(values):
-            raise ArgumentError(
-                "has masked entries",
-                where=name,
-                expected="an array without a mask",
-                fix="leave the entries out, or fill them: array.filled(np.nan)",
-            )
-        return values.data
-    return values
+    parts = values if isinstance(values, list | tuple) else (values,)
+    if any(np.ma.is_masked(part) for part in parts if isinstance(part, np.ma.MaskedArray)):
+        raise ArgumentError(
+            "has masked entries",
+            where=name,
+            expected="an array without a mask",
+            fix="leave the entries out, or fill them: array.filled(np.nan)",
+        )
+    return values.data if isinstance(values, np.ma.MaskedArray) else values
 
 
 def same_index(arguments: Mapping[str, Any]) -> None:
@@ -124,13 +126,31 @@ def same_index(arguments: Mapping[str, Any]) -> None:
 
 def as_array(name: str, values: Any, expected: str) -> NDArray[Any]:
     """Return an array of any type and shape."""
+    ordered = in_order(name, values)
     try:
-        return np.asarray(in_order(name, values))
+        return np.asarray(ordered)
     except (ValueError, TypeError, RuntimeError) as error:
         # NumPy for ragged lists; torch for tensors that need a gradient or lie on a GPU.
         raise ArgumentError(
             f"cannot be an array: {error}", where=name, expected=expected
         ) from error
+
+
+def path_of(name: str, value: Any) -> Path:
+    """Return a path.
+
+    Raises
+    ------
+    ArgumentError
+        It is something else, or no file system has such a name.
+    """
+    if not isinstance(value, str | Path):
+        raise ArgumentError(
+            f"is {value!r}"[:80], where=name, expected="a path, such as 'results/mymethod'"
+        )
+    if "\0" in str(value) or any(len(part) > _LONGEST_NAME for part in Path(value).parts):
+        raise ArgumentError("is no path of a file system", where=name, expected="a path")
+    return Path(value)
 
 
 def _written(shape: tuple[int | None, ...]) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
@@ -61,7 +62,7 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
             gallery = [(tile.id, tile.image) for tile in scene.tiles()]
             photos = [(photo.id, photo.image) for photo in scene.queries()]
     """
-    folder = Path(name_or_path)
+    folder = path_of("name_or_path", name_or_path)
     if (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
         return BlindBenchmark.of(Benchmark.open(folder))
     root = data_root() if data is None else Path(data)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, floats, positive, refused, whole
+from airzoo_bench.api.arrays import choice, numbers, positive, refused, whole
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.shown import Shown, number
@@ -151,7 +151,7 @@ def cloud_scores(
     clip = _length("max_distance", max_distance, limit * _CLIP)
     settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)
     given, truth = (
-        InMemoryCloud(floats(name, values, (None, 3)))
+        InMemoryCloud(_points(name, values, limit))
         for name, values in (("predicted", predicted), ("true", true))
     )
     if given.count and not finite_rows(given.points).any():
@@ -193,6 +193,23 @@ def cloud_scores(
         to_truth=distances.to_truth,
         to_prediction=distances.to_prediction,
     )
+
+
+def _points(name: str, values: ArrayLike, limit: float) -> Floats:
+    """Return points (N, 3), finite or not, whose type keeps a twentieth of the threshold."""
+    given = numbers(name, values, (None, 3))
+    points = given.astype(np.float64)
+    if given.dtype.kind == "f" and given.dtype.itemsize < points.dtype.itemsize:
+        largest = np.abs(points[np.isfinite(points)]).max(initial=0.0)
+        step = float(np.spacing(given.dtype.type(largest)))
+        if step > limit / 20.0:
+            raise ArgumentError(
+                f"is {given.dtype}, which keeps coordinates such as {largest:.0f} to {step:.2g} "
+                "only, next to the threshold",
+                where=name,
+                expected="float64, or coordinates from a local origin",
+            )
+    return points
 
 
 def _length(name: str, value: float | Literal["auto"] | None, automatic: float) -> float | None:

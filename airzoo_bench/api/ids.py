@@ -195,6 +195,8 @@ def indexed_lists(ranked: Sequence[Ids], positives: Sequence[Ids], gallery: Ids 
     _one_kind(parts if gallery is None else {**parts, "gallery_ids": [gallery]})
     rest = [] if gallery is None else [gallery]
     given = [row for row in (*ranked, *positives, *rest) if len(row)]
+    if {row.dtype.kind for row in given} == {"i", "u"}:  # which NumPy joins as float64
+        given = [row.astype(object) for row in given]
     known, place = np.unique(np.concatenate(given or [np.zeros(0)]), return_inverse=True)
     ended = known == ("" if known.dtype.kind == "U" else -1)
     index = np.cumsum(~ended) - 1

@@ -22,6 +22,7 @@ __all__ = ["ConfidenceInterval", "Statistic", "bootstrap_ci", "checked_plan"]
 Statistic = Literal["share", "mean", "median"]
 
 _LEAST_RESAMPLES, _MOST_RESAMPLES = 100, 1_000_000
+_MOST_CONFIDENCE = 0.999999  # limits of more are those of rounding
 _LARGEST = 1e100  # third powers of what is larger overflow
 
 
@@ -151,7 +152,7 @@ def checked_plan(
         raise ArgumentError(
             f"is {resamples}", where="resamples", expected=f"at most {_MOST_RESAMPLES:,}"
         )
-    if positive("confidence", confidence) >= 1.0:
+    if positive("confidence", confidence) > _MOST_CONFIDENCE:
         raise ArgumentError(
             f"is {confidence!r}", where="confidence", expected="a share, such as 0.95"
         )
@@ -184,7 +185,7 @@ def _values(values: ArrayLike, statistic: Statistic) -> Floats:
 def _by_scene(values: Floats, scenes: Any) -> dict[str, Floats]:
     import pandas as pd
 
-    named = np.asarray(in_order("scenes", scenes))
+    named = np.asarray(in_order("scenes", scenes), dtype=object)
     if named.shape != values.shape or pd.isna(named).any():
         raise ArgumentError(
             f"has shape {named.shape}, or names that are missing",

@@ -180,6 +180,12 @@ def _errors(errors: tuple[ArrayLike, ArrayLike | None]) -> PoseErrors:
     same_index({"errors[0]": translation, "errors[1]": rotation})
     metres = _error_row("errors[0]", translation)
     degrees = None if rotation is None else _error_row("errors[1]", rotation)
+    if degrees is not None and (np.isfinite(degrees) & (degrees > 180.0)).any():
+        raise ArgumentError(
+            "holds angles beyond 180",
+            where="errors[1]",
+            expected="the angle between two rotations, 0 to 180 degrees, or infinite",
+        )
     if degrees is not None and len(degrees) != len(metres):
         raise ArgumentError(
             f"have {len(metres)} and {len(degrees)} numbers",

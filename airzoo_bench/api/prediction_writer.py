@@ -10,6 +10,7 @@ from typing import Any, Never, Self
 
 from numpy.typing import ArrayLike
 
+from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.api.collectors import (
     DESCRIPTOR,
@@ -74,7 +75,7 @@ class PredictionWriter:
     def __init__(
         self, path: str | Path, protocol: str, benchmark: BlindBenchmark | None = None
     ) -> None:
-        self._path = Path(path)
+        self._path = path_of("path", path)
         self._protocol = find_protocol(protocol, benchmark.folder if benchmark else data_root())
         opened = benchmark or load_benchmark(self._protocol.benchmark)
         if self._protocol.benchmark != opened.name:

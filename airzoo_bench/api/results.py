@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airzoo_bench.api.arrays import path_of
 from airzoo_bench.results.records import Scored, read_scored
 from airzoo_bench.tables.layouts import scenes_table
 from airzoo_bench.tables.model import Table
@@ -99,5 +100,5 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     ...
     airzoo_bench.core.errors.ResultError: ...
     """
-    (found,) = read_scored([Path(path)])
+    (found,) = read_scored([path_of("path", path)])
     return Result(found.name if name is None else name, found.result, found.records)

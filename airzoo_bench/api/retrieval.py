@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.api.arrays import choice, finite, floats, refused, same_index, whole
+from airzoo_bench.api.arrays import choice, finite, floats, in_order, refused, same_index, whole
 from airzoo_bench.api.ids import (
     Ids,
     gallery_row,
@@ -273,7 +273,9 @@ def _check_columns(similarity: Any, ids: Ids, are_numbers: bool) -> None:
 
 def _descriptors(name: str, values: ArrayLike) -> NDArray[Any]:
     """Return descriptors as they are, where they are floating-point numbers: they may be large."""
-    given = np.asanyarray(values) if hasattr(values, "__array__") else None
-    if given is not None and given.ndim == 2 and given.dtype.kind == "f":
-        return given
+    ordered = in_order(name, values)
+    if hasattr(ordered, "__array__"):
+        given: NDArray[Any] = np.asanyarray(ordered)
+        if given.ndim == 2 and given.dtype.kind == "f":
+            return given
     return floats(name, values, (None, None))
