@@ -1,4 +1,4 @@
-"""Published benchmarks as they are downloaded: what each says of itself, and a scene as it is read."""
+"""Published benchmarks as downloaded: what each says of itself, and a scene as it is read."""
 
 from __future__ import annotations
 
