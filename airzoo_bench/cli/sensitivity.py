@@ -40,7 +40,7 @@ EXAMPLES = examples(
 PANELS = {
     "How far assumed values may be off": ("field_of_view", "heading", "height", "position"),
     "Draws": ("draws", "seed"),
-    "Output": ("out", "form"),
+    "Output": ("score", "out", "form"),
 }
 
 
@@ -70,6 +70,9 @@ def sensitivity(
         Path | None,
         typer.Option("--out", "-o", help="Write noise floors, for compare and table."),
     ] = None,
+    score: Annotated[
+        list[str] | None, typer.Option(help="Print this score only; repeatable.")
+    ] = None,
     data: DataOption = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
@@ -81,6 +84,7 @@ def sensitivity(
     from airzoo_bench.benchmark.folder import find_benchmark
     from airzoo_bench.results.comparable import check_same_queries
     from airzoo_bench.results.records import read_scored
+    from airzoo_bench.results.selection import check_score
     from airzoo_bench.results.sensitivity import write_noise_floor
     from airzoo_bench.retrieval.sensitivity import AssumedRanges
     from airzoo_bench.retrieval.sensitivity import sensitivity as measured
@@ -109,7 +113,10 @@ def sensitivity(
     )
     protocol = _protocol_of(methods, found, data)
     moved = measured(found, protocol, methods, ranges, draws=draws, seed=seed, progress=progress)
-    show(sensitivity_table(moved, ranges.given), form)
+    for name in score or ():
+        check_score(name, moved.scores, "--score")
+    chosen = [one for one in moved.scores if not score or {one.key, one.title} & set(score)]
+    show(sensitivity_table(moved, ranges.given, chosen), form)
     if out is not None:
         write_noise_floor(out, _floor(moved, methods, ranges, draws, seed))
         say(f"{out}: for `airzoo-bench compare` and `table`, --noise-floor {out}")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sensitivity import TOGETHER, Sensitivity
 from airzoo_bench.tables.method_table import as_shown
 from airzoo_bench.tables.model import Cell, Column, Row, Table, show_number
@@ -22,7 +23,9 @@ _TITLES = {
 }
 
 
-def sensitivity_table(found: Sensitivity, ranges: Mapping[str, float]) -> Table:
+def sensitivity_table(
+    found: Sensitivity, ranges: Mapping[str, float], scores: Sequence[ScoreColumn]
+) -> Table:
     """Lay out a row a score and method: its value, its range by assumed value, its ranks.
 
     Parameters
@@ -30,6 +33,8 @@ def sensitivity_table(found: Sensitivity, ranges: Mapping[str, float]) -> Table:
     found : Sensitivity
     ranges : mapping of str to float
         Those that are not 0, see `AssumedRanges`.
+    scores : sequence of ScoreColumn
+        Those to show.
     """
     groups = list(dict.fromkeys(found.groups))
     columns = (
@@ -40,7 +45,8 @@ def sensitivity_table(found: Sensitivity, ranges: Mapping[str, float]) -> Table:
     ranks = found.ranks()
     rows = tuple(
         _row(found, groups, ranks, method, score)
-        for score in range(len(found.scores))
+        for score, column in enumerate(found.scores)
+        if column in scores
         for method in range(len(found.methods))
     )
     count = len(found.groups)
@@ -52,7 +58,7 @@ def sensitivity_table(found: Sensitivity, ranges: Mapping[str, float]) -> Table:
             f"off by: {'; '.join(_range(name, value) for name, value in ranges.items())}; "
             f"{counted(count, 'variant')} of the truth",
             *_unanswerable(found),
-            *_floors(found),
+            *_floors(found, scores),
         ),
         leading=2,
         groups_per_block=len(columns),
@@ -102,7 +108,8 @@ def _unanswerable(found: Sensitivity) -> list[str]:
     ]
 
 
-def _floors(found: Sensitivity) -> list[str]:
+def _floors(found: Sensitivity, scores: Sequence[ScoreColumn]) -> list[str]:
     if len(found.methods) < 2:
         return ["no noise floor: it is of differences, which need two results"]
-    return noise_floor_note(dict(zip(found.scores, found.floors().tolist(), strict=True)))
+    floors = dict(zip(found.scores, found.floors().tolist(), strict=True))
+    return noise_floor_note({score: floors[score] for score in scores})
