@@ -15,9 +15,10 @@ from airzoo_bench.results.comparable import check_same_queries
 from airzoo_bench.results.comparison import Pair
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.records import Scored, held_to_result, read_scored
-from airzoo_bench.results.result import ScoreColumn, read_result
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.results.selection import choose_scores, find_scene, score_keys
+from airzoo_bench.results.sensitivity import NoiseFloor, read_noise_floor
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import Method, ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
@@ -102,6 +103,7 @@ def compare(
     interval: Method = "bca",
     resamples: int = 10_000,
     seed: int = 0,
+    noise_floor: str | Path | None = None,
 ) -> Comparison:
     """Compare results query by query: differences, intervals, tests, a verdict in words.
 
@@ -124,6 +126,9 @@ def compare(
         Of the bootstrap, and patterns of the permutation test; 100 to 1,000,000.
     seed : int
         Of resamples and patterns.
+    noise_floor : path, optional
+        What ``airzoo-bench sensitivity`` wrote: differences that are no larger get the verdict
+        "in noise" where they would be findings else.
 
     Returns
     -------
@@ -164,8 +169,17 @@ def compare(
         method=method,
         scene=asked.scene,
         resampling=plan,
+        noise_floor=_floor(noise_floor, asked.methods[0].result),
     )
     return Comparison(comparison_table(found), _frame([_pair(pair) for pair in found.pairs]))
+
+
+def _floor(path: str | Path | None, result: Result) -> NoiseFloor | None:
+    if path is None:
+        return None
+    floor = read_noise_floor(Path(path))
+    floor.check_fits(result, Path(path))
+    return floor
 
 
 def _check(

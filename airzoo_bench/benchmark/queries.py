@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CAMERA_COLUMNS",
+    "FOCAL_COLUMNS",
     "IDENTITY_COLUMNS",
     "NO_POSE",
     "POSE_COLUMNS",
     "PRIOR_COLUMNS",
+    "SIZE_COLUMNS",
     "SceneInputs",
     "cameras_of",
     "conditions_of",

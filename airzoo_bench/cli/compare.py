@@ -24,7 +24,7 @@ EXAMPLES = examples(
 
 PANELS = {
     "What is compared": ("score", "every", "reference", "method", "scene", "most_different"),
-    "Statistics": ("interval", "resamples", "seed"),
+    "Statistics": ("interval", "resamples", "seed", "noise_floor"),
     "Printed hit rates": ("printed", "queries"),
     "Output": ("form",),
 }
@@ -90,6 +90,12 @@ def compare(
     queries: Annotated[
         int | None, typer.Option(min=1, help="With --printed: on how many queries.")
     ] = None,
+    noise_floor: Annotated[
+        Path | None,
+        typer.Option(
+            help="What `airzoo-bench sensitivity` wrote: smaller differences are no findings."
+        ),
+    ] = None,
 ) -> None:
     """Compare methods query by query: differences, intervals, tests, a verdict in words."""
     if printed is not None or queries is not None:
@@ -113,6 +119,7 @@ def compare(
         interval=interval.value,
         resamples=resamples,
         seed=seed,
+        noise_floor=noise_floor,
     )
     show(found.table, form)
 

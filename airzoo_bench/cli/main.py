@@ -26,6 +26,7 @@ from airzoo_bench.cli import (
     prepare,
     protocols,
     report,
+    sensitivity,
     table,
     template,
 )
@@ -62,6 +63,12 @@ app.command(
 )(compare.compare)
 app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(breakdown.breakdown)
 app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
+app.command(
+    "sensitivity",
+    cls=in_panels(sensitivity.PANELS),
+    epilog=sensitivity.EXAMPLES,
+    rich_help_panel=RESULTS,
+)(sensitivity.sensitivity)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)

@@ -26,7 +26,7 @@ PANELS = {
         *("layout", "scene", "every_score", "scores", "sort", "highlight", "floors", "rename"),
         *("queries", "average", "per_block"),
     ),
-    "Statistics": ("intervals", "second", "baseline"),
+    "Statistics": ("intervals", "second", "baseline", "noise_floor"),
     "Published numbers": ("published", "protocol", "mark_published"),
     "Output": ("form", "decimals"),
     "LaTeX": ("cite", "siunitx", "standalone", "caption", "label", "fit"),
@@ -93,6 +93,12 @@ def table(
             "--floors", help="Add rows for what needs no method: chance level, the prior itself."
         ),
     ] = False,
+    noise_floor: Annotated[
+        Path | None,
+        typer.Option(
+            help="What `airzoo-bench sensitivity` wrote: say which differences are in noise."
+        ),
+    ] = None,
     sort: Annotated[
         str | None,
         typer.Option(
@@ -165,6 +171,7 @@ def table(
         per_block=per_block,
         renamed=tuple(rename or ()),
         floors=floors,
+        noise_floor=noise_floor,
         sort=sort,
         decimals=decimals,
     )

@@ -134,6 +134,9 @@ class _TableMaker:
     def _filled(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
         if self.request.intervals:
             board = self._with_intervals(board, places)
+        if self.request.noise_floor is not None:
+            first = self.results[places[0]]
+            board = self._with_noise_floor(board, self.request.noise_floor, first)
         if self.request.published:
             board = self._with_published(board, self.results[places[0]])
         if self.request.floors and self.layout is not Layout.RESULT:
@@ -142,6 +145,16 @@ class _TableMaker:
                 floors = ", ".join(entry.method for entry in board.rows if entry.floor)
                 board = board.noted(*_of_floors(floors), legend=True)
         return board
+
+    def _with_noise_floor(self, board: MethodTable, path: Path, result: Result) -> MethodTable:
+        from airzoo_bench.results.sensitivity import read_noise_floor
+        from airzoo_bench.tables.wording import noise_floor_note
+
+        floor, scene = read_noise_floor(path), self.request.scene
+        floor.check_fits(result, path)
+        scene = None if scene is None else find_scene(board.scenes, scene)
+        note = noise_floor_note({score: floor.of(score.key, scene) for score in board.scores})
+        return board.noted(*note, legend=True)
 
     def _with_intervals(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
         from airzoo_bench.results.records import Scored, read_records

@@ -67,6 +67,7 @@ class TableRequest:
     per_block: int | None = None
     renamed: tuple[str, ...] = ()
     floors: bool = False
+    noise_floor: Path | None = None
     sort: str | None = None
     decimals: int | None = None
 
@@ -96,7 +97,12 @@ class TableRequest:
                 expected="result files, or --published with --protocol and no results",
                 fix="such as `airzoo-bench table --published --protocol uav-visloc-retrieval`",
             )
-        for name, given in {"--intervals": self.intervals, "--floors": self.floors}.items():
+        needing = {
+            "--intervals": self.intervals,
+            "--floors": self.floors,
+            "--noise-floor": self.noise_floor,
+        }
+        for name, given in needing.items():
             if given:
                 raise UsageError(f"{name} needs results", fix="leave it out, or name results")
         layout = self.layout or Layout.METHODS

@@ -45,6 +45,8 @@ class About:
         A sentence for each value that the truth rests on and that the benchmark does not state.
     unverified : tuple of str
         A sentence for each part of the layout that nobody of us has seen.
+    ranges : mapping of str to float
+        How far assumed values may be off, see `retrieval.sensitivity.AssumedRanges`.
     """
 
     title: str
@@ -54,6 +56,7 @@ class About:
     links: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
+    ranges: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

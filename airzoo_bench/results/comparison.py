@@ -15,6 +15,7 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import is_hit, make_sample
 from airzoo_bench.results.selection import find_scene
+from airzoo_bench.results.sensitivity import NoiseFloor
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
@@ -43,6 +44,8 @@ class Pair:
         Over all queries, whatever their scene; None where the score is no hit.
     wins, ties, losses : int
         Queries, or scenes, on which the method is better, as good, worse.
+    noise_floor : float or None
+        What the benchmark's assumed values move the difference by; None where that is not known.
     """
 
     score: ScoreColumn
@@ -58,6 +61,7 @@ class Pair:
     wins: int
     ties: int
     losses: int
+    noise_floor: float | None = None
 
     @property
     def is_better(self) -> bool:
@@ -65,6 +69,12 @@ class Pair:
         return self.difference is not None and (
             self.difference > 0 if self.score.higher_is_better else self.difference < 0
         )
+
+    @property
+    def is_in_noise(self) -> bool:
+        """Whether the assumed values of the truth move the difference by as much as it is."""
+        floor, difference = self.noise_floor, self.difference
+        return floor is not None and difference is not None and abs(difference) <= floor
 
     @property
     def p_floor(self) -> float:
@@ -131,6 +141,7 @@ def compare(
     method: str | None = None,
     scene: str | None = None,
     resampling: ResamplingConfig,
+    noise_floor: NoiseFloor | None = None,
 ) -> Comparison:
     """Compare methods with one of them, or one of them with the others.
 
@@ -146,8 +157,10 @@ def compare(
         Instead of a reference: what is found is this method's, against each other one.
     scene : str, optional
         Id or title of the scene to compare on, instead of all.
-    plan : ResamplingConfig
+    resampling : ResamplingConfig
         How intervals and tests are made.
+    noise_floor : NoiseFloor, optional
+        Of the benchmark; fits the results.
 
     Returns
     -------
@@ -183,7 +196,7 @@ def compare(
         unit=sample.unit,
         units=units,
         scene=scene,
-        pairs=_adjusted(pairs, len(others), family),
+        pairs=_adjusted(_with_floors(pairs, noise_floor, scene), len(others), family),
         family=family,
         resampling=resampling,
         notes=_notes(methods),
@@ -232,6 +245,12 @@ def _pair(
         ties=len(one) - wins - losses,
         losses=losses,
     )
+
+
+def _with_floors(pairs: list[Pair], floor: NoiseFloor | None, scene: str | None) -> list[Pair]:
+    if floor is None:
+        return pairs
+    return [replace(pair, noise_floor=floor.of(pair.score.key, scene)) for pair in pairs]
 
 
 def _difference(value: float, other: float) -> float:

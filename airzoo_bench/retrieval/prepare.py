@@ -44,7 +44,7 @@ from airzoo_bench.retrieval.truth import (
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PreparedScene", "build_truth", "grouped_reasons"]
+__all__ = ["PreparedScene", "answering_tiles", "build_truth", "grouped_reasons"]
 
 _BY_OVERLAP, _BEST = "no tile overlaps by more than", ": the best by "
 _BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
@@ -112,6 +112,23 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
         dropped,
     )
     return PreparedScene(truth, shared.take(rows), in_map_frame)
+
+
+def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GroundTruth) -> Positives:
+    """Find which tiles of a gallery that was cut before answer each photo.
+
+    Parameters
+    ----------
+    inputs : SceneInputs
+    tiles : DataFrame
+        The gallery, see `RetrievalTruth`.
+    rules : GroundTruth
+    """
+    info, points = inputs.gallery_map, _footprints(inputs, rules).lonlat
+    if box_growth(info, tiles) <= rules.box_growth:
+        return _positives(points, boxes_of(tiles), rules)
+    pixels, windows, _ = _in_pixels(info, points, tiles, tiles[:0])
+    return _positives(pixels, windows, rules)
 
 
 def _without_empty(

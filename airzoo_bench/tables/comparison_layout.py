@@ -14,6 +14,7 @@ from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.verdicts import LEAST_P, disagreement, sentence, verdict
 from airzoo_bench.tables.wording import (
     brackets_note,
+    noise_floor_note,
     notes_by_reason,
     resampled,
     score_cell,
@@ -24,12 +25,12 @@ __all__ = ["comparison_table"]
 
 _SENTENCES = 4
 _NAMES = 6
-_VERDICTS = ("better", "worse", "unclear", "equal")
+_VERDICTS = ("better", "worse", "in noise", "unclear", "equal")
 
 _TITLES = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
 _TITLES_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
 _TESTS = ("Paired", "Holm", "McNemar")
-_COMPARED = {"unclear": "unclear against", "equal": "equal to"}
+_COMPARED = {"unclear": "unclear against", "in noise": "in noise against", "equal": "equal to"}
 
 
 def comparison_table(comparison: Comparison) -> Table:
@@ -193,7 +194,14 @@ def _methods(comparison: Comparison) -> list[str]:
         f"p: {_tests(comparison)}; {_correction(comparison)}"
         + ("; McNemar exact, for hits" if any(p.p_mcnemar is not None for p in pairs) else ""),
         *_too_coarse(comparison),
+        *_floors(comparison),
     ]
+
+
+def _floors(comparison: Comparison) -> list[str]:
+    """Say the noise floors that differences were held against."""
+    floors = {pair.score: pair.noise_floor for pair in comparison.pairs}
+    return noise_floor_note(floors)
 
 
 def _tests(comparison: Comparison) -> str:

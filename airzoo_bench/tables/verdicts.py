@@ -28,8 +28,9 @@ def verdict(pair: Pair) -> str:
     -------
     str
         "equal" where no unit differs; "too few" where too few do for a finding whatever their
-        values; "better" or "worse" than the reference; else "unclear", of two averages that happen
-        to be the same too.
+        values; "in noise" where the difference is a finding by its test, but no larger than the
+        benchmark's noise floor; "better" or "worse" than the reference; else "unclear", of two
+        averages that happen to be the same too.
     """
     if pair.wins == pair.losses == 0:
         return "equal"
@@ -37,6 +38,8 @@ def verdict(pair: Pair) -> str:
         return "too few"
     if not pair.difference or pair.p_holm > LEVEL:
         return "unclear"
+    if pair.is_in_noise:
+        return "in noise"
     return "better" if pair.is_better else "worse"
 
 
@@ -51,6 +54,13 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
     if word in ("better", "worse"):
         ahead, behind = _by_rank(pair)
         return f"{ahead} is better than {behind} on {title} by {_amount(pair)}{evidence}."
+    if word == "in noise":
+        floor = _number(pair.score, pair.noise_floor or 0.0)
+        return (
+            f"{_by_rank(pair)[0]} is ahead on {title} by {_amount(pair)}, no more than the "
+            f"benchmark's noise floor of {floor}: it could be otherwise if its assumed values were"
+            f"{evidence}."
+        )
     both = f"{pair.method} and {pair.reference}"
     untold = {
         "unclear": f"{both} cannot be told apart on {title}",
@@ -78,7 +88,7 @@ def disagreement(pair: Pair) -> str:
     if low is None or high is None:
         return ""
     holds_0, word = low <= 0 <= high, verdict(pair)
-    if word in ("better", "worse") and holds_0:
+    if word in ("better", "worse", "in noise") and holds_0:
         return "the interval holds 0"
     if word != "unclear" or holds_0:
         return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from airzoo_bench.core.plurals import plural
 from airzoo_bench.results.comparable import first_names
@@ -10,12 +10,13 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.method_table import UNITS, as_shown
-from airzoo_bench.tables.model import Between, Cell, share_to_percent
+from airzoo_bench.tables.model import Between, Cell, share_to_percent, show_number
 
 __all__ = [
     "INTERVAL_NAMES",
     "brackets_note",
     "intervals_made",
+    "noise_floor_note",
     "notes_by_reason",
     "resampled",
     "score_cell",
@@ -57,6 +58,22 @@ def score_cell(score: ScoreColumn, value: float | None, interval: Interval | Non
         return Cell(as_shown(score, value))
     limits = Between(as_shown(score, interval.low), as_shown(score, interval.high))
     return Cell(as_shown(score, value), uncertainty=limits)
+
+
+def noise_floor_note(floors: Mapping[ScoreColumn, float | None]) -> list[str]:
+    """Say which differences of scores are in noise, where floors are known."""
+    known = [
+        f"{score.title} {show_number(as_shown(score, floor), 2)} "
+        + ("points" if score.unit == "share" else UNITS[score.unit])
+        for score, floor in floors.items()
+        if floor is not None
+    ]
+    if not known:
+        return []
+    return [
+        f"noise floor: {', '.join(known)}; differences that are no larger could be otherwise if "
+        "the values that the truth assumes were others"
+    ]
 
 
 def notes_by_reason(
