@@ -17,7 +17,7 @@ from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.rasters import opened, world_to_pixel
 
-__all__ = ["MapTile", "join_maps", "map_tile"]
+__all__ = ["Bounds", "MapTile", "join_maps", "map_tile"]
 
 Bounds = tuple[float, float, float, float]
 
@@ -262,19 +262,18 @@ def _add_band(
     for tile, (left, top) in zip(tiles, corners.tolist(), strict=True):
         source = ET.SubElement(element, "SimpleSource")
         inside = tile.path.resolve().parent == folder.resolve()
-        name = ET.SubElement(source, "SourceFilename", relativeToVRT=str(int(inside)))
-        name.text = tile.path.name if inside else str(tile.path.resolve())
+        file = ET.SubElement(source, "SourceFilename", relativeToVRT=str(int(inside)))
+        file.text = tile.path.name if inside else str(tile.path.resolve())
         ET.SubElement(source, "SourceBand").text = str(band + 1)
-        size = {"xSize": str(tile.width), "ySize": str(tile.height)}
         # With these GDAL opens a tile when it is read, not when the map is opened.
-        ET.SubElement(
-            source,
-            "SourceProperties",
-            RasterXSize=size["xSize"],
-            RasterYSize=size["ySize"],
-            DataType=_TYPES[dtype],
-            BlockXSize=str(tile.block[1]),
-            BlockYSize=str(tile.block[0]),
-        )
-        ET.SubElement(source, "SrcRect", xOff="0", yOff="0", **size)
-        ET.SubElement(source, "DstRect", xOff=str(left), yOff=str(top), **size)
+        properties = {
+            "RasterXSize": str(tile.width),
+            "RasterYSize": str(tile.height),
+            "DataType": _TYPES[dtype],
+            "BlockXSize": str(tile.block[1]),
+            "BlockYSize": str(tile.block[0]),
+        }
+        ET.SubElement(source, "SourceProperties", properties)
+        for name, (x, y) in {"SrcRect": (0, 0), "DstRect": (left, top)}.items():
+            window = {"xOff": x, "yOff": y, "xSize": tile.width, "ySize": tile.height}
+            ET.SubElement(source, name, {key: str(value) for key, value in window.items()})

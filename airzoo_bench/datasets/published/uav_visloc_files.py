@@ -186,30 +186,33 @@ def _range_of(root: Path, flight: str) -> tuple[Bounds | None, Path | None]:
         return None, None
     path = _only(root, _RANGE_TABLE, "satellite_ coordinates_range.csv")
     table = read_table(path, _RANGE_COLUMNS)
-    stems = [
-        Path(name).stem.casefold().removeprefix("satellite") for name in table.texts("mapname")
+    rows = [
+        row
+        for row, name in enumerate(table.texts("mapname"))
+        if re.fullmatch(rf"(satellite)?0?{int(flight)}", Path(name).stem, re.IGNORECASE)
     ]
-    rows = [row for row, stem in enumerate(stems) if stem.isdecimal() and int(stem) == int(flight)]
     if len(rows) > 1:
+        lines = " and ".join(str(table.lines[row]) for row in rows)
         raise BenchmarkError(
-            f"two rows are of flight {flight}: lines {table.lines[rows[0]]}, {table.lines[rows[1]]}",
+            f"more than one row is of flight {flight}: lines {lines}",
             where=path,
             expected="a row a map",
         )
     limits = {"lat": 90.0, "lon": 180.0}
-    top, left, bottom, right = (
+    tops, lefts, bottoms, rights = (
         table.numbers(name, -limits[name[3:6]], limits[name[3:6]]) for name in _RANGE_COLUMNS[1:]
     )
     if not rows:
         return None, path
-    bounds = tuple(float(side[rows[0]]) for side in (left, top, right, bottom))
-    if not (bounds[0] < bounds[2] and bounds[1] > bounds[3]):
+    left, top, right, bottom = (float(s[rows[0]]) for s in (lefts, tops, rights, bottoms))
+    if not (left < right and top > bottom):
         raise BenchmarkError(
-            f"the left top is not left of and above the right bottom: {bounds}",
+            f"left top {top:g}, {left:g} is not above and left of right bottom {bottom:g}, "
+            f"{right:g}",
             where=f"{path}, line {table.lines[rows[0]]}",
             expected="LT_lat_map > RB_lat_map and LT_lon_map < RB_lon_map",
         )
-    return bounds, path  # type: ignore[return-value]
+    return (left, top, right, bottom), path
 
 
 def _range_notes(tile: MapTile, bounds: Bounds | None, table: Path | None) -> list[str]:
