@@ -15,7 +15,7 @@ from rasterio.enums import ColorInterp
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Ints
-from airzoo_bench.geometry.rasters import opened, world_to_pixel
+from airzoo_bench.geometry.rasters import opened, pixel_to_world, world_to_pixel
 
 __all__ = ["Bounds", "MapTile", "join_maps", "map_tile"]
 
@@ -175,8 +175,8 @@ def _pixel_size(tile: MapTile) -> tuple[str, ...]:
 
 def _by_georeference(tiles: Sequence[MapTile]) -> tuple[Ints, Affine]:
     """Return the corner (N, 2) of each tile in pixels of the whole, and the whole's transform."""
-    base = tiles[0].transform
-    origins = np.array([(tile.transform.c, tile.transform.f) for tile in tiles])  # type: ignore[union-attr]
+    transforms = [tile.transform for tile in tiles if tile.transform is not None]
+    base, origins = transforms[0], np.array([(t.c, t.f) for t in transforms])
     places = world_to_pixel(base, origins)
     corners = np.rint(places).astype(np.int64)
     off = np.abs(places - corners).max(axis=1)
@@ -190,7 +190,9 @@ def _by_georeference(tiles: Sequence[MapTile]) -> tuple[Ints, Affine]:
             fix="download the tile again, or join the tiles with gdalwarp",
         )
     corner = corners.min(axis=0)
-    return corners - corner, base * Affine.translation(*corner.tolist())
+    a, b, _, d, e, _ = base[:6]
+    left, top = pixel_to_world(base, corner).tolist()
+    return corners - corner, Affine(a, b, left, d, e, top)
 
 
 def _by_rows_and_columns(tiles: Mapping[tuple[int, int], MapTile]) -> Ints:

@@ -1,0 +1,177 @@
+"""UAV-VisLoc as it is downloaded: what is read of a flight, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.progress import silent
+from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOptions
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.retrieval.footprints import cast_footprints
+from tests.datasets.published.uav_visloc_tree import FLIGHTS, PIXEL_DEG, anchors, make_tree
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    return make_tree(tmp_path / "无人机 UAV VisLoc")
+
+
+def read(source: Path, flight: str, **options: Any) -> NativeScene:
+    return UAV_VISLOC.read(UavVisLocOptions(source, **options), flight, silent)
+
+
+def footprints(scene: NativeScene) -> Floats:
+    """Return lon, lat (N, 4, 2) of the photos' corners on the plane."""
+    assert scene.cameras is not None
+    assert scene.poses is not None
+    assert scene.plane_height_m is not None
+    return cast_footprints(
+        scene.cameras,
+        scene.poses,
+        scene.crs,
+        scene.plane_height_m,
+        inset=0.0,
+        max_range_m=5000.0,
+    ).lonlat
+
+
+def test_flights_are_found(root: Path, tmp_path: Path) -> None:
+    for source in (root, tmp_path):
+        assert UAV_VISLOC.scenes(UavVisLocOptions(source)) == ["01", "07", "09"]
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
+def test_footprints_are_those_of_the_ellipsoid(root: Path, flight: str) -> None:
+    """Scale of UTM is off by 0.04 % at most, which is 0.1 m at the corner of a footprint."""
+    scene = read(root, flight)
+    expected = np.stack([anchors(photo) for photo in FLIGHTS[flight].photos])
+    assert geodesic_distance_m(footprints(scene), expected).max() < 0.15
+    assert scene.names == tuple(FLIGHTS[flight].photo(i) for i in range(len(expected)))
+
+
+def test_a_footprint_by_hand(root: Path) -> None:
+    """At 405 m 52 and 36 degrees see 2 x 197.53 m across and 2 x 131.59 m along.
+
+    Towards 165 degrees the top of the photo is south by east, and its left is east by north: the
+    top left corner is 197.53 m towards 75 degrees and 131.59 m towards 165 degrees away, that is
+    190.80 + 34.06 = 224.86 m east and 51.12 - 127.11 = -75.99 m north.
+    """
+    corner = footprints(read(root, "01"))[0, 0]
+    lon, lat = FLIGHTS["01"].photos[0][:2]
+    east = geodesic_distance_m(np.array([lon, lat]), np.array([corner[0], lat]))
+    north = geodesic_distance_m(np.array([lon, lat]), np.array([lon, corner[1]]))
+    assert corner[0] > lon
+    assert corner[1] < lat
+    np.testing.assert_allclose([east, north], [224.86, 75.99], atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "phi"),
+    [
+        ({"heading": "east-north-positive"}, 90.0 - 165.0),
+        ({"heading": "counter-clockwise"}, -165.0),
+        ({"heading_column": "Phi2"}, 168.0),
+    ],
+)
+def test_headings_by_name(root: Path, options: dict[str, Any], phi: float) -> None:
+    expected = anchors((*FLIGHTS["01"].photos[0][:3], phi))
+    assert geodesic_distance_m(footprints(read(root, "01", **options))[0], expected).max() < 0.15
+
+
+def test_fields_of_view_and_plane(root: Path) -> None:
+    wide = read(root, "01", fov_across=90.0, plane_height=["205", "7=3"])
+    assert wide.plane_height_m == 205.0
+    assert wide.poses.centres[0, 2] == 405.0
+    corners = footprints(wide)[0]
+    across = geodesic_distance_m(corners[0], corners[1])
+    np.testing.assert_allclose(across, 400.0, atol=0.2)
+    assert read(root, "07", plane_height=["205", "7=3"]).plane_height_m == 3.0
+
+
+def rewrite(path: Path, old: str, new: str, count: int = -1) -> None:
+    text = path.read_bytes().decode()
+    assert old in text
+    path.write_bytes(text.replace(old, new, count).encode())
+
+
+def test_columns_go_by_name(root: Path) -> None:
+    before = read(root, "01")
+    path = root / "01" / "01.csv"
+    lines = [line.split(",") for line in path.read_text().splitlines()]
+    mixed = [";".join([*row[::-1], "x"]).replace(".", ",") for row in lines]
+    path.write_text("\ufeff" + "\n".join(mixed).replace(",JPG", ".JPG"), encoding="utf-8")
+    after = read(root, "01")
+    np.testing.assert_array_equal(after.poses.centres, before.poses.centres)
+    np.testing.assert_array_equal(after.poses.rotation, before.poses.rotation)
+
+
+def test_names_in_another_case(root: Path) -> None:
+    (root / "01" / "drone" / "01_0002.JPG").rename(root / "01" / "drone" / "01_0002.jpg")
+    assert read(root, "01").names[1] == "01_0002.jpg"
+
+
+def test_no_heading(root: Path) -> None:
+    (note,) = read(root, "07").notes
+    assert note.startswith("3 of 3 photos have no heading; they got -1.5 degrees (the flight's Phi")
+    turned = read(root, "07", missing_heading="88.5")
+    expected = anchors((*FLIGHTS["07"].photos[0][:3], 88.5))
+    assert geodesic_distance_m(footprints(turned)[0], expected).max() < 0.15
+    with pytest.raises(UserError, match="3 of 3 photos have no heading"):
+        read(root, "07", missing_heading="leave-out")
+    with pytest.raises(UserError, match="'north' is no heading"):
+        read(root, "07", missing_heading="north")
+    rewrite(root / "01" / "01.csv", ",30.0,", ",,")
+    left_out = read(root, "01", missing_heading="leave-out")
+    assert left_out.unposed == ("01_0002.JPG",)
+    assert left_out.notes == ("1 of 5 photos have no heading and were left out",)
+
+
+def test_heights_above_the_sea(root: Path) -> None:
+    path = root / "01" / "01.csv"
+    rewrite(path, ",405.0,", ",2305.0,", 2)
+    rewrite(path, ",405.0,", ",2500.0,")
+    scene = read(root, "01")
+    assert scene.plane_height_m == 2000.0
+    assert "heights vary from 2305 to 2500 m" in scene.notes[0]
+    assert "--plane-height 01=METRES" in scene.notes[0]
+    assert read(root, "01", height_above_ground=400.0).plane_height_m == 2100.0
+    assert read(root, "01", plane_height=["1=1900"]).notes == ()
+    with pytest.raises(UserError, match="2 of 5 photos were taken at or below the ground"):
+        read(root, "01", plane_height=["2305"])
+    with pytest.raises(UserError, match="'12=5' is no height"):
+        read(root, "01", plane_height=["12=5"])
+
+
+def test_four_tiles_make_one_map(root: Path) -> None:
+    folder = root / "09"
+    with rasterio.open(folder / "satellite09_02-01.tif", "r+") as tile:
+        tile.write(np.full((1, 1), 200, np.uint8), 2, window=((5, 6), (7, 8)))
+    scene = read(root, "09")
+    assert scene.dom == folder / "satellite09.vrt"
+    assert scene.notes == ("satellite09.vrt was written over the 4 tiles of its map",)
+    assert scene.dom.stat().st_size < 8000
+    info = open_info(scene.dom)
+    assert (info.width, info.height, info.bands) == (5000, 4000, 3)
+    np.testing.assert_allclose(info.transform[:6], (PIXEL_DEG, 0, 120.03, 0, -PIXEL_DEG, 30.99))
+    moved = root.rename(root.with_name("moved"))
+    with rasterio.open(moved / "09" / "satellite09.vrt") as joined:
+        assert [c.name for c in joined.colorinterp] == ["red", "green", "blue"]
+        assert joined.read(2, window=((1805, 1806), (7, 8))).item() == 200
+        assert joined.read(1, window=((1805, 1806), (7, 8))).item() == 0
+
+
+def test_joined_map_elsewhere(root: Path, tmp_path: Path) -> None:
+    scene = read(root, "09", joined_maps=tmp_path / "joined")
+    assert scene.dom == tmp_path / "joined" / "satellite09.vrt"
+    assert not list(root.glob("09/*.vrt"))
+    with rasterio.open(scene.dom) as joined:
+        assert joined.read(1, window=((3990, 3991), (4990, 4991))).item() == 0
