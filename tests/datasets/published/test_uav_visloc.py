@@ -16,6 +16,7 @@ from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOpti
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.retrieval.footprints import cast_footprints
 from tests.datasets.published.uav_visloc_tree import FLIGHTS, PIXEL_DEG, anchors, make_tree
 
@@ -29,15 +30,19 @@ def read(source: Path, flight: str, **options: Any) -> NativeScene:
     return UAV_VISLOC.read(UavVisLocOptions(source, **options), flight, silent)
 
 
+def poses(scene: NativeScene) -> Poses:
+    assert scene.poses is not None
+    return scene.poses
+
+
 def footprints(scene: NativeScene) -> Floats:
     """Return lon, lat (N, 4, 2) of the photos' corners on the plane."""
     assert scene.cameras is not None
-    assert scene.poses is not None
     assert scene.plane_height_m is not None
     return cast_footprints(
         scene.cameras,
-        scene.poses,
-        scene.crs,
+        poses(scene),
+        str(scene.crs),
         scene.plane_height_m,
         inset=0.0,
         max_range_m=5000.0,
@@ -51,10 +56,10 @@ def test_flights_are_found(root: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("flight", FLIGHTS)
 def test_footprints_are_those_of_the_ellipsoid(root: Path, flight: str) -> None:
-    """Scale of UTM is off by 0.04 % at most, which is 0.1 m at the corner of a footprint."""
+    """Scale of UTM is off by 0.1 % at most, which is 0.3 m at the corner of a footprint."""
     scene = read(root, flight)
     expected = np.stack([anchors(photo) for photo in FLIGHTS[flight].photos])
-    assert geodesic_distance_m(footprints(scene), expected).max() < 0.15
+    assert geodesic_distance_m(footprints(scene), expected).max() < 0.3
     assert scene.names == tuple(FLIGHTS[flight].photo(i) for i in range(len(expected)))
 
 
@@ -84,13 +89,13 @@ def test_a_footprint_by_hand(root: Path) -> None:
 )
 def test_headings_by_name(root: Path, options: dict[str, Any], phi: float) -> None:
     expected = anchors((*FLIGHTS["01"].photos[0][:3], phi))
-    assert geodesic_distance_m(footprints(read(root, "01", **options))[0], expected).max() < 0.15
+    assert geodesic_distance_m(footprints(read(root, "01", **options))[0], expected).max() < 0.3
 
 
 def test_fields_of_view_and_plane(root: Path) -> None:
     wide = read(root, "01", fov_across=90.0, plane_height=["205", "7=3"])
     assert wide.plane_height_m == 205.0
-    assert wide.poses.centres[0, 2] == 405.0
+    assert poses(wide).centres[0, 2] == 405.0
     corners = footprints(wide)[0]
     across = geodesic_distance_m(corners[0], corners[1])
     np.testing.assert_allclose(across, 400.0, atol=0.2)
@@ -110,8 +115,8 @@ def test_columns_go_by_name(root: Path) -> None:
     mixed = [";".join([*row[::-1], "x"]).replace(".", ",") for row in lines]
     path.write_text("\ufeff" + "\n".join(mixed).replace(",JPG", ".JPG"), encoding="utf-8")
     after = read(root, "01")
-    np.testing.assert_array_equal(after.poses.centres, before.poses.centres)
-    np.testing.assert_array_equal(after.poses.rotation, before.poses.rotation)
+    np.testing.assert_array_equal(poses(after).centres, poses(before).centres)
+    np.testing.assert_array_equal(poses(after).rotation, poses(before).rotation)
 
 
 def test_names_in_another_case(root: Path) -> None:
@@ -124,7 +129,7 @@ def test_no_heading(root: Path) -> None:
     assert note.startswith("3 of 3 photos have no heading; they got -1.5 degrees (the flight's Phi")
     turned = read(root, "07", missing_heading="88.5")
     expected = anchors((*FLIGHTS["07"].photos[0][:3], 88.5))
-    assert geodesic_distance_m(footprints(turned)[0], expected).max() < 0.15
+    assert geodesic_distance_m(footprints(turned)[0], expected).max() < 0.3
     with pytest.raises(UserError, match="3 of 3 photos have no heading"):
         read(root, "07", missing_heading="leave-out")
     with pytest.raises(UserError, match="'north' is no heading"):
