@@ -172,13 +172,16 @@ def anchors(photo: tuple[float, float, float, float], share: float = 1.0) -> NDA
 
 
 def answers(flight: Flight, index: int, tiles: Mapping[str, Sequence[float]]) -> list[str]:
-    """Return the tiles (left, top, right, bottom in degrees) that hold an anchor of a photo."""
+    """Return the tiles (left, top, right, bottom in degrees) that hold an anchor of a photo.
+
+    Those that hold the fewest come first: a footprint turned another way loses them first.
+    """
     points = anchors(flight.photos[index], share=7 / 8)
-    return [
-        tile
+    held = {
+        tile: sum(left <= lon <= right and bottom <= lat <= top for lon, lat in points)
         for tile, (left, top, right, bottom) in tiles.items()
-        if any(left <= lon <= right and bottom <= lat <= top for lon, lat in points)
-    ]
+    }
+    return sorted((tile for tile, count in held.items() if count), key=lambda t: (held[t], t))
 
 
 if __name__ == "__main__":
