@@ -87,7 +87,7 @@ FLIGHTS = {
 }
 
 
-def make_tree(root: Path, flights: Mapping[str, Flight] = FLIGHTS) -> Path:
+def make_tree(root: Path, flights: Mapping[str, Flight] = FLIGHTS, *, photos: bool = True) -> Path:
     """Write the tree, with the blank in the range table's name."""
     root.mkdir(parents=True, exist_ok=True)
     rows = []
@@ -97,20 +97,27 @@ def make_tree(root: Path, flights: Mapping[str, Flight] = FLIGHTS) -> Path:
             f"satellite{flight.name}.tif,{top:.9f},{left:.9f},{bottom:.9f},{right:.9f},"
             f"{flight.region}"
         )
-        write_flight(root / flight.name, flight)
+        write_flight(root / flight.name, flight, photos=photos)
     table = root / "satellite_ coordinates_range.csv"
     table.write_text("\n".join([RANGE_HEADER, *rows, ""]))
     return root
 
 
-def write_flight(folder: Path, flight: Flight) -> None:
+def write_flight(folder: Path, flight: Flight, *, photos: bool = True) -> None:
     (folder / "drone").mkdir(parents=True)
     rows = [",".join(HEADER.split(",")[: flight.columns])]
     for index, (lon, lat, height, phi) in enumerate(flight.photos):
         name = flight.photo(index)
-        Image.new("RGB", PHOTO_SIZE, (90, 120, 80)).save(folder / "drone" / name, "JPEG")
+        if photos:
+            Image.new("RGB", PHOTO_SIZE, (90, 120, 80)).save(folder / "drone" / name, "JPEG")
         values = (
-            *(index + 1, name, f"2023-03-18T10:00:{index:02d}", f"{lat:.9f}", f"{lon:.9f}"),
+            *(
+                index + 1,
+                name,
+                f"2023-03-18T10:{index // 60:02d}:{index % 60:02d}",
+                f"{lat:.9f}",
+                f"{lon:.9f}",
+            ),
             *(height, 1.5, -0.5, phi, phi + 3.0),
         )
         rows.append(",".join(map(str, values[: flight.columns])))
