@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -17,6 +18,10 @@ from affine import Affine
 from numpy.typing import NDArray
 from PIL import Image
 from pyproj import Geod
+
+from airzoo_bench.core.progress import silent
+from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOptions
 
 PIXEL_DEG = 360 / 2**27
 HEADER = "num,filename,date,lat,lon,height,Omega,Kappa,Phi1,Phi2"
@@ -140,7 +145,7 @@ def map_files(flight: Flight) -> dict[str, tuple[int, int, int, int]]:
 
 
 def write_map(
-    path: Path, flight: Flight, window: tuple[int, int, int, int], **profile: object
+    path: Path, flight: Flight, window: tuple[float, float, int, int], **profile: object
 ) -> None:
     """Write a map of which no pixel takes room on disk."""
     left, top, width, height = window
@@ -189,6 +194,18 @@ def answers(flight: Flight, index: int, tiles: Mapping[str, Sequence[float]]) ->
         for tile, (left, top, right, bottom) in tiles.items()
     }
     return sorted((tile for tile, count in held.items() if count), key=lambda t: (held[t], t))
+
+
+def read(source: Path, flight: str, **options: Any) -> NativeScene:
+    """Read a flight of a tree."""
+    return UAV_VISLOC.read(UavVisLocOptions(source, **options), flight, silent)
+
+
+def rewrite(path: Path, old: str, new: str, count: int = -1) -> None:
+    """Replace a text in a file, all of it or the first few."""
+    text = path.read_bytes().decode()
+    assert old in text
+    path.write_bytes(text.replace(old, new, count).encode())
 
 
 if __name__ == "__main__":
