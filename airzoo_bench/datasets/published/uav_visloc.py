@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -142,6 +143,12 @@ class UavVisLoc(NativeDataset[UavVisLocOptions]):
         from airzoo_bench.datasets.published.uav_visloc_files import flight_folders, found_root
 
         return list(flight_folders(found_root(options.source)))
+
+    def files(self, options: UavVisLocOptions, scene: str) -> Iterable[Path]:
+        """Return the flight's photos, table and map, and the range table."""
+        from airzoo_bench.datasets.published.uav_visloc_files import flight_files
+
+        return flight_files(options.source, scene)
 
     def read(self, options: UavVisLocOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a flight."""

@@ -15,6 +15,7 @@ from airzoo_bench.geometry.rasters import pixel_to_world
 __all__ = [
     "FlightMap",
     "drone_photos",
+    "flight_files",
     "flight_folders",
     "flight_map",
     "flight_table",
@@ -95,6 +96,14 @@ def _numbered(root: Path) -> list[tuple[str, Path]]:
         if re.fullmatch(r"[0-9]{1,2}", path.name) and path.is_dir()
     ]
     return sorted(entry for entry in entries if entry[0] in FLIGHTS)
+
+
+def flight_files(source: Path, flight: str) -> list[Path]:
+    """Return what a flight is read from; a virtual map that was written next to it is not."""
+    root = found_root(source)
+    folder = flight_folders(root)[flight]
+    own = [path for path in folder.iterdir() if path.is_dir() or path.suffix.lower() != ".vrt"]
+    return sorted([*own, *_range_tables(root)])
 
 
 def flight_table(folder: Path, flight: str) -> Path:
@@ -179,10 +188,13 @@ def _tifs(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in (".tif", ".tiff"))
 
 
+def _range_tables(root: Path) -> list[Path]:
+    return [path for path in root.iterdir() if re.fullmatch(_RANGE_TABLE, path.name, re.IGNORECASE)]
+
+
 def _range_of(root: Path, flight: str) -> tuple[Bounds | None, Path | None]:
     """Return left, top, right, bottom of a flight's map by the range table, if it has it."""
-    found = [path for path in root.iterdir() if re.fullmatch(_RANGE_TABLE, path.name, re.I)]
-    if not found:
+    if not _range_tables(root):
         return None, None
     path = _only(root, _RANGE_TABLE, "satellite_ coordinates_range.csv")
     table = read_table(path, _RANGE_COLUMNS)
