@@ -93,7 +93,7 @@ def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> N
         dom=dom.path,
         plane_height_m=plane,
         unposed=tuple(sorted(set(there.values()) - set(rows.names))),
-        notes=(*notes, *plane_notes, *dom.notes),
+        notes=tuple(f"flight {flight}: {note}" for note in (*notes, *plane_notes, *dom.notes)),
     )
 
 

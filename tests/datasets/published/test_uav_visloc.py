@@ -124,7 +124,9 @@ def test_names_in_another_case(root: Path) -> None:
 
 def test_no_heading(root: Path) -> None:
     (note,) = read(root, "07").notes
-    assert note.startswith("3 of 3 photos have no heading; they got -1.5 degrees (the flight's Phi")
+    assert note.startswith(
+        "flight 07: 3 of 3 photos have no heading; they got -1.5 degrees (the flight's Phi"
+    )
     turned = read(root, "07", missing_heading="88.5")
     expected = anchors((*FLIGHTS["07"].photos[0][:3], 88.5))
     assert geodesic_distance_m(footprints(turned)[0], expected).max() < 0.3
@@ -135,7 +137,7 @@ def test_no_heading(root: Path) -> None:
     rewrite(root / "01" / "01.csv", ",30.0,", ",,")
     left_out = read(root, "01", missing_heading="leave-out")
     assert left_out.unposed == ("01_0002.JPG",)
-    assert left_out.notes == ("1 of 5 photos have no heading and were left out",)
+    assert left_out.notes == ("flight 01: 1 of 5 photos have no heading and were left out",)
 
 
 def test_heights_above_the_sea(root: Path) -> None:

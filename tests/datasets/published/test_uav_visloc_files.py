@@ -11,7 +11,9 @@ import pytest
 import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 
+from airzoo_bench import load_benchmark
 from airzoo_bench.core.errors import UserError
+from airzoo_bench.datasets.joined_maps import copy_map
 from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOptions
 from airzoo_bench.geometry.rasters import open_info
 from tests.datasets.published.uav_visloc_tree import (
@@ -37,7 +39,7 @@ def test_four_tiles_make_one_map(root: Path) -> None:
         tile.write(np.full((1, 1), 200, np.uint8), 2, window=((5, 6), (7, 8)))
     scene = read(root, "09")
     assert scene.dom == folder / "satellite09.vrt"
-    assert scene.notes == ("satellite09.vrt was written over the 4 tiles of its map",)
+    assert scene.notes == ("flight 09: satellite09.vrt was written over the 4 tiles of its map",)
     assert scene.dom.stat().st_size < 8000
     info = open_info(scene.dom)
     assert (info.width, info.height, info.bands) == (5000, 4000, 3)
@@ -55,6 +57,29 @@ def test_joined_map_elsewhere(root: Path, tmp_path: Path) -> None:
     assert not list(root.glob("09/*.vrt"))
     with rasterio.open(scene.dom) as joined:
         assert joined.read(1, window=((3990, 3991), (4990, 4991))).item() == 0
+
+
+def test_a_copy_needs_no_source(root: Path, tmp_path: Path) -> None:
+    with rasterio.open(root / "09" / "satellite09_02-02.tif", "r+") as tile:
+        tile.write(np.full((1, 1), 200, np.uint8), 3, window=((5, 6), (7, 8)))
+    out = tmp_path / "data" / "copied"
+    arguments = ("--source", root, "--out", out, "--copy", "--scene", "09", "--scene", "01")
+    assert run_main("prepare", "uav-visloc", *arguments) == 0
+    shutil.rmtree(root)
+    with rasterio.open(out / "data" / "09" / "dom.vrt") as joined:
+        assert joined.read(3, window=((1805, 1806), (2607, 2608))).item() == 200
+        assert joined.read(3, window=((5, 6), (7, 8))).item() == 0
+    assert load_benchmark(out).scene("09").tiles()[0].image.shape == (1024, 1024, 3)
+
+
+def test_a_map_is_copied_with_its_world_file(tmp_path: Path) -> None:
+    source, target = tmp_path / "map.TIF", tmp_path / "copy" / "dom.tif"
+    target.parent.mkdir()
+    with pytest.warns(NotGeoreferencedWarning):
+        write_map(source, FLIGHTS["01"], (0, 0, 64, 32), transform=None)
+    source.with_suffix(".tfw").write_text("1e-6\n0\n0\n-1e-6\n115.5\n29.5\n")
+    copy_map(source, target)
+    assert open_info(target).transform == open_info(source).transform
 
 
 FOLDER_FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
@@ -178,9 +203,15 @@ def test_bounds_are_compared_with_the_range_table(root: Path) -> None:
     table = root / "satellite_ coordinates_range.csv"
     rewrite(table, f"{29.77:.9f}", f"{29.77 + 3 * PIXEL_DEG:.9f}")
     (note,) = read(root, "01").notes
-    assert note.startswith("the bounds of satellite01.tif are up to 3.0 pixels off those of the")
+    assert note.startswith(
+        "flight 01: the bounds of satellite01.tif are up to 3.0 pixels off those of the"
+    )
     rewrite(table, "satellite01.tif", "satellite02.tif")
-    assert read(root, "01").notes[0].startswith("satellite_ coordinates_range.csv has no row")
+    assert (
+        read(root, "01")
+        .notes[0]
+        .startswith("flight 01: satellite_ coordinates_range.csv has no row")
+    )
     table.rename(root / "satellite_coordinates_range.csv")
     rewrite(root / "satellite_coordinates_range.csv", "satellite07.tif", "07.tif")
     assert len(read(root, "07").notes) == 1
