@@ -27,6 +27,7 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import gsd_m, open_info
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.units import grid_convergence_deg
 
@@ -83,6 +84,8 @@ def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> N
     plane, plane_notes = _plane_height(rows.height, flight, options, path)
     dom = flight_map(root, folder, flight, options.joined_maps)
     crs = _utm_zone(rows.lonlat)
+    map_notes = _small_map(dom.path, float(np.median(rows.height)) - plane, options)
+    every = (*notes, *plane_notes, *dom.notes, *map_notes)
     return NativeScene(
         scene=flight,
         images=images,
@@ -93,7 +96,7 @@ def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> N
         dom=dom.path,
         plane_height_m=plane,
         unposed=tuple(sorted(set(there.values()) - set(rows.names))),
-        notes=tuple(f"flight {flight}: {note}" for note in (*notes, *plane_notes, *dom.notes)),
+        notes=tuple(f"flight {flight}: {note}" for note in every),
     )
 
 
@@ -189,6 +192,21 @@ def _plane_height(
             fix=f"give the height of the ground: --plane-height {flight}=METRES",
         )
     return plane, notes
+
+
+def _small_map(path: Path, above: float, options: UavVisLocOptions) -> tuple[str, ...]:
+    """Warn of a map that few photos can have a corner on, as that of flight 07."""
+    info = open_info(path)
+    width, height = np.array((info.width, info.height)) * gsd_m(info)
+    tangents = np.tan(np.radians((options.fov_across / 2, options.fov_along / 2)))
+    across, along = 2.0 * above * tangents
+    if min(width, height) >= along:
+        return ()
+    return (
+        f"its map is {width:.0f} x {height:.0f} m, and a photo sees {across:.0f} x {along:.0f} m: "
+        "photos of which no corner lies on the map are no queries; if the photos were taken lower, "
+        "say --plane-height; a flight without any query is left out by --keep-going",
+    )
 
 
 def _plane_heights(given: Sequence[str]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from airzoo_bench.retrieval.footprints import cast_footprints
 from airzoo_bench.retrieval.truth import read_truth
 from tests.datasets.published.uav_visloc_tree import (
     FLIGHTS,
+    along,
     anchors,
     answers,
     make_tree,
@@ -215,3 +217,14 @@ def test_a_wrong_heading_scores_lower(prepared: Path, tmp_path: Path, heading: s
     (name,) = (path.stem for path in (wrong / "protocols").iterdir())
     path = predictions(tmp_path / "p.npz", wrong, name)
     assert evaluate(path, data=wrong).overall["ap@5"] < 0.9
+
+
+def test_a_map_that_is_smaller_than_the_photos(tmp_path: Path) -> None:
+    """Flight 07's real map is 170 px high, and its photos 688 m."""
+    strip = replace(
+        FLIGHTS["07"],
+        size=(3000, 170),
+        photos=along((115.7953, 40.34477), 688.0, (-1.5,) * 3, 150.0),
+    )
+    notes = read(make_tree(tmp_path / "tree", {"07": strip}), "07").notes
+    assert notes[1].startswith("flight 07: its map is 684 x 51 m, and a photo sees 671 x 447 m")
