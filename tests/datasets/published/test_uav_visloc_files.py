@@ -245,3 +245,18 @@ def test_a_broken_flight_leaves_nothing(
     assert run_main("prepare", "uav-visloc", "--source", root, "--out", out) == 2
     assert capsys.readouterr().err.count("fix:") == 1
     assert not (tmp_path / "data").exists()
+
+
+def test_a_second_run_and_a_broken_flight(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The virtual map that the first run wrote next to the tiles is no change of the source."""
+    (root / "07" / "07.csv").unlink()
+    arguments = ("--source", root, "--out", tmp_path / "made")
+    run_main("prepare", "uav-visloc", *arguments, "--keep-going")
+    made = load_benchmark(tmp_path / "made")
+    assert [scene.id for scene in made.scenes] == ["01", "09"]
+    assert "lacks 07.csv" in capsys.readouterr().err
+    chosen = ("--scene", "01", "--scene", "09")
+    assert run_main("prepare", "uav-visloc", *arguments, *chosen) == 0
+    assert "nothing to do" in capsys.readouterr().err
