@@ -140,8 +140,10 @@ def join_maps(
     for band in range(len(first.bands)):
         _add_band(root, band, ordered, corners, target.parent)
     ET.indent(root)
-    with atomic_write(target) as stream:
-        ET.ElementTree(root).write(stream, encoding="utf-8")
+    content: bytes = ET.tostring(root, encoding="utf-8")
+    if not (target.is_file() and target.read_bytes() == content):
+        with atomic_write(target) as stream:
+            stream.write(content)
 
 
 def copy_map(source: Path, target: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +57,8 @@ def found_root(source: Path) -> Path:
         )
     if _numbered(source):
         return source
-    below = [folder for folder in sorted(source.iterdir()) if folder.is_dir() and _numbered(folder)]
+    folders = [path for path in sorted(source.iterdir()) if path.is_dir()]
+    below = [path for path in folders if os.access(path, os.R_OK | os.X_OK) and _numbered(path)]
     if len(below) == 1:
         return below[0]
     raise BenchmarkError(
@@ -173,9 +175,20 @@ def flight_map(root: Path, folder: Path, flight: str, joined: Path | None) -> Fl
         path, notes = first.path, []
     else:
         path = (joined or folder) / f"satellite{flight}.vrt"
+        _check_writable(path)
         join_maps(tiles, path, bounds)
         notes = [_joined_note(tiles, path)]
     return FlightMap(path, (*notes, *_range_notes(map_tile(path), bounds, table)))
+
+
+def _check_writable(path: Path) -> None:
+    if path.parent.is_dir() and not path.exists() and not os.access(path.parent, os.W_OK):
+        raise UsageError(
+            f"{path.name} cannot be written over the map's tiles",
+            where=path.parent,
+            expected="a folder that can be written to",
+            fix="name another folder for it: --joined-maps FOLDER",
+        )
 
 
 def _joined_note(tiles: dict[tuple[int, int], MapTile], path: Path) -> str:

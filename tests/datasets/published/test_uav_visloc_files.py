@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -57,6 +58,19 @@ def test_joined_map_elsewhere(root: Path, tmp_path: Path) -> None:
     assert not list(root.glob("09/*.vrt"))
     with rasterio.open(scene.dom) as joined:
         assert joined.read(1, window=((3990, 3991), (4990, 4991))).item() == 0
+
+
+def test_a_source_that_cannot_be_written_to(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    with pytest.raises(UserError, match="--joined-maps FOLDER"):
+        read(root, "09")
+    monkeypatch.undo()
+    written = read(root, "09").dom
+    assert written is not None
+    stamp = written.stat().st_mtime_ns
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    assert read(root, "09").dom == written
+    assert written.stat().st_mtime_ns == stamp
 
 
 def test_a_copy_needs_no_source(root: Path, tmp_path: Path) -> None:
