@@ -18,7 +18,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_folder, sha256_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.joined_maps import copy_map
+from airzoo_bench.datasets.map_copies import copy_map
 from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world

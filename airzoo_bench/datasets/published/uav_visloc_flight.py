@@ -19,10 +19,10 @@ from airzoo_bench.datasets.published.uav_visloc import Heading, UavVisLocOptions
 from airzoo_bench.datasets.published.uav_visloc_files import (
     drone_photos,
     flight_folders,
-    flight_map,
     flight_table,
     found_root,
 )
+from airzoo_bench.datasets.published.uav_visloc_map import flight_map
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import from_lonlat
@@ -77,7 +77,8 @@ def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> N
         option cannot be used.
     """
     root = found_root(options.source)
-    folder = flight_folders(root)[flight]
+    folders = flight_folders(root)
+    folder = folders[flight]
     images, there = drone_photos(folder)
     path = flight_table(folder, flight)
     rows, notes = _with_headings(_read_rows(path, there, options), flight, options)
@@ -85,6 +86,8 @@ def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> N
     dom = flight_map(root, folder, flight, options.joined_maps)
     crs = _utm_zone(rows.lonlat)
     map_notes = _small_map(dom.path, float(np.median(rows.height)) - plane, options)
+    if root != options.source and flight == next(iter(folders)):
+        notes = (f"the flights are those of {root}", *notes)
     every = (*notes, *plane_notes, *dom.notes, *map_notes)
     return NativeScene(
         scene=flight,

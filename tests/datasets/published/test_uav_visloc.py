@@ -58,6 +58,8 @@ def footprints(scene: NativeScene) -> Floats:
 def test_flights_are_found(root: Path, tmp_path: Path) -> None:
     for source in (root, tmp_path):
         assert UAV_VISLOC.scenes(UavVisLocOptions(source)) == ["01", "07", "09"]
+    assert read(tmp_path, "01").notes == (f"flight 01: the flights are those of {root}",)
+    assert len(read(tmp_path, "07").notes) == 1
 
 
 @pytest.mark.parametrize("flight", FLIGHTS)
