@@ -38,8 +38,8 @@ class UavVisLocOptions(NativeOptions):
         str,
         Option(
             "missing-heading",
-            "Of photos without one, such as all of flight 07: flight-table (the flight's Phi in "
-            "UAV-VisLoc's own table), leave-out, or degrees.",
+            "What photos without a heading get, as all of flight 07: flight-table (the flight's "
+            "Phi in UAV-VisLoc's own table) or degrees; or leave-out.",
         ),
     ] = "flight-table"
     fov_across: Annotated[
@@ -61,16 +61,16 @@ class UavVisLocOptions(NativeOptions):
         list[str] | None,
         Option(
             "plane-height",
-            "METRES of the ground, or FLIGHT=METRES, repeated; above what heights are above "
-            "(default: 0, heights being above the ground).",
+            "Height of the ground in the datum of the photos' heights: METRES, or FLIGHT=METRES, "
+            "repeated (default: 0, as for heights above the ground).",
         ),
     ] = None
     height_above_ground: Annotated[
         float,
         Option(
             "height-above-ground",
-            "Metres, the median of a flight whose heights vary as heights above sea level do, and "
-            "that --plane-height does not name.",
+            "Median height above the ground, in metres, assumed for flights whose heights vary as "
+            "heights above sea level do, where --plane-height says nothing.",
             least=1,
             most=10_000,
         ),
