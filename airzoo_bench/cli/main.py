@@ -26,6 +26,7 @@ from airzoo_bench.cli import (
     prepare,
     protocols,
     report,
+    seal_folder,
     sensitivity,
     table,
     template,
@@ -71,6 +72,9 @@ app.command(
 )(sensitivity.sensitivity)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
+app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
+    seal_folder.seal_folder
+)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(

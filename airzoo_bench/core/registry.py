@@ -153,6 +153,7 @@ DATASETS = Registry(
     {
         "photos": "airzoo_bench.datasets.photos_dataset:PHOTOS",
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
+        "uav-visloc": "airzoo_bench.datasets.published.uav_visloc:UAV_VISLOC",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

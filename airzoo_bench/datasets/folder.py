@@ -18,6 +18,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_folder, sha256_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.map_copies import copy_map
 from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
@@ -180,7 +181,7 @@ def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, str]:
     for key, source in scene.files.items():
         if key != "images":
             kept[key] = home / f"{key}{source.suffix.lower()}"
-            _copy(source, folder / kept[key])
+            (_copy if key == "cloud" else copy_map)(source, folder / kept[key])
     return {key: path.as_posix() for key, path in kept.items()}
 
 

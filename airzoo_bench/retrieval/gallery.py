@@ -246,13 +246,39 @@ def valid_shares(path: Path, windows: Ints) -> Floats:
 
 
 def _masks(dataset: Any) -> Iterator[tuple[int, int, Bools]]:
-    """Give (column, row, validity) of parts that together are the raster."""
+    """Give (column, row, validity) of parts that together are all of the raster that is stored."""
+    stored, (block_height, block_width) = _stored_blocks(dataset), dataset.block_shapes[0]
     for row in range(0, dataset.height, _SIDE_PX):
         for column in range(0, dataset.width, _SIDE_PX):
             width = min(_SIDE_PX, dataset.width - column)
             height = min(_SIDE_PX, dataset.height - row)
+            blocks = stored[
+                row // block_height : -(-(row + height) // block_height),
+                column // block_width : -(-(column + width) // block_width),
+            ]
+            if not blocks.any():
+                continue
             mask = dataset.dataset_mask(window=Window(column, row, width, height))
             yield column, row, mask > 0
+
+
+def _stored_blocks(dataset: Any) -> Bools:
+    """Which blocks (rows, columns) may have a valid pixel: a sparse GeoTIFF leaves out empty ones.
+
+    What is left out reads as the nodata value, without one as 0, also in an alpha band.
+    """
+    height, width = dataset.block_shapes[0]
+    blocks = np.ones((-(-dataset.height // height), -(-dataset.width // width)), dtype=bool)
+    flags = dataset.mask_flag_enums
+    by_nodata = all(MaskFlags.nodata in band for band in flags)
+    by_alpha = MaskFlags.alpha in flags[0] and not dataset.nodata
+    if dataset.driver != "GTiff" or not (by_nodata or by_alpha):
+        return blocks
+    for (row, column), _ in np.ndenumerate(blocks):
+        item = f"BLOCK_OFFSET_{column}_{row}"
+        places = (dataset.get_tag_item(item, "TIFF", bidx=band) for band in dataset.indexes)
+        blocks[row, column] = any(place is not None for place in places)
+    return blocks
 
 
 def _count_into(cells: Ints, mask: Bools, below: Ints, right_of: Ints) -> None:

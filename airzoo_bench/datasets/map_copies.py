@@ -1,0 +1,54 @@
+"""Copies of maps, with the files that they need."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from airzoo_bench.geometry.rasters import opened
+
+__all__ = ["copy_map"]
+
+
+def copy_map(source: Path, target: Path) -> None:
+    """Copy a raster with the files that it needs: world file, mask, tiles of a virtual raster.
+
+    Parameters
+    ----------
+    source : Path
+    target : Path
+        Of the same ending. Tiles are put into a folder next to it.
+
+    Raises
+    ------
+    RasterError
+        The raster cannot be read.
+    """
+    with opened(source) as dataset:
+        files = [Path(name) for name in dataset.files]
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+    for file in files:
+        if file != source and file.parent == source.parent and file.stem.startswith(source.stem):
+            # Such as dom.tfw or dom.tif.ovr, for a map that becomes dom.tif.
+            rest = file.name.removeprefix(source.name)
+            ending = target.suffix + rest if rest != file.name else file.suffix
+            shutil.copyfile(file, target.with_name(target.stem + ending))
+    if source.suffix.lower() == ".vrt":
+        _copy_sources(source, target)
+
+
+def _copy_sources(source: Path, target: Path) -> None:
+    tree = ET.parse(source)
+    home = target.with_name(f"{target.stem}_tiles")
+    home.mkdir()
+    copies: dict[Path, str] = {}
+    for element in tree.iter("SourceFilename"):
+        path = source.parent / (element.text or "")
+        if path not in copies:
+            copies[path] = f"{len(copies):04d}{path.suffix.lower()}"
+            copy_map(path, home / copies[path])
+        element.text = f"{home.name}/{copies[path]}"
+        element.set("relativeToVRT", "1")
+    tree.write(target, encoding="utf-8")

@@ -1,0 +1,1 @@
+"""Tests of published benchmarks, each with a tree as it is downloaded."""
