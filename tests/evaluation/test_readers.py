@@ -120,7 +120,9 @@ def test_two_that_are_equally_sure_are_named(ranked: Path) -> None:
     try:
         with pytest.raises(UserError, match="--reader toy or --reader toy2"):
             ab.evaluate(ranked, protocol="made-retrieval")
-        assert ab.evaluate(ranked, protocol="made-retrieval", reader="toy2").overall["recall@1"] == 1.0
+        assert (
+            ab.evaluate(ranked, protocol="made-retrieval", reader="toy2").overall["recall@1"] == 1.0
+        )
     finally:
         READERS.remove("toy2")
 
