@@ -19,6 +19,7 @@ from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.places import data_root
 from airzoo_bench.evaluation.check import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as run
+from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.results.records import held_to_result
 
@@ -33,6 +34,8 @@ def evaluate(
     protocol: str | None = None,
     data: str | Path | None = None,
     method: str | None = None,
+    reader: str | None = None,
+    names: str | Path | None = None,
     jobs: int = 2,
     max_memory: int = 2 << 30,
 ) -> Result:
@@ -50,6 +53,10 @@ def evaluate(
         cache folder.
     method : str, optional
         What tables call it; by default the file's name.
+    reader : str, optional
+        What reads files as a method writes them, by name; by default found from their content.
+    names : path, optional
+        A list of images, a line each, in the order in which the method saw them.
     jobs : int
         Threads; the numbers do not depend on it.
     max_memory : int
@@ -74,12 +81,23 @@ def evaluate(
     """
     resources = Resources(memory_bytes=max_memory, jobs=jobs)
     with _as_path(predictions, protocol) as path:
-        done = run(path, data=_folder(data), protocol=protocol, method=method, resources=resources)
+        done = run(
+            path,
+            data=_folder(data),
+            protocol=protocol,
+            method=method,
+            resources=resources,
+            read_by=_read_by(reader, names),
+        )
     records = done.records
     if "query" not in records:
         records = records.assign(query=records["scene"])
     name = done.result.predictions.method
     return Result(name, done.result, held_to_result(records, done.result, name))
+
+
+def _read_by(reader: str | None, names: str | Path | None) -> ReadBy:
+    return ReadBy(reader, None if names is None else Path(names))
 
 
 @dataclass(frozen=True)
@@ -116,13 +134,15 @@ def check(
     *,
     protocol: str | None = None,
     data: str | Path | None = None,
+    reader: str | None = None,
+    names: str | Path | None = None,
     max_memory: int = 2 << 30,
 ) -> Check:
     """Find all that is wrong with predictions, without scoring them.
 
     Parameters
     ----------
-    predictions, protocol, data, max_memory : optional
+    predictions, protocol, data, reader, names, max_memory : optional
         See `evaluate`. Without the benchmark folder all is done that can be.
 
     Returns
@@ -144,7 +164,13 @@ def check(
     """
     resources = Resources(memory_bytes=max_memory)
     with _as_path(predictions, protocol) as path:
-        found = find_errors(path, data=_folder(data), protocol=protocol, resources=resources)
+        found = find_errors(
+            path,
+            data=_folder(data),
+            protocol=protocol,
+            resources=resources,
+            read_by=_read_by(reader, names),
+        )
     return Check(tuple(found.errors), tuple(found.notes))
 
 

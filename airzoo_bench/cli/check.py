@@ -10,7 +10,9 @@ import typer
 from airzoo_bench.cli.common import (
     DataOption,
     MemoryOption,
+    NamesOption,
     ProtocolOption,
+    ReaderOption,
     examples,
     memory_bytes,
     put,
@@ -20,7 +22,9 @@ from airzoo_bench.cli.common import (
 
 __all__ = ["EXAMPLES", "check"]
 
-EXAMPLES = examples("check preds.npz")
+EXAMPLES = examples(
+    "check preds.npz", "check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval"
+)
 
 
 def check(
@@ -29,9 +33,11 @@ def check(
     ],
     protocol: ProtocolOption = None,
     data: DataOption = None,
+    reader: ReaderOption = None,
+    names: NamesOption = None,
     max_memory: MemoryOption = "2G",
 ) -> None:
-    """Say what is wrong with predictions.
+    """Say what predictions are, which reader takes them, what they answer, and what is wrong.
 
     Exit code 0 if nothing is, 1 if anything is, 2 where there is nothing to check: no such file,
     none of its kind, no protocol that is known.
@@ -40,6 +46,7 @@ def check(
     are aligned, so that all is found that eval would refuse.
     """
     from airzoo_bench.evaluation.check import check as find_errors
+    from airzoo_bench.evaluation.given import ReadBy
     from airzoo_bench.evaluation.parts import Resources
 
     checked = find_errors(
@@ -47,7 +54,10 @@ def check(
         data=resolve_data(data),
         protocol=protocol,
         resources=Resources(memory_bytes(max_memory)),
+        read_by=ReadBy(reader, names),
     )
+    for line in checked.described:
+        put(f"{predictions}: {line}\n")
     for error in checked.errors:
         say(str(error))
     for note in checked.notes:

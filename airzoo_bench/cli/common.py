@@ -32,7 +32,9 @@ __all__ = [
     "FormatOption",
     "JobsOption",
     "MemoryOption",
+    "NamesOption",
     "ProtocolOption",
+    "ReaderOption",
     "check_output",
     "examples",
     "in_panels",
@@ -83,6 +85,24 @@ ProtocolOption = Annotated[
 ]
 MemoryOption = Annotated[
     str, typer.Option("--max-memory", help="Memory for all of a file, such as 512M or 4G.")
+]
+ReaderOption = Annotated[
+    str | None,
+    typer.Option(
+        "--reader",
+        help="What reads files as a method writes them (default: found from their content); "
+        "`airzoo-bench readers` lists them.",
+        show_default=False,
+    ),
+]
+NamesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--names",
+        help="A list of images, a line each, in the order in which the method saw them, where its "
+        "files do not name them.",
+        show_default=False,
+    ),
 ]
 JobsOption = Annotated[
     int, typer.Option("--jobs", "-j", min=1, max=MOST_JOBS, help="Threads to work with.")

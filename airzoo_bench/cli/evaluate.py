@@ -17,7 +17,9 @@ from airzoo_bench.cli.common import (
     FormatOption,
     JobsOption,
     MemoryOption,
+    NamesOption,
     ProtocolOption,
+    ReaderOption,
     memory_bytes,
     progress,
     put,
@@ -57,6 +59,8 @@ class _EvalGroup(BuiltGroup):
             parameter("protocol", ProtocolOption, None),
             parameter("data", DataOption, None),
             parameter("out", OutOption, None),
+            parameter("reader", ReaderOption, None),
+            parameter("names", NamesOption, None),
             parameter("method", MethodOption, None),
             parameter("form", FormatOption, Format.TERMINAL),
             parameter("every_score", AllOption, False),
@@ -90,6 +94,8 @@ def _evaluate(
     protocol: str | None,
     data: Path | None,
     out: Path | None,
+    reader: str | None,
+    names: Path | None,
     method: str | None,
     form: Format,
     every_score: bool,
@@ -99,6 +105,7 @@ def _evaluate(
 ) -> None:
     from airzoo_bench.core.registry import resolve
     from airzoo_bench.evaluation.evaluate import evaluate
+    from airzoo_bench.evaluation.given import ReadBy
     from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.evaluation.run_files import save
 
@@ -114,7 +121,10 @@ def _evaluate(
         protocol=protocol,
         method=name,
         resources=resources,
+        read_by=ReadBy(reader, names),
     )
+    if evaluation.given.reader is not None:
+        say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
     written = [] if out is None else save(evaluation, out)
 
     def act(*, writing: bool) -> None:

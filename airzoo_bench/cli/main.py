@@ -25,6 +25,7 @@ from airzoo_bench.cli import (
     plot,
     prepare,
     protocols,
+    readers,
     report,
     seal_folder,
     sensitivity,
@@ -54,6 +55,7 @@ app = typer.Typer(
 )
 app.add_typer(evaluate.app, name="eval", rich_help_panel=SCORE)
 app.command("check", epilog=check.EXAMPLES, rich_help_panel=SCORE)(check.check)
+app.command("readers", epilog=readers.EXAMPLES, rich_help_panel=SCORE)(readers.readers)
 app.command("template", epilog=template.EXAMPLES, rich_help_panel=SCORE)(template.template)
 app.add_typer(baseline.app, name="baseline", rich_help_panel=SCORE)
 app.command("table", cls=in_panels(table.PANELS), epilog=table.EXAMPLES, rich_help_panel=RESULTS)(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 
 if TYPE_CHECKING:
@@ -100,6 +101,12 @@ class Assignment:
     rows: list[NDArray[np.intp]]
     missing: Texts
     strange: Texts
+
+    @property
+    def covered(self) -> str:
+        """How many of the queries are answered, such as ``15 of 18 queries``."""
+        asked = sum(map(len, self.rows))
+        return f"{asked - len(self.missing):,} of {counted(asked, 'query')}"
 
     def notes(self) -> list[str]:
         """Name the first queries that are missing, and the first ids that are none."""

@@ -1,4 +1,4 @@
-"""What can be added without touching the suite: tracks and datasets.
+"""What can be added without touching the suite: tracks, datasets and readers.
 
 Built-in ones are named here and imported when they are asked for; another package adds its own by
 an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``. A name is
@@ -14,7 +14,7 @@ from typing import Any
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["DATASETS", "TRACKS", "Registry", "resolve"]
+__all__ = ["DATASETS", "READERS", "TRACKS", "Registry", "resolve"]
 
 
 def resolve(place: str) -> Any:
@@ -157,3 +157,6 @@ DATASETS = Registry(
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""
+
+READERS = Registry("airzoo_bench.readers", {})
+"""What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from airzoo_bench.core.errors import (
@@ -13,8 +13,9 @@ from airzoo_bench.core.errors import (
     UnreadableError,
     UserError,
 )
+from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.evaluate import counts_apart, namesake_notes
-from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
+from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.parts import Assigned, Resources, Truth
 
 __all__ = ["Checked", "check"]
@@ -22,10 +23,21 @@ __all__ = ["Checked", "check"]
 
 @dataclass(frozen=True)
 class Checked:
-    """What a check found: errors, which `evaluate` would raise, and notes."""
+    """What a check found.
+
+    Attributes
+    ----------
+    errors : sequence of UserError
+        What `evaluate` would raise.
+    notes : list of str
+    described : list of str
+        What the files are, what reads them and how much of the benchmark they answer, as far as
+        that could be told.
+    """
 
     errors: Sequence[UserError]
     notes: list[str]
+    described: list[str] = field(default_factory=list)
 
 
 def check(
@@ -34,6 +46,7 @@ def check(
     data: Path,
     protocol: str | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
+    read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
 ) -> Checked:
     """Find all errors of predictions.
 
@@ -49,6 +62,8 @@ def check(
     protocol : str, optional
         Name or path; by default the file's own. It decides the track.
     resources : Resources
+    read_by : ReadBy
+        How a method's own files are to be read.
 
     Raises
     ------
@@ -56,11 +71,29 @@ def check(
         The file is missing or of no known kind, or no protocol is known for it.
     """
     try:
-        return _checked(open_predictions(path, None, protocol, data, resources), resources)
+        given = open_predictions(path, None, protocol, data, resources, read_by)
     except UnreadableError:
         raise
     except (PredictionError, CameraError) as error:
         return Checked([error], [])
+    try:
+        found = _checked(given, resources)
+    except (PredictionError, CameraError) as error:
+        found = Checked([error], [])
+    described = [*_described(given), *found.described]
+    return replace(found, notes=[*given.notes, *found.notes], described=described)
+
+
+def _described(given: Given) -> list[str]:
+    if given.reader is None:
+        return [f"{given.track.name} predictions for {given.protocol.name}"]
+    reader = READERS.get(given.reader.name)
+    written = f", as {', '.join(reader.methods)} write it" if reader.methods else ""
+    return [
+        f"{reader.title}{written}: {given.track.name} predictions for {given.protocol.name}, read "
+        f"by --reader {given.reader.name}",
+        *(f"taken to be so: {convention}" for convention in given.reader.conventions),
+    ]
 
 
 def _checked(given: Given, resources: Resources) -> Checked:
@@ -110,4 +143,4 @@ def _with_benchmark(
             errors.append(error)
     if not errors:
         notes += track.check_notes(predictions, protocol, truths, scene_predictions, resources)
-    return Checked(errors, notes)
+    return Checked(errors, notes, [f"answers {assigned.covered}"])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, ProtocolError
 from airzoo_bench.core.files import fingerprint, sha256_of_tree
-from airzoo_bench.evaluation.given import Given, open_predictions, read_truths
+from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
@@ -68,6 +68,7 @@ def evaluate(
     protocol: str | None = None,
     method: str | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
+    read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
 ) -> Evaluation:
     """Score predictions.
 
@@ -84,13 +85,15 @@ def evaluate(
     method : str, optional
         Its name in tables; by default that of the file or folder.
     resources : Resources
+    read_by : ReadBy
+        How a method's own files are to be read.
 
     Raises
     ------
     UserError
         The predictions, the protocol or the benchmark folder are not as they must be.
     """
-    given = open_predictions(path, track, protocol, data, resources)
+    given = open_predictions(path, track, protocol, data, resources, read_by)
     of, predictions, chosen = given.track, given.predictions, given.protocol
     for error in of.validation_errors(predictions, chosen, thorough=False):
         raise error
@@ -105,6 +108,7 @@ def evaluate(
     scored = [of.score(predicted, truth, chosen, resources) for predicted, truth in pairs]
     records = of.records(scored, chosen)
     notes = [
+        *given.notes,
         *assigned.notes(),
         *of.notes(predictions, chosen, truths, scene_predictions, scored),
     ]
@@ -143,6 +147,7 @@ def _result(
             sha256=sha256_of_tree(path),
             kind=track.kind(given.predictions, scored),
             method=method or track.method(path),
+            reader=given.reader,
         ),
         versions=versions(),
         columns=score_columns(scores),

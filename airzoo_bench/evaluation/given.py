@@ -7,17 +7,35 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
-from airzoo_bench.core.errors import UnreadableError
+from airzoo_bench.core.errors import BenchmarkError, UnreadableError, UsageError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.parts import Predictions, Resources, Truth
+from airzoo_bench.evaluation.reader import Reading, find_reader, reader_named
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.lookup import choose_protocol, find_protocol, refuse_other_track
 from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.results.result import ReaderUsed
 
-__all__ = ["AnyTrack", "Given", "open_predictions", "read_truths", "track_of"]
+__all__ = ["AnyTrack", "Given", "ReadBy", "open_predictions", "read_truths", "track_of"]
 
 AnyTrack = Track[Any, Any, Any, Any, Any, Any]
+
+
+@dataclass(frozen=True)
+class ReadBy:
+    """How predictions in a method's own files are to be read.
+
+    Attributes
+    ----------
+    reader : str or None
+        The reader's name; by default the one that recognises the files, if any does.
+    names : Path or None
+        See `reader.Reading`.
+    """
+
+    reader: str | None = None
+    names: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,16 +46,27 @@ class Given:
     ----------
     data : Path
         The benchmark folder, or the folder that holds it.
+    reader : ReaderUsed or None
+        What read a method's own files.
+    notes : tuple of str
+        The reader's.
     """
 
     track: AnyTrack
     predictions: Predictions
     protocol: Protocol
     data: Path
+    reader: ReaderUsed | None = None
+    notes: tuple[str, ...] = ()
 
 
 def open_predictions(
-    path: Path, track: str | None, protocol: str | None, data: Path, resources: Resources
+    path: Path,
+    track: str | None,
+    protocol: str | None,
+    data: Path,
+    resources: Resources,
+    read_by: ReadBy = ReadBy(),
 ) -> Given:
     """Read or list predictions.
 
@@ -50,6 +79,7 @@ def open_predictions(
         Name or path; by default the file's own.
     data : Path
     resources : Resources
+    read_by : ReadBy
 
     Raises
     ------
@@ -57,6 +87,15 @@ def open_predictions(
         The file cannot be read, or no protocol of the track is known for it.
     """
     _refuse_special(path)
+    reader = read_by.reader or (find_reader(path) if path.exists() else None)
+    if reader is not None:
+        return _open_native(path, reader, track, protocol, data, resources, read_by.names)
+    if read_by.names is not None:
+        raise UsageError(
+            "--names is for files as methods write them, and no reader takes these for its own",
+            where=path,
+            fix="leave it out, or say which reader: --reader NAME",
+        )
     if track is None:
         found = track_of(path, protocol, data, resources)
     else:
@@ -68,6 +107,35 @@ def open_predictions(
         path, predictions.protocol, protocol, data, found.protocol, found.says_protocol
     )
     return Given(found, predictions, chosen, data)
+
+
+def _open_native(
+    path: Path,
+    name: str,
+    track: str | None,
+    protocol: str | None,
+    data: Path,
+    resources: Resources,
+    names: Path | None,
+) -> Given:
+    """Read what a method wrote; such files do not say which protocol they are for."""
+    reader = reader_named(name)
+    if track not in (None, reader.track):
+        raise UnreadableError(
+            f"is {reader.title}, predictions of the {reader.track} track, not of the {track} track",
+            where=path,
+            fix=f"those are scored by `airzoo-bench eval {reader.track} {path}`",
+        )
+    found: AnyTrack = TRACKS.get(reader.track)
+    says = (f"--protocol NAME: this is {reader.title}", "`airzoo-bench protocols` lists them")
+    chosen = choose_protocol(path, None, protocol, data, found.protocol, says)
+    try:
+        _, truths = read_truths(found, chosen, data)
+    except BenchmarkError:
+        truths = []  # readers say what they cannot tell without; scoring says that it is missing
+    read = reader.read(path, Reading(chosen, truths, names, resources.memory_bytes))
+    used = ReaderUsed(name=name, conventions=read.conventions)
+    return Given(found, read.predictions, chosen, data, used, read.notes)
 
 
 def _refuse_special(path: Path) -> None:

@@ -60,6 +60,10 @@ class Assigned(Structural):
     def strange(self) -> Sized:
         """Ids of queries or scenes that the benchmark does not have."""
 
+    @property
+    def covered(self) -> str:
+        """How much of the benchmark is answered, such as ``15 of 18 queries``."""
+
     def notes(self) -> list[str]:
         """Return notes on what is missing or ignored."""
 

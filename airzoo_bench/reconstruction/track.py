@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError, first_of
 from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.parts import EvalOption, Resources
@@ -50,6 +51,11 @@ class _Listed:
     @property
     def strange(self) -> tuple[str, ...]:
         return self.predictions.unknown(self.known)
+
+    @property
+    def covered(self) -> str:
+        missing = self.predictions.missing(self.known)
+        return f"{len(self.known) - len(missing):,} of {counted(len(self.known), 'scene')}"
 
     def notes(self) -> list[str]:
         return listing_notes(self.predictions, self.known)

@@ -19,7 +19,9 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    SerializerFunctionWrapHandler,
     ValidationError,
+    model_serializer,
     model_validator,
 )
 
@@ -33,6 +35,7 @@ __all__ = [
     "SHARE_SLACK",
     "PredictionsUsed",
     "ProtocolUsed",
+    "ReaderUsed",
     "Reference",
     "Result",
     "ScoreColumn",
@@ -95,13 +98,30 @@ class TruthUsed(_Model):
     scene_titles: dict[str, str]
 
 
+class ReaderUsed(_Model):
+    """What read a method's own files, and what it took to be so."""
+
+    name: Name
+    conventions: tuple[Name, ...]
+
+
 class PredictionsUsed(_Model):
-    """The predictions; the name is the file's, without its folder."""
+    """The predictions; the name is the file's, without its folder.
+
+    Files of the suite's own layout have no reader.
+    """
 
     file: Name
     sha256: str
     kind: str
     method: Name
+    reader: ReaderUsed | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_reader(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # Results of the suite's own files are the same bytes as before there were readers.
+        fields: dict[str, Any] = write(self)
+        return fields if self.reader else {k: v for k, v in fields.items() if k != "reader"}
 
 
 class ScoreColumn(_Model):

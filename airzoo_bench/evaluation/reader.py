@@ -1,0 +1,162 @@
+"""What a reader is: files as a method writes them become predictions of a track."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from airzoo_bench.core.errors import UnreadableError, UsageError
+from airzoo_bench.core.registry import READERS
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.evaluation.parts import Predictions
+from airzoo_bench.protocol.model import Protocol
+
+__all__ = ["SURE", "ReadPredictions", "Reader", "Reading", "find_reader", "reader_named"]
+
+SURE = 0.5
+"""A reader that is less sure than this does not take a path for its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What a reader is given besides the path.
+
+    Attributes
+    ----------
+    protocol : Protocol
+        What the predictions are for.
+    truths : sequence
+        Of the protocol's scenes, in its order, as the track's `read_truth` returns them: readers
+        take names of queries, tiles and photos from them, and nothing else. Empty where the
+        benchmark folder is missing.
+    names : Path or None
+        A list of image names, a line each, in the order in which the method saw them.
+    memory_bytes : int
+        The most that reading may hold.
+    """
+
+    protocol: Protocol
+    truths: Sequence[Any]
+    names: Path | None
+    memory_bytes: int
+
+
+@dataclass(frozen=True, eq=False)
+class ReadPredictions:
+    """What a reader made of a path.
+
+    Attributes
+    ----------
+    predictions : Predictions
+        Of the reader's track.
+    conventions : tuple of str
+        What was taken to be so, in short sentences: pixel centres, axes, order of quaternions,
+        names by order. They stand in the result.
+    notes : tuple of str
+        What a reader of the numbers must know.
+    """
+
+    predictions: Predictions
+    conventions: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+class Reader(ABC):
+    """Reads what one method, or a family of methods, writes.
+
+    Its module is imported to list the readers: NumPy and the like are imported in its methods.
+
+    Attributes
+    ----------
+    track : str
+        Whose predictions it makes.
+    title : str
+        What it reads, for people: "descriptors of VPR-methods-evaluation".
+    layout : str
+        How the files are recognised, in a sentence.
+    methods : tuple of str
+        Who writes this.
+    """
+
+    track: ClassVar[str]
+    title: ClassVar[str]
+    layout: ClassVar[str]
+    methods: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def recognise(self, path: Path) -> float:
+        """Say how sure it is that a path is its own, from what the files hold.
+
+        It reads little, runs nothing, and answers 0 for what it cannot read.
+
+        Parameters
+        ----------
+        path : Path
+            A file or folder; it is there.
+
+        Returns
+        -------
+        float
+            0 to 1; below `SURE` it is not.
+        """
+
+    @abstractmethod
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """Read a path into predictions.
+
+        Parameters
+        ----------
+        path : Path
+        reading : Reading
+
+        Raises
+        ------
+        PredictionError
+            The files are damaged, incomplete or contradict themselves or the benchmark; or they
+            hold pickles, and the message has the lines that write what can be read.
+        """
+
+
+def reader_named(name: str) -> Reader:
+    """Return the reader of a name.
+
+    Raises
+    ------
+    UsageError
+        There is none; the nearest is offered.
+    """
+    if name not in READERS.names():
+        raise UsageError(
+            f"there is no reader {name[:80]!r}{nearest(name[:80], READERS.names())}",
+            where="--reader",
+            expected="one of " + ", ".join(READERS.names()),
+            fix="`airzoo-bench readers` says what each reads",
+        )
+    found: Reader = READERS.get(name)
+    return found
+
+
+def find_reader(path: Path) -> str | None:
+    """Return the name of the reader that a path is of; None where it is of no reader.
+
+    Raises
+    ------
+    UnreadableError
+        Several are equally sure; they are named.
+    """
+    sure = {name: READERS.get(name).recognise(path) for name in READERS.names()}
+    most = max(sure.values(), default=0.0)
+    found = [name for name, value in sure.items() if value == most]
+    if most < SURE:
+        return None
+    if len(found) > 1:
+        raise UnreadableError(
+            f"could be {' or '.join(READERS.get(name).title for name in found)}",
+            where=path,
+            expected="files of one layout",
+            fix=f"say which: {' or '.join(f'--reader {name}' for name in found)}",
+        )
+    return found[0]

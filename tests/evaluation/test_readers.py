@@ -1,0 +1,145 @@
+"""Readers: files of a made-up method are recognised, read, scored, and described."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import Result
+
+import airzoo_bench as ab
+from airzoo_bench.core.errors import PredictionError, UserError
+from airzoo_bench.core.registry import READERS
+from airzoo_bench.evaluation.prediction_files import QueryPredictions
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.retrieval.predictions import RankedIds
+from tests.support import run_main
+
+MAGIC = "ranked by Toy\n"
+
+
+class Toy(Reader):
+    track = "retrieval"
+    title = "ranked lists of Toy"
+    layout = "a text that begins with 'ranked by Toy'"
+    methods = ("Toy",)
+
+    def recognise(self, path: Path) -> float:
+        if not path.is_file():
+            return 0.0
+        with path.open("rb") as stream:
+            return 0.9 * (stream.read(len(MAGIC)) == MAGIC.encode())
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        rows = [line.split() for line in path.read_text().splitlines()[1:]]
+        if not rows:
+            raise PredictionError("is empty", where=path)
+        listed = RankedIds(np.array([row[1:] for row in rows]), None)
+        found = QueryPredictions(path, None, np.array([row[0] for row in rows]), listed)
+        return ReadPredictions(found, ("best first",), (f"{len(reading.truths)} scenes",))
+
+
+@pytest.fixture
+def toy() -> Iterator[None]:
+    READERS.add("toy", Toy())
+    yield
+    READERS.remove("toy")
+
+
+@pytest.fixture
+def ranked(tmp_path: Path, data: Path, toy: None, perfect: dict[str, list[Any]]) -> Path:
+    rows = zip(perfect["query_ids"], perfect["ranked_ids"], strict=True)
+    path = tmp_path / "toy.txt"
+    path.write_text(MAGIC + "".join(f"{query} {' '.join(tiles)}\n" for query, tiles in rows))
+    return path
+
+
+def test_a_method_file_is_recognised_and_scored(
+    ranked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    arguments = ("--protocol", "made-retrieval", "--out", out)
+    assert run_main("eval", "retrieval", ranked, *arguments) == 0
+    assert "read by reader toy" in capsys.readouterr().err
+    result = json.loads((out / "result.json").read_text())
+    assert result["overall"]["recall@1"] == 1.0
+    assert result["predictions"]["reader"] == {"name": "toy", "conventions": ["best first"]}
+    assert "2 scenes" in result["notes"]
+    assert ab.load_result(out).overall["recall@1"] == 1.0
+
+
+def test_own_files_have_no_reader_in_their_result(
+    data: Path, tmp_path: Path, perfect: dict[str, list[Any]]
+) -> None:
+    result = ab.evaluate(perfect, protocol="made-retrieval")
+    assert "reader" not in json.loads(result.result.model_dump_json())["predictions"]
+
+
+def test_check_says_what_it_is(ranked: Path, command: Callable[..., Result]) -> None:
+    ran = command("check", ranked, "--protocol", "made-retrieval")
+    assert ran.exit_code == 0
+    assert "ranked lists of Toy, as Toy write it: retrieval predictions for" in ran.stdout
+    assert "read by --reader toy" in ran.stdout
+    assert "taken to be so: best first" in ran.stdout
+    assert "answers 10 of 10 queries" in ran.stdout
+
+
+def test_the_face_reads_it_too(ranked: Path) -> None:
+    assert ab.check(ranked, protocol="made-retrieval").ok
+    assert ab.evaluate(ranked, protocol="made-retrieval", reader="toy").overall["recall@1"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "does not say which protocol it is for"),
+        (["--protocol", "made-retrieval", "--reader", "tyo"], "did you mean 'toy'?"),
+        (["--protocol", "nowhere"], "unknown protocol"),
+    ],
+)
+def test_refusals(
+    ranked: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("eval", "retrieval", ranked, *arguments) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_another_track_is_refused(ranked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main("eval", "matching", ranked, "--protocol", "made-retrieval") == 2
+    said = capsys.readouterr().err
+    assert "is ranked lists of Toy, predictions of the retrieval track" in said
+    assert "airzoo-bench eval retrieval" in said
+
+
+def test_two_that_are_equally_sure_are_named(ranked: Path) -> None:
+    READERS.add("toy2", Toy())
+    try:
+        with pytest.raises(UserError, match="--reader toy or --reader toy2"):
+            ab.evaluate(ranked, protocol="made-retrieval")
+        assert (
+            ab.evaluate(ranked, protocol="made-retrieval", reader="toy2").overall["recall@1"] == 1.0
+        )
+    finally:
+        READERS.remove("toy2")
+
+
+def test_names_are_for_readers(data: Path, tmp_path: Path, perfect: dict[str, list[Any]]) -> None:
+    path = tmp_path / "own.npz"
+    np.savez(path, **{name: np.array(value) for name, value in perfect.items()})
+    with pytest.raises(UserError, match="--names is for files as methods write them"):
+        ab.evaluate(path, protocol="made-retrieval", names=path)
+
+
+def test_what_a_reader_refuses_is_an_error_of_the_check(ranked: Path) -> None:
+    ranked.write_text(MAGIC)
+    found = ab.check(ranked, protocol="made-retrieval")
+    assert [error.what for error in found.errors] == ["is empty"]
+
+
+def test_readers_are_listed(toy: None, command: Callable[..., Result]) -> None:
+    ran = command("readers", "--format", "json")
+    assert "ranked lists of Toy" in ran.stdout
