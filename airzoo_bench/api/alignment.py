@@ -14,6 +14,7 @@ from airzoo_bench.api.arrays import (
     floats,
     positive,
     refused,
+    same_columns,
     same_index,
     whole,
 )
@@ -161,6 +162,7 @@ def align_cameras(
       used_orientations  False
     """
     same_index({"predicted": predicted, "true": true})
+    same_columns({"predicted": predicted, "true": true}, may_be_renamed=True)
     given, known = _cameras("predicted", predicted, missing=True), _cameras("true", true)
     if len(given.names) != len(known.names):
         raise ArgumentError(

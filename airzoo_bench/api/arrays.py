@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from itertools import combinations
@@ -28,12 +29,19 @@ __all__ = [
     "numbers",
     "path_of",
     "positive",
+    "ranks_in_order",
     "refused",
+    "same_columns",
     "same_index",
     "whole",
 ]
 
 MOST = 2**31 - 1
+_AXES = (
+    *map(tuple, ("xyz", "xy", "uv", "rgb", "enu")),
+    ("easting", "northing"),
+    *(("easting", "northing", up) for up in ("up", "z", "height", "altitude", "elevation")),
+)
 _LONGEST_NAME = 255  # of a file, on the systems that there are
 _DOUBLE = np.dtype(np.float64).itemsize
 
@@ -124,9 +132,65 @@ def same_index(arguments: Mapping[str, Any]) -> None:
             )
 
 
+def same_columns(arguments: Mapping[str, Any], *, may_be_renamed: bool = False) -> None:
+    """Refuse tables, by name, whose columns are pairs but whose labels differ.
+
+    Parameters
+    ----------
+    arguments : mapping
+        Of pandas or polars; others have no labels.
+    may_be_renamed : bool
+        Take tables without a common set of labels by position, and let columns called x, y, z
+        stand in any order, see `as_array`.
+
+    Raises
+    ------
+    ArgumentError
+        Two have as many columns and differ in the labels, or in their order.
+    """
+    labels = {
+        name: list((_in_axis_order(table) if may_be_renamed else table).columns)
+        for name, table in arguments.items()
+        if hasattr(table, "columns")
+    }
+    for (name, one), (other, second) in combinations(labels.items(), 2):
+        are_others = may_be_renamed and set(one) != set(second)
+        if len(one) == len(second) and one != second and not are_others:
+            raise ArgumentError(
+                "have different columns, and would be paired by position",
+                where=f"{name}, {other}",
+                expected="the same labels in the same order",
+                fix="give one the columns of the other: b[a.columns], or pass .to_numpy()",
+            )
+
+
+def ranks_in_order(name: str, values: Any) -> None:
+    """Refuse a table whose columns are numbered ranks in another order, such as 1, 10, 2."""
+    found = [re.fullmatch(r"(.*?)([0-9]+)", str(label)) for label in getattr(values, "columns", ())]
+    numbered = [(match[1], int(match[2])) for match in found if match]
+    is_one_series = len(numbered) == len(found) and len({stem for stem, _ in numbered}) == 1
+    if is_one_series and numbered != sorted(numbered):
+        raise ArgumentError(
+            f"has the columns {first_of(list(map(str, values.columns)))}",
+            where=name,
+            expected="ranks from the best on, from left to right",
+            fix="put the columns in order, or pass .to_numpy() where they are",
+        )
+
+
+def _in_axis_order(table: Any) -> Any:
+    """Return a table of coordinates with its columns in the order of the axes."""
+    by_name = {str(label).casefold(): label for label in table.columns}
+    for order in _AXES:
+        if len(table.columns) == len(order) and set(by_name) == set(order):
+            return table[[by_name[axis] for axis in order]]
+    return table
+
+
 def as_array(name: str, values: Any, expected: str) -> NDArray[Any]:
-    """Return an array of any type and shape."""
+    """Return an array of any type and shape; columns called x, y, z are taken by their names."""
     ordered = in_order(name, values)
+    ordered = _in_axis_order(ordered) if hasattr(ordered, "columns") else ordered
     try:
         return np.asarray(ordered)
     except (ValueError, TypeError, RuntimeError) as error:

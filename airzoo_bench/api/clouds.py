@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, numbers, positive, refused, whole
+from airzoo_bench.api.arrays import choice, numbers, positive, refused, same_columns, whole
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.shown import Shown, number
@@ -147,6 +147,7 @@ def cloud_scores(
       outside           1
       thinned           0
     """
+    same_columns({"predicted": predicted, "true": true}, may_be_renamed=True)
     limit = positive("threshold", threshold)
     clip = _length("max_distance", max_distance, limit * _CLIP)
     settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from airzoo_bench.api.arrays import listed
 from airzoo_bench.api.intervals import checked_plan
 from airzoo_bench.api.results import Tabular
 from airzoo_bench.core.errors import ArgumentError, first_of
@@ -152,7 +153,7 @@ def compare(
       expected: results, or paths of result.json
     """
     plan = checked_plan(interval, resamples, seed)
-    given = [results] if isinstance(results, Given) else list(results)
+    given = [results] if isinstance(results, Given) else listed("results", results)
     _check(given, every=every, scores=scores, reference=reference, method=method)
     asked = Request.of(given, scores, every=every, scene=scene)
     if len(asked.methods) == 1:

@@ -73,6 +73,7 @@ class ReconstructionTrack(
     """Multi-view reconstruction; see `Track`. All scenes share the listed predictions."""
 
     name = "reconstruction"
+    unit = "scene"
     recorded = RECORDED
     summary = (
         "Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."
