@@ -158,8 +158,8 @@ def check_averages(
             free = len(kind) - len(found) if pooled and not kind[0].is_weighed else 0
             tested, loose = tested + len(kind) - free, loose + free
     left = _left(len(summaries), tested, loose)
-    made = Outcome(_CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions))
-    return replace(made, cells=tuple(compared), unchecked=loose + elsewhere)
+    outcome = Outcome(_CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions))
+    return replace(outcome, cells=tuple(compared), unchecked=loose + elsewhere)
 
 
 def _left(summaries: int, tested: int, loose: int) -> str:
