@@ -10,7 +10,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.reconstruction.sources import finite_pieces
+from airzoo_bench.reconstruction.cloud_sources import finite_pieces
 
 __all__ = [
     "Box",

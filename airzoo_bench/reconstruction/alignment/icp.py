@@ -17,7 +17,7 @@ import numpy as np
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, fit_many
-from airzoo_bench.reconstruction.sources import finite_pieces, finite_rows
+from airzoo_bench.reconstruction.cloud_sources import finite_pieces, finite_rows
 
 __all__ = ["CloudFit", "IcpReport", "IcpSettings", "drawn", "refine"]
 

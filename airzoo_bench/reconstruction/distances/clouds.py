@@ -20,6 +20,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.reconstruction.cloud_sources import EvenSample, concatenated, finite_pieces
 from airzoo_bench.reconstruction.distances.boxes import (
     bound_squared,
     gap_squared,
@@ -28,7 +29,6 @@ from airzoo_bench.reconstruction.distances.boxes import (
 )
 from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch, mutual_distances
 from airzoo_bench.reconstruction.distances.spill import Block, Spill, cells_of, spilled
-from airzoo_bench.reconstruction.sources import EvenSample, concatenated, finite_pieces
 
 __all__ = ["CloudDistances", "block_distances", "cloud_distances"]
 
