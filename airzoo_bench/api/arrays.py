@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
-from itertools import combinations
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.api.labels import in_axis_order
 from airzoo_bench.core.errors import ArgumentError, UserError, first_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import FARTHEST
@@ -29,19 +28,12 @@ __all__ = [
     "numbers",
     "path_of",
     "positive",
-    "ranks_in_order",
     "refused",
-    "same_columns",
-    "same_index",
+    "text_of",
     "whole",
 ]
 
 MOST = 2**31 - 1
-_AXES = (
-    *map(tuple, ("xyz", "xy", "uv", "rgb", "enu")),
-    ("easting", "northing"),
-    *(("easting", "northing", up) for up in ("up", "z", "height", "altitude", "elevation")),
-)
 _LONGEST_NAME = 255  # of a file, on the systems that there are
 _DOUBLE = np.dtype(np.float64).itemsize
 
@@ -113,84 +105,10 @@ def in_order(name: str, values: Any) -> Any:
     return values.data if isinstance(values, np.ma.MaskedArray) else values
 
 
-def same_index(arguments: Mapping[str, Any]) -> None:
-    """Refuse arguments of pandas, by name, whose rows are pairs but whose labels differ.
-
-    Raises
-    ------
-    ArgumentError
-        Two of one length have different indexes, or the same in another order.
-    """
-    labels = {name: rows.index for name, rows in arguments.items() if hasattr(rows, "iloc")}
-    for (name, index), (other, second) in combinations(labels.items(), 2):
-        if len(index) == len(second) and not index.equals(second):
-            raise ArgumentError(
-                "have different indexes, and rows would be paired by position",
-                where=f"{name}, {other}",
-                expected="the same labels in the same order",
-                fix="give one the index of the other: b.reindex(a.index), or pass .to_numpy()",
-            )
-
-
-def same_columns(arguments: Mapping[str, Any], *, may_be_renamed: bool = False) -> None:
-    """Refuse tables, by name, whose columns are pairs but whose labels differ.
-
-    Parameters
-    ----------
-    arguments : mapping
-        Of pandas or polars; others have no labels.
-    may_be_renamed : bool
-        Take tables without a common set of labels by position, and let columns called x, y, z
-        stand in any order, see `as_array`.
-
-    Raises
-    ------
-    ArgumentError
-        Two have as many columns and differ in the labels, or in their order.
-    """
-    labels = {
-        name: list((_in_axis_order(table) if may_be_renamed else table).columns)
-        for name, table in arguments.items()
-        if hasattr(table, "columns")
-    }
-    for (name, one), (other, second) in combinations(labels.items(), 2):
-        are_others = may_be_renamed and set(one) != set(second)
-        if len(one) == len(second) and one != second and not are_others:
-            raise ArgumentError(
-                "have different columns, and would be paired by position",
-                where=f"{name}, {other}",
-                expected="the same labels in the same order",
-                fix="give one the columns of the other: b[a.columns], or pass .to_numpy()",
-            )
-
-
-def ranks_in_order(name: str, values: Any) -> None:
-    """Refuse a table whose columns are numbered ranks in another order, such as 1, 10, 2."""
-    found = [re.fullmatch(r"(.*?)([0-9]+)", str(label)) for label in getattr(values, "columns", ())]
-    numbered = [(match[1], int(match[2])) for match in found if match]
-    is_one_series = len(numbered) == len(found) and len({stem for stem, _ in numbered}) == 1
-    if is_one_series and numbered != sorted(numbered):
-        raise ArgumentError(
-            f"has the columns {first_of(list(map(str, values.columns)))}",
-            where=name,
-            expected="ranks from the best on, from left to right",
-            fix="put the columns in order, or pass .to_numpy() where they are",
-        )
-
-
-def _in_axis_order(table: Any) -> Any:
-    """Return a table of coordinates with its columns in the order of the axes."""
-    by_name = {str(label).casefold(): label for label in table.columns}
-    for order in _AXES:
-        if len(table.columns) == len(order) and set(by_name) == set(order):
-            return table[[by_name[axis] for axis in order]]
-    return table
-
-
 def as_array(name: str, values: Any, expected: str) -> NDArray[Any]:
     """Return an array of any type and shape; columns called x, y, z are taken by their names."""
     ordered = in_order(name, values)
-    ordered = _in_axis_order(ordered) if hasattr(ordered, "columns") else ordered
+    ordered = in_axis_order(ordered) if hasattr(ordered, "columns") else ordered
     try:
         return np.asarray(ordered)
     except (ValueError, TypeError, RuntimeError) as error:
@@ -215,6 +133,13 @@ def path_of(name: str, value: Any) -> Path:
     if "\0" in str(value) or any(len(part) > _LONGEST_NAME for part in Path(value).parts):
         raise ArgumentError("is no path of a file system", where=name, expected="a path")
     return Path(value)
+
+
+def text_of(name: str, value: Any) -> str | None:
+    """Return a name or a path as text, or None where nothing is given."""
+    if value is None or isinstance(value, str | Path):
+        return None if value is None else str(value)
+    raise ArgumentError(f"is {value!r}"[:80], where=name, expected="a name, as text")
 
 
 def _written(shape: tuple[int | None, ...]) -> str:

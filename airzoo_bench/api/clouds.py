@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, numbers, positive, refused, same_columns, whole
+from airzoo_bench.api.arrays import choice, numbers, positive, refused, whole
+from airzoo_bench.api.labels import same_columns
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.shown import Shown, number

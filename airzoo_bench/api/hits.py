@@ -8,7 +8,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, floats, in_order, ranks_in_order, same_index, whole
+from airzoo_bench.api.arrays import choice, floats, in_order, whole
+from airzoo_bench.api.labels import ranks_in_order, same_index
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval import metrics

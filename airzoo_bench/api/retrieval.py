@@ -8,17 +8,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.api.arrays import (
-    choice,
-    finite,
-    floats,
-    in_order,
-    ranks_in_order,
-    refused,
-    same_columns,
-    same_index,
-    whole,
-)
+from airzoo_bench.api.arrays import choice, finite, floats, in_order, refused, whole
 from airzoo_bench.api.ids import (
     Ids,
     gallery_row,
@@ -28,6 +18,7 @@ from airzoo_bench.api.ids import (
     paired_queries,
     score_rows,
 )
+from airzoo_bench.api.labels import ranks_in_order, same_columns, same_index
 from airzoo_bench.api.scores import Asked, QueryScores, WithoutPositive, rank_scores
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids

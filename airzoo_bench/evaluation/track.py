@@ -42,7 +42,7 @@ S = TypeVar("S", bound=ScoredScene)
 
 
 class Track(ABC, Generic[P, R, T, A, C, S]):
-    """One track, by the types of its protocol, predictions, truth, assignment, claims and scores.
+    """One track, by the types of what it reads, matches and scores.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         Columns of the records that are neither scores nor conditions of the queries; a ``*`` stands
         for any letters.
     files : mapping of str to callable
-        What a run writes beside ``result.json`` and ``records.csv``, by its name.
+        What a run writes next to ``result.json`` and ``records.csv``, by its name.
     baseline : Baseline or None
     template_kinds : tuple of str
         What templates can hold, the default first; empty where there is no choice.

@@ -109,7 +109,7 @@ def score_geometry(
     cloud = _as_cloud(geometry, alignment.transform, protocol.fusion)
     if method == "sim3+icp" and cameras is not None:
         try:
-            step, report = refine(cloud, true_cloud, protocol.alignment.icp(), held_points=block)
+            step, report = refine(cloud, true_cloud, protocol.alignment.icp(), memory_points=block)
             cloud = TransformedCloud(cloud, step, None)
             alignment = with_step(alignment, step, report, cameras, true_cameras)
         except AlignmentError as error:

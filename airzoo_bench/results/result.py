@@ -233,8 +233,7 @@ class Result(_Model):
     @property
     def unit(self) -> Literal["query", "scene"]:
         """What a record is of, by the track; a query where the track is not installed."""
-        is_known = self.track in TRACKS.names()
-        return TRACKS.get(self.track).unit if is_known else "query"
+        return TRACKS.get(self.track).unit if self.track in TRACKS else "query"
 
     def sealed(self) -> Result:
         """Return the same result with its checksum."""

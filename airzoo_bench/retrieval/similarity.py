@@ -69,10 +69,6 @@ def roundoff(queries: Floats, gallery: Floats, similarities: Floats, metric: Met
     ----------
     queries, gallery, similarities : (n, D), (n, D), (n,) arrays
         As of :func:`similarity`.
-
-    Returns
-    -------
-    (n,) array
     """
     gamma = _gamma(queries.shape[1], _UNIT_64)
     if metric == "l2":
@@ -105,14 +101,12 @@ def _scaled(rows: NDArray[Any]) -> tuple[Floats, Ints]:
 def _euclidean(rows: NDArray[Any]) -> Floats:
     scaled, exponents = _scaled(rows)
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused elsewhere
-        found: Floats = np.ldexp(np.sqrt(_dot(scaled, scaled)), exponents)
-    return found
+        return np.asarray(np.ldexp(np.sqrt(_dot(scaled, scaled)), exponents))
 
 
 def _normalised(rows: NDArray[Any]) -> Floats:
     scaled, _ = _scaled(rows)
-    found: Floats = scaled / np.sqrt(_dot(scaled, scaled))[:, None]
-    return found
+    return np.asarray(scaled / np.sqrt(_dot(scaled, scaled))[:, None])
 
 
 @dataclass(frozen=True)
@@ -122,9 +116,7 @@ class Queries:
     Parameters
     ----------
     rows : (Q, D) array
-        As given.
-    metric : Metric
-        How they are compared.
+        As given, to be compared by `metric`.
     single : (Q, D) float32 array
         What the gallery is multiplied with; normalised for `cosine`.
     norms : (Q,) array
@@ -235,7 +227,6 @@ def check_norms(
         The array's name in the file.
     metric : {'l2', 'cosine', 'inner_product'}
     names : sequence, optional
-        The rows' names; their numbers where not given.
 
     Raises
     ------
@@ -303,5 +294,4 @@ def _storage_error(rows: NDArray[Any], direction: Floats) -> Floats:
     """How far storage may have turned rows (n, D) away from a direction (1, D)."""
     stored = np.finfo(rows.dtype)
     lost = float(stored.smallest_subnormal) / np.abs(rows).max(axis=1, keepdims=True)
-    error: Floats = 4 * float(stored.eps) * np.abs(direction) + 2 * lost.astype(np.float64)
-    return error
+    return np.asarray(4 * float(stored.eps) * np.abs(direction) + 2 * lost.astype(np.float64))

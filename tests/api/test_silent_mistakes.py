@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import airzoo_bench as ab
 from airzoo_bench.core.errors import ArgumentError
+from tests.statistics.support import ERROR, HIT, random_methods, write_method
 
 MASKED = np.ma.array([1.0, 0.0], mask=[True, False])
 SQUARE = np.eye(3)
@@ -196,3 +198,22 @@ def test_cosines_of_tiny_descriptors_are_those_of_others(size: float) -> None:
             for a, b in ((one, other), (1.0, 1.0))
         )
         assert found == expected
+
+
+@pytest.mark.parametrize("strange", [3, {}, [None], b"x", float("nan"), 2**70, object()])
+def test_what_is_no_name_is_refused(strange: Any, tmp_path: Path) -> None:
+    made = random_methods(2, {"city": 40, "rural": 30}, [HIT, ERROR])
+    paths = [write_method(tmp_path / one.name, one) for one in made]
+    calls: dict[str, Callable[[], object]] = {
+        "scores": lambda: ab.compare(paths, [strange]),
+        "reference": lambda: ab.compare(paths, reference=strange),
+        "method": lambda: ab.compare(paths, method=strange),
+        "scene": lambda: ab.compare(paths, scene=strange),
+        "protocol": lambda: ab.evaluate("x.npz", protocol=strange),
+        "data": lambda: ab.check("x.npz", data=strange),
+    }
+    for name, call in calls.items():
+        with pytest.raises(ArgumentError, match=rf"^{name}: is "):
+            call()
+    with pytest.raises(ArgumentError, match=r"^data: is "):
+        ab.load_benchmark("airzoo-mini", data=strange)

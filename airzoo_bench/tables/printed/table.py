@@ -38,7 +38,7 @@ def resolve_ambiguous(cells: Sequence[PrintedValue], *, marked: bool) -> tuple[P
     """
     families = {cell.score.family for cell in cells}
     both = {Family.ACCURACY, Family.COMPLETENESS} <= families
-    # Beside F1, accuracy and completeness without a unit may be precision and recall.
+    # Next to F1, accuracy and completeness without a unit may be precision and recall.
     distances = both and Family.F1 not in families
     of_clouds = _cloud_distances(cells)
     return tuple(
