@@ -8,15 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import (
-    coordinates,
-    finite,
-    floats,
-    positive,
-    refused,
-    same_index,
-    whole,
-)
+from airzoo_bench.api.arrays import coordinates, finite, floats, positive, refused, whole
+from airzoo_bench.api.labels import same_columns, same_index
 from airzoo_bench.api.pose_arrays import are_centres, pose_rows
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
@@ -161,6 +154,7 @@ def align_cameras(
       used_orientations  False
     """
     same_index({"predicted": predicted, "true": true})
+    same_columns({"predicted": predicted, "true": true}, may_be_renamed=True)
     given, known = _cameras("predicted", predicted, missing=True), _cameras("true", true)
     if len(given.names) != len(known.names):
         raise ArgumentError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
-from itertools import combinations
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.api.labels import in_axis_order
 from airzoo_bench.core.errors import ArgumentError, UserError, first_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import FARTHEST
@@ -29,7 +29,7 @@ __all__ = [
     "path_of",
     "positive",
     "refused",
-    "same_index",
+    "text_of",
     "whole",
 ]
 
@@ -105,28 +105,10 @@ def in_order(name: str, values: Any) -> Any:
     return values.data if isinstance(values, np.ma.MaskedArray) else values
 
 
-def same_index(arguments: Mapping[str, Any]) -> None:
-    """Refuse arguments of pandas, by name, whose rows are pairs but whose labels differ.
-
-    Raises
-    ------
-    ArgumentError
-        Two of one length have different indexes, or the same in another order.
-    """
-    labels = {name: rows.index for name, rows in arguments.items() if hasattr(rows, "iloc")}
-    for (name, index), (other, second) in combinations(labels.items(), 2):
-        if len(index) == len(second) and not index.equals(second):
-            raise ArgumentError(
-                "have different indexes, and rows would be paired by position",
-                where=f"{name}, {other}",
-                expected="the same labels in the same order",
-                fix="give one the index of the other: b.reindex(a.index), or pass .to_numpy()",
-            )
-
-
 def as_array(name: str, values: Any, expected: str) -> NDArray[Any]:
-    """Return an array of any type and shape."""
+    """Return an array of any type and shape; columns called x, y, z are taken by their names."""
     ordered = in_order(name, values)
+    ordered = in_axis_order(ordered) if hasattr(ordered, "columns") else ordered
     try:
         return np.asarray(ordered)
     except (ValueError, TypeError, RuntimeError) as error:
@@ -151,6 +133,13 @@ def path_of(name: str, value: Any) -> Path:
     if "\0" in str(value) or any(len(part) > _LONGEST_NAME for part in Path(value).parts):
         raise ArgumentError("is no path of a file system", where=name, expected="a path")
     return Path(value)
+
+
+def text_of(name: str, value: Any) -> str | None:
+    """Return a name or a path as text, or None where nothing is given."""
+    if value is None or isinstance(value, str | Path):
+        return None if value is None else str(value)
+    raise ArgumentError(f"is {value!r}"[:80], where=name, expected="a name, as text")
 
 
 def _written(shape: tuple[int | None, ...]) -> str:

@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api.arrays import choice, numbers, positive, refused, whole
+from airzoo_bench.api.labels import same_columns
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, finite_rows
 from airzoo_bench.reconstruction.distances.clouds import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
 from airzoo_bench.reconstruction.prepared import cropped_region, prepared
 from airzoo_bench.reconstruction.regions import box_of
 from airzoo_bench.reconstruction.settings import Preparation
-from airzoo_bench.reconstruction.sources import InMemoryCloud, finite_rows
 
 __all__ = ["CloudComparison", "cloud_scores"]
 
@@ -147,6 +148,7 @@ def cloud_scores(
       outside           1
       thinned           0
     """
+    same_columns({"predicted": predicted, "true": true}, may_be_renamed=True)
     limit = positive("threshold", threshold)
     clip = _length("max_distance", max_distance, limit * _CLIP)
     settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)

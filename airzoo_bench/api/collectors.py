@@ -11,7 +11,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.api.arrays import in_order, same_index
+from airzoo_bench.api.arrays import in_order
+from airzoo_bench.api.labels import same_index
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.core.validation import nearest

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from airzoo_bench.api.arrays import listed, text_of
 from airzoo_bench.api.intervals import checked_plan
 from airzoo_bench.api.results import Tabular
 from airzoo_bench.core.errors import ArgumentError, first_of
@@ -14,7 +15,7 @@ from airzoo_bench.results import comparison
 from airzoo_bench.results.comparable import check_same_queries
 from airzoo_bench.results.comparison import Pair
 from airzoo_bench.results.files import result_paths
-from airzoo_bench.results.records import Scored, held_to_result, read_scored
+from airzoo_bench.results.records import Scored, checked_records, read_scored
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.results.selection import choose_scores, find_scene, score_keys
@@ -157,16 +158,17 @@ def compare(
       expected: results, or paths of result.json
     """
     plan = checked_plan(interval, resamples, seed)
-    given = [results] if isinstance(results, Given) else list(results)
+    given = [results] if isinstance(results, Given) else listed("results", results)
     _check(given, every=every, scores=scores, reference=reference, method=method)
-    asked = Request.of(given, scores, every=every, scene=scene)
+    names = [text_of("scores", score) or "" for score in listed("scores", scores)]
+    asked = Request.of(given, names, every=every, scene=text_of("scene", scene))
     if len(asked.methods) == 1:
         return _intervals(asked, plan)
     found = comparison.compare(
         asked.methods,
         asked.scores,
-        reference=reference,
-        method=method,
+        reference=text_of("reference", reference),
+        method=text_of("method", method),
         scene=asked.scene,
         resampling=plan,
         noise_floor=_floor(noise_floor, asked.methods[0].result),
@@ -216,7 +218,7 @@ def _read(
         first = read_result(result_paths(paths)[0])
         read = read_scored(paths, None if every_column else score_keys(first, scores, every=every))
     files = iter(read)
-    methods = [_held(one) if isinstance(one, Scored) else next(files) for one in results]
+    methods = [_rechecked(one) if isinstance(one, Scored) else next(files) for one in results]
     names = [method.name for method in methods]
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if twice:
@@ -229,9 +231,9 @@ def _read(
     return methods
 
 
-def _held(one: Scored) -> Scored:
-    """Hold records to their result: those in memory may have been changed since they were read."""
-    return replace(one, records=held_to_result(one.records, one.result, f"records of {one.name}"))
+def _rechecked(one: Scored) -> Scored:
+    """Check records against their result: those in memory may have changed since they were read."""
+    return replace(one, records=checked_records(one.records, one.result, f"records of {one.name}"))
 
 
 def _intervals(asked: Request, plan: ResamplingConfig) -> Comparison:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.api.arrays import in_order, same_index
+from airzoo_bench.api.arrays import in_order, path_of, text_of
+from airzoo_bench.api.labels import same_index
 from airzoo_bench.api.results import Result
 from airzoo_bench.core.errors import ArgumentError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
@@ -21,7 +22,7 @@ from airzoo_bench.evaluation.check import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as run
 from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.results.records import held_to_result
+from airzoo_bench.results.records import checked_records
 
 __all__ = ["Check", "check", "evaluate"]
 
@@ -80,12 +81,13 @@ def evaluate(
     airzoo_bench.core.errors.UnreadableError: nowhere.npz: no such prediction file...
     """
     resources = Resources(memory_bytes=max_memory, jobs=jobs)
-    with _as_path(predictions, protocol) as path:
+    used = text_of("protocol", protocol)
+    with _as_path(predictions, used) as path:
         done = run(
             path,
             data=_folder(data),
-            protocol=protocol,
-            method=method,
+            protocol=used,
+            method=text_of("method", method),
             resources=resources,
             read_by=_read_by(reader, names),
         )
@@ -93,7 +95,7 @@ def evaluate(
     if "query" not in records:
         records = records.assign(query=records["scene"])
     name = done.result.predictions.method
-    return Result(name, done.result, held_to_result(records, done.result, name))
+    return Result(name, done.result, checked_records(records, done.result, name))
 
 
 def _read_by(reader: str | None, names: str | Path | None) -> ReadBy:
@@ -163,11 +165,12 @@ def check(
     airzoo_bench.core.errors.ArgumentError: predictions as arrays do not say...
     """
     resources = Resources(memory_bytes=max_memory)
-    with _as_path(predictions, protocol) as path:
+    used = text_of("protocol", protocol)
+    with _as_path(predictions, used) as path:
         found = find_errors(
             path,
             data=_folder(data),
-            protocol=protocol,
+            protocol=used,
             resources=resources,
             read_by=_read_by(reader, names),
         )
@@ -175,7 +178,7 @@ def check(
 
 
 def _folder(data: str | Path | None) -> Path:
-    return data_root() if data is None else Path(data)
+    return data_root() if data is None else path_of("data", data)
 
 
 def _field(name: str, values: Any) -> NDArray[Any]:

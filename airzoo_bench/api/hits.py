@@ -8,7 +8,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, floats, in_order, same_index, whole
+from airzoo_bench.api.arrays import choice, floats, in_order, whole
+from airzoo_bench.api.labels import ranks_in_order, same_index
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval import metrics
@@ -113,6 +114,7 @@ def average_precision(
 def _hits(hits: ArrayLike) -> Bools:
     """Return hits as a matrix; shorter lists are filled up with misses."""
     hits = in_order("hits", hits)
+    ranks_in_order("hits", hits)
     rows = hits if hasattr(hits, "__array__") else _filled_up(hits)
     values = np.asarray(rows)
     values = values.astype(np.int64) if values.dtype == np.bool_ else values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ __all__ = [
 
 Ids = NDArray[Any]
 
+_FEWEST_FLAGS = 3  # ids of a query are distinct, so that two at most are 0 or 1
 _KINDS = {"i": "whole numbers", "u": "whole numbers", "U": "texts"}
 
 
@@ -90,7 +92,10 @@ def id_row(name: str, values: Any, *, unordered: bool = False) -> Ids:
             f"is {values!r}", where=name, expected="several ids, such as ['a', 'b'] or [3, 5]"
         )
     values = values if unordered and isinstance(values, Set) else in_order(name, values)
-    array = np.asarray(values) if hasattr(values, "__array__") else _of_objects(name, list(values))
+    given = np.asarray(values) if hasattr(values, "__array__") else list(values)
+    if unordered:
+        _refuse_relevances(name, given)
+    array = given if isinstance(given, np.ndarray) else _of_objects(name, given)
     if array.dtype.kind == "O":  # as pandas keeps texts
         array = _of_objects(name, array.ravel().tolist())
     if array.ndim != 1:
@@ -100,6 +105,19 @@ def id_row(name: str, values: Any, *, unordered: bool = False) -> Ids:
     return array if array.size else np.zeros(0, np.int64)
 
 
+def _refuse_relevances(name: str, row: Ids | list[Any]) -> None:
+    """Refuse a row that says 0 or 1 of every tile: its zeros and ones are no ids."""
+    values = row.tolist() if isinstance(row, np.ndarray) else row
+    numeric = (int, float, np.number, np.bool_)
+    if len(values) >= _FEWEST_FLAGS and all(isinstance(v, numeric) and v in (0, 1) for v in values):
+        raise ArgumentError(
+            f"holds {len(values)} values that are all 0 or 1",
+            where=name,
+            expected="the ids that answer the query, each once",
+            fix="np.flatnonzero(row), where the row says of every tile whether it is a positive",
+        )
+
+
 def _of_objects(name: str, values: list[Any]) -> Ids:
     """Make an array of ids of one kind; NumPy would turn numbers among texts into texts."""
     kinds = {str if isinstance(value, str) else type(value) for value in values}
@@ -107,9 +125,24 @@ def _of_objects(name: str, values: list[Any]) -> Ids:
     if bool in kinds or (is_text and is_mixed):
         raise _unlike(name, " and ".join(sorted(kind.__name__ for kind in kinds)))
     try:
-        return np.array(values)
+        array = np.array(values)
     except ValueError as error:
         raise _unlike(name, "lists of unequal lengths") from error
+    if values and array.dtype.kind in "fO" and all(isinstance(value, Integral) for value in values):
+        return _of_large_numbers(name, values)
+    return array
+
+
+def _of_large_numbers(name: str, values: list[Any]) -> Ids:
+    """Keep ids from 2**63 on, which NumPy joins with smaller ones as float64."""
+    if min(values) < 0 or max(values) >= 1 << 64:
+        raise ArgumentError(
+            f"holds whole numbers from {min(values)} to {max(values)}",
+            where=name,
+            expected="ids that one integer type of 64 bits holds",
+            fix="make texts of them: str(id)",
+        )
+    return np.array(values, np.uint64)
 
 
 def _unlike(name: str, found: str) -> ArgumentError:
@@ -206,6 +239,7 @@ def indexed_lists(ranked: Sequence[Ids], positives: Sequence[Ids], gallery: Ids 
     wanted = rows[len(ranked) : -1]
     _check_positives(wanted)
     if gallery is not None:
+        _check_grades(wanted, len(gallery))
         _check_gallery(gallery, rows[-1], known[~ended])
     matrix = np.full((len(ranked), max(map(len, ranked), default=0)), -1, np.int64)
     for row, found in zip(matrix, rows, strict=False):
@@ -220,6 +254,19 @@ def _check_positives(rows: Sequence[Ints]) -> None:
             f"holds -1 or an empty id for queries {first_of(ended, len(rows))}",
             where="positives",
             expected="ids of the gallery",
+        )
+
+
+def _check_grades(rows: Sequence[Ints], count: int) -> None:
+    """Refuse rows with a value for each tile: ids are not repeated, grades of relevance are."""
+    repeated = [place for place, row in enumerate(rows) if len(np.unique(row)) < len(row) == count]
+    if repeated:
+        raise ArgumentError(
+            f"holds ids twice, and as many as the gallery, for queries "
+            f"{first_of(repeated, len(rows))}",
+            where="positives",
+            expected="the ids that answer the query, each once",
+            fix="np.flatnonzero(row), where the row says of every tile how relevant it is",
         )
 
 

@@ -9,7 +9,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, finite, floats, in_order, positive, same_index, whole
+from airzoo_bench.api.arrays import choice, finite, floats, in_order, positive, whole
+from airzoo_bench.api.labels import same_index
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats

@@ -8,13 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import (
-    coordinates,
-    floats,
-    listed,
-    positive,
-    same_index,
-)
+from airzoo_bench.api.arrays import coordinates, floats, listed, positive
+from airzoo_bench.api.labels import same_index
 from airzoo_bench.api.pose_arrays import are_centres, pose_rows
 from airzoo_bench.api.scores import QueryScores
 from airzoo_bench.core.errors import ArgumentError, first_of

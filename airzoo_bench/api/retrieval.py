@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.api.arrays import choice, finite, floats, in_order, refused, same_index, whole
+from airzoo_bench.api.arrays import choice, finite, floats, in_order, refused, whole
 from airzoo_bench.api.ids import (
     Ids,
     gallery_row,
@@ -18,6 +18,7 @@ from airzoo_bench.api.ids import (
     paired_queries,
     score_rows,
 )
+from airzoo_bench.api.labels import ranks_in_order, same_columns, same_index
 from airzoo_bench.api.scores import Asked, QueryScores, WithoutPositive, rank_scores
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
@@ -99,6 +100,8 @@ def retrieval_scores(
       ndcg@3            0.8467
     """
     same_index({"ranked_ids": ranked_ids, "positives": positives, "scores": scores})
+    same_columns({"ranked_ids": ranked_ids, "scores": scores}, may_be_renamed=True)
+    ranks_in_order("ranked_ids", ranked_ids)
     names, lists, right = paired_queries(ranked_ids, positives)
     asked = Asked.checked(ks, ap, without_positive)
     gallery = None if gallery_ids is None else id_row("gallery_ids", gallery_ids)
@@ -239,6 +242,7 @@ def descriptor_scores(
     choice("metric", metric, get_args(Metric))
     same_index({"queries": queries, "positives": positives})
     same_index({"gallery": gallery, "gallery_ids": gallery_ids})
+    same_columns({"queries": queries, "gallery": gallery})
     asked = Asked.checked(ks, ap, without_positive)
     given, tiles = _descriptors("queries", queries), _descriptors("gallery", gallery)
     ids = gallery_row(gallery_ids, len(tiles))

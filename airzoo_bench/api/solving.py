@@ -7,16 +7,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import (
-    choice,
-    coordinates,
-    finite,
-    floats,
-    positive,
-    refused,
-    same_index,
-    whole,
-)
+from airzoo_bench.api.arrays import choice, coordinates, finite, floats, positive, refused, whole
+from airzoo_bench.api.labels import same_index
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import pose

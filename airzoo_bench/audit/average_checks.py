@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
@@ -132,35 +133,33 @@ def check_averages(
         Which average precision it is: whole numbers of positives narrow the values.
     """
     scenes = _scenes(published)
-
-    def exact(cell: PrintedValue) -> Interval:
-        return _exact(cell, queries, variants)
-
+    exact = partial(_exact, queries=queries, variants=variants)
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
     summaries = [cell for cell in published.cells if cell.is_summary]
     same = grouped(summaries, _identity)
     compared: list[PrintedValue] = []
-    tested = loose = 0
+    tested = loose = elsewhere = 0
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
         made = [_averaged(cell, scenes, queries, exact) for cell in cells]
         known = [average for average in made if average is not None]
         if not known or _are_of_others(known):
+            elsewhere += len(known)
             continue
         conclusions.append(Conclusion(_CHECK, ", ".join(filter(None, place)), _conclusion(known)))
         pooled = False
         for kind in _kinds(known):
             # What one kind shows to be averaged over queries, no other need be over scenes.
             pooled = _is_pooled(kind) or (pooled and not kind[0].is_weighed)
-            free = len(kind) if pooled and not kind[0].is_weighed else 0
-            tested, loose = tested + len(kind) - free, loose + free
             compared += [cell for a in kind for cell in (a.cell, *a.scenes)]
             judged = (_judge(a, same[_identity(a.cell)], pooled=pooled) for a in kind)
-            findings.extend(finding for finding in judged if finding)
+            found = [finding for finding in judged if finding]
+            findings += found
+            free = len(kind) - len(found) if pooled and not kind[0].is_weighed else 0
+            tested, loose = tested + len(kind) - free, loose + free
     left = _left(len(summaries), tested, loose)
-    return Outcome(
-        _CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions), tuple(compared)
-    )
+    outcome = Outcome(_CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions))
+    return replace(outcome, cells=tuple(compared), unchecked=loose + elsewhere)
 
 
 def _left(summaries: int, tested: int, loose: int) -> str:

@@ -203,7 +203,7 @@ class Evidence:
         if self.bounded:
             inside = ", ".join(f"{name} {self.inside[name]}" for name in VARIANTS)
             parts.append(
-                f"of {self.bounded} values, so many lie within what the recalls beside them allow "
+                f"of {self.bounded} values, so many lie within what the recalls next to them allow "
                 f"by each definition: {inside}"
             )
         if not name and self.bounded >= _FEWEST and len(self.misfits) == 1:

@@ -77,6 +77,8 @@ class Outcome:
         The values that were compared with others, or with what is known.
     said : str
         What is wrong but was found by another check, and so is no finding of this one.
+    unchecked : int
+        Averages that stand next to their scenes and may be wrong all the same.
     """
 
     check: str
@@ -87,6 +89,7 @@ class Outcome:
     conclusions: tuple[Conclusion, ...] = ()
     cells: tuple[PrintedValue, ...] = ()
     said: str = ""
+    unchecked: int = 0
 
     @property
     def text(self) -> str:
@@ -147,15 +150,23 @@ class Audit:
     def summary(self) -> str:
         """All in one line."""
         counts = ", ".join(f"{self.count(grade)} {grade.value}" for grade in Grade)
+        left = f"; {counted(self.unchecked, 'average')} could not be checked against the scenes"
+        left = left if self.unchecked else ""
         if self.checked == self.cells:
-            return f"{self.source}: {counts}, in {counted(self.cells, 'value')}"
+            return f"{self.source}: {counts}, in {counted(self.cells, 'value')}{left}"
         told = f"only {self.checked} of {self.cells}" if self.checked else f"none of {self.cells}"
-        return f"{self.source}: {counts}; {told} values could be checked, apart from their range"
+        told = f"{told} values could be checked, apart from their range"
+        return f"{self.source}: {counts}; {told}{left}"
 
     @property
     def checked(self) -> int:
         """How many values were compared with others, or with what is known."""
         return len({id(cell) for outcome in self.outcomes for cell in outcome.cells})
+
+    @property
+    def unchecked(self) -> int:
+        """How many averages may be wrong although their scenes are printed."""
+        return sum(outcome.unchecked for outcome in self.outcomes)
 
     def count(self, grade: Grade) -> int:
         """Return the number of findings of one grade."""
@@ -228,6 +239,8 @@ def audit_text(audit: Audit, width: int, *, styled: bool = False) -> str:
 
 def _sections(audit: Audit, room: int) -> Iterator[tuple[str, list[str]]]:
     none = "Nothing found." if audit.checked else "Nothing could be checked, so nothing was found."
+    if audit.checked and audit.unchecked:
+        none = "Nothing found in what could be checked."
     said = [line for text in audit.overview for line in _wrapped(text, room)]
     yield audit.summary, said if audit.findings else [none]
     for grade, findings in groupby(audit.findings, key=lambda finding: finding.grade):

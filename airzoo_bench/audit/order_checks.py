@@ -80,10 +80,10 @@ def _percent_in(cell: PrintedValue, column: Iterable[PrintedValue]) -> PrintedVa
 
 
 def _share_among_percent(cell: PrintedValue, other: PrintedValue | None) -> Finding:
-    beside = f" beside {other.number.text} of {other.method}" if other else ""
+    contrast = f" next to {other.number.text} of {other.method}" if other else ""
     why = (
-        f"{cell.number.text}{beside} looks like a share from 0 to 1 among percent, and is read as "
-        f"{cell.number.text} %; give such rows in percent, or the table with a column 'unit'"
+        f"{cell.number.text}{contrast} looks like a share from 0 to 1 among percent, and is read "
+        f"as {cell.number.text} %; give such rows in percent, or the table with a column 'unit'"
     )
     return Finding(Grade.INCONSISTENT, "units", cell, why)
 
@@ -140,7 +140,7 @@ def check_medians(published: Published) -> Outcome:
         if _is_within(recall, median.unit)
     ]
     findings = [finding for pair in pairs if (finding := _contradiction(*pair))]
-    what = "medians beside shares of errors within a threshold, whether both can be"
+    what = "medians next to shares of errors within a threshold, whether both can be"
     left = "" if pairs else "no row of a scene has a median and a recall within so many of its unit"
     cells = tuple(cell for pair in pairs for cell in pair)
     return Outcome("median", len(pairs), what, left, tuple(findings), cells=cells)

@@ -28,7 +28,7 @@ __all__ = ["Definition", "check_average_precision", "define_average_precision"]
 
 _BOUNDS = "AP bounds"
 _WHOLE = "AP counts"
-_BOUNDED = "average precisions, whether the recalls beside them allow them"
+_BOUNDED = "average precisions, whether the recalls next to them allow them"
 _COUNTED = "mean precisions, whether each is a whole number of positives"
 _NONE = "no average precision such as AP@5 is printed in a scene"
 
@@ -111,7 +111,11 @@ def _no_bounds_text(values: int, bounded: int) -> str:
     if not values:
         return _NONE
     left = values - bounded
-    return f"{left} without a recall at the same K, or with impossible ones, beside" if left else ""
+    return (
+        f"{left} without a recall at the same K, or with impossible ones, next to them"
+        if left
+        else ""
+    )
 
 
 def _not_whole_text(values: Sequence[Bounded], shares: Sequence[Share]) -> str:
@@ -164,7 +168,7 @@ def _bounds_text(value: Bounded, kind: str, by_all: bool) -> str:
     cell = value.cell
     bounds = value.bounds[kind].times(Fraction(cell.full))
     low, high = (decimal_text(end, cell.number.decimals) for end in (bounds.low, bounds.high))
-    why = f"the recalls beside it allow {NAMES[kind]} of {low} to {high}"
+    why = f"the recalls next to it allow {NAMES[kind]} of {low} to {high}"
     if kind == "precision":
         why += " (from one positive for each query that has any, to all behind its first)"
     every = ", and no other definition allows it" if by_all else ""

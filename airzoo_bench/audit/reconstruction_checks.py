@@ -43,7 +43,7 @@ def check_f1(published: Published) -> Outcome:
     rows = _rows(published, *needed)
     findings = [finding for row in rows if (finding := _judge_f1(row))]
     left = "" if rows else "no row has precision, recall and F1"
-    what = "F1 against precision and recall beside them"
+    what = "F1 against precision and recall next to them"
     cells = _cells(rows, *needed)
     return Outcome("F1", len(rows), what, left, tuple(findings), cells=cells)
 
@@ -92,7 +92,7 @@ def check_chamfer(published: Published) -> Outcome:
     """
     needed = (Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS)
     rows = _rows(published, *needed)
-    what = "Chamfer distances against accuracy and completeness beside them"
+    what = "Chamfer distances against accuracy and completeness next to them"
     if not rows:
         left = "no row has accuracy, completeness and Chamfer distance"
         return Outcome("Chamfer", 0, what, left)

@@ -42,8 +42,9 @@ def check(
     Exit code 0 if nothing is, 1 if anything is, 2 where there is nothing to check: no such file,
     none of its kind, no protocol that is known.
 
-    Needs no truth. Where the benchmark folder is there, ids are held against it and reconstructions
-    are aligned, so that all is found that eval would refuse.
+    Needs no truth. Where the benchmark folder is there, ids are checked against
+    it and reconstructions are aligned, so that all is found that eval would
+    refuse.
     """
     from airzoo_bench.evaluation.check import check as find_errors
     from airzoo_bench.evaluation.given import ReadBy

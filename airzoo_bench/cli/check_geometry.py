@@ -56,7 +56,7 @@ def check_geometry(
     depth: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of the depth maps, or of one for each scene (default: depth/ beside the "
+            help="Folder of the depth maps, or of one for each scene (default: depth/ next to the "
             "folder of the photos).",
             show_default=False,
         ),

@@ -155,8 +155,8 @@ def _check(paths: list[Path], twice: bool, named: str | None, most_different: in
     if len(paths) > 2 and named and most_different:
         raise UsageError(
             "--most-different of more than two results has no reference",
-            expected="two results, or neither --reference nor --method: the best is then held "
-            "against the worst",
+            expected="two results, or neither --reference nor --method: the best is then compared "
+            "with the worst",
         )
 
 

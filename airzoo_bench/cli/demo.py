@@ -46,4 +46,4 @@ def demo(
     say(f"next: airzoo-bench table {first / 'result.json'} --format latex")
     photos = [str(benchmark.resolve(scene.images)) for scene in benchmark.file.scenes]
     say(f"      look at the photos, which lie in {' and '.join(photos)}")
-    say("      put your own method beside it: airzoo-bench template airzoo-mini-retrieval")
+    say("      put your own method next to it: airzoo-bench template airzoo-mini-retrieval")

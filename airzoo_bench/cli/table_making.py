@@ -57,17 +57,17 @@ class _TableMaker:
     def _alone(self) -> Table:
         from airzoo_bench.tables.layouts import scenes_table
 
-        (board,) = self._boards()
-        (entry,) = board.rows
+        (table,) = self._tables()
+        (entry,) = table.rows
         made = scenes_table(
             self.results[0],
-            scores=board.scores,
+            scores=table.scores,
             uncertainties=entry.uncertainties,
             floors=self.request.floors,
         )
         # The table has the result's own notes, and whose they are goes without saying.
         without = self._without_interval(made)
-        notes, about = (*board.notes, *without), (*board.about_intervals, *without)
+        notes, about = (*table.notes, *without), (*table.about_intervals, *without)
         made = replace(
             made, notes=(*notes, *made.notes, *self._floors_hint()), legend=(*about, *made.legend)
         )
@@ -93,24 +93,24 @@ class _TableMaker:
     def _laid_out(self) -> Table:
         from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
 
-        asked, boards = self.request, self._boards()
+        asked, tables = self.request, self._tables()
         if self.layout is Layout.BENCHMARKS:
-            kept = [board for board in boards if board.scores]
+            kept = [table for table in tables if table.scores]
             made = benchmarks_layout(kept, per_block=asked.per_block)
-            return replace(made, notes=(*self._left_out(boards), *made.notes))
+            return replace(made, notes=(*self._left_out(tables), *made.notes))
         if self.layout is Layout.METHODS:
-            return methods_layout(boards[0], asked.scene)
+            return methods_layout(tables[0], asked.scene)
         return scenes_layout(
-            boards[0], average=asked.average, queries=asked.queries, per_block=asked.per_block
+            tables[0], average=asked.average, queries=asked.queries, per_block=asked.per_block
         )
 
-    def _boards(self) -> list[MethodTable]:
+    def _tables(self) -> list[MethodTable]:
         """Return a table of methods for each protocol, with the scores to show, if it has any."""
         wanted = self.request.scores
         if self.request.protocol is not None:
             return [self._published_alone(self.request.protocol)]
         parts = _by_protocol(self.results)
-        boards = [
+        tables = [
             method_table(
                 [self.results[place] for place in places],
                 paths=[self.paths[place] for place in places],
@@ -119,61 +119,61 @@ class _TableMaker:
             for places in parts
         ]
         for name in wanted:
-            check_score(name, [score for board in boards for score in board.scores], "--score")
-        chosen = [replace(board, scores=_chosen(board.scores, wanted)) for board in boards]
+            check_score(name, [score for table in tables for score in table.scores], "--score")
+        chosen = [replace(table, scores=_chosen(table.scores, wanted)) for table in tables]
         return [
-            self._filled(board, places) if board.scores else board
-            for board, places in zip(chosen, parts, strict=True)
+            self._filled(table, places) if table.scores else table
+            for table, places in zip(chosen, parts, strict=True)
         ]
 
-    def _left_out(self, boards: Sequence[MethodTable]) -> list[str]:
-        titles = [board.title for board in boards if not board.scores]
+    def _left_out(self, tables: Sequence[MethodTable]) -> list[str]:
+        titles = [table.title for table in tables if not table.scores]
         wanted = " or ".join(self.request.scores)
         return [f"left out, having no {wanted}: {', '.join(titles)}"] if titles else []
 
-    def _filled(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
+    def _filled(self, table: MethodTable, places: Sequence[int]) -> MethodTable:
         if self.request.intervals:
-            board = self._with_intervals(board, places)
+            table = self._with_intervals(table, places)
         if self.request.noise_floor is not None:
             first = self.results[places[0]]
-            board = self._with_noise_floor(board, self.request.noise_floor, first)
+            table = self._with_noise_floor(table, self.request.noise_floor, first)
         if self.request.published:
-            board = self._with_published(board, self.results[places[0]])
+            table = self._with_published(table, self.results[places[0]])
         if self.request.floors and self.layout is not Layout.RESULT:
-            board = with_floors(board, [self.results[place] for place in places])
+            table = with_floors(table, [self.results[place] for place in places])
             if self.request.intervals:
-                floors = ", ".join(entry.method for entry in board.rows if entry.floor)
-                board = board.noted(*_of_floors(floors), legend=True)
-        return board
+                floors = ", ".join(entry.method for entry in table.rows if entry.floor)
+                table = table.noted(*_of_floors(floors), legend=True)
+        return table
 
-    def _with_noise_floor(self, board: MethodTable, path: Path, result: Result) -> MethodTable:
+    def _with_noise_floor(self, table: MethodTable, path: Path, result: Result) -> MethodTable:
         from airzoo_bench.results.sensitivity import read_noise_floor
         from airzoo_bench.tables.wording import noise_floor_note
 
         floor, scene = read_noise_floor(path), self.request.scene
         floor.check_fits(result, path)
-        scene = None if scene is None else find_scene(board.scenes, scene)
-        note = noise_floor_note({score: floor.of(score.key, scene) for score in board.scores})
-        return board.noted(*note, legend=True)
+        scene = None if scene is None else find_scene(table.scenes, scene)
+        note = noise_floor_note({score: floor.of(score.key, scene) for score in table.scores})
+        return table.noted(*note, legend=True)
 
-    def _with_intervals(self, board: MethodTable, places: Sequence[int]) -> MethodTable:
+    def _with_intervals(self, table: MethodTable, places: Sequence[int]) -> MethodTable:
         from airzoo_bench.results.records import Scored, read_records
         from airzoo_bench.statistics.samples import ResamplingConfig
         from airzoo_bench.tables.interval_layout import with_intervals
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))
-            for entry, place in zip(board.rows, places, strict=True)
+            for entry, place in zip(table.rows, places, strict=True)
         ]
-        made = with_intervals(board, methods, ResamplingConfig(), self._shown(board))
-        return replace(made, about_intervals=made.notes[len(board.notes) :])
+        made = with_intervals(table, methods, ResamplingConfig(), self._shown(table))
+        return replace(made, about_intervals=made.notes[len(table.notes) :])
 
-    def _shown(self, board: MethodTable) -> list[str]:
+    def _shown(self, table: MethodTable) -> list[str]:
         """Return the scenes that the table shows, with the key of the average."""
         if self.layout in (Layout.RESULT, Layout.SCENES):
-            return [*board.scenes, *[OVERALL] * self.request.average]
+            return [*table.scenes, *[OVERALL] * self.request.average]
         scene = self.request.scene
-        return [OVERALL if scene is None else find_scene(board.scenes, scene)]
+        return [OVERALL if scene is None else find_scene(table.scenes, scene)]
 
     def _published_alone(self, name: str) -> MethodTable:
         """Return a table of methods with what is published on a protocol."""
@@ -185,7 +185,7 @@ class _TableMaker:
         scores = [column for column in columns if every_score or column.headline]
         for score in wanted:
             check_score(score, scores, "--score")
-        board = MethodTable(
+        table = MethodTable(
             f"{protocol.name} v{protocol.version}",
             protocol.benchmark,
             protocol.track,
@@ -194,43 +194,43 @@ class _TableMaker:
             {},
             (),
         )
-        board = self._beside_published(board)
-        if not board.rows:
+        table = self._next_to_published(table)
+        if not table.rows:
             raise UsageError(
-                f"nothing is published on {board.benchmark} ({board.track})",
+                f"nothing is published on {table.benchmark} ({table.track})",
                 where=f"--protocol {name}",
                 expected="a protocol of a benchmark of a paper's tables: "
-                + ", ".join(published_benchmarks(board.track)),
+                + ", ".join(published_benchmarks(table.track)),
                 fix="see `airzoo-bench protocols`",
             )
-        printed = {key for e in board.rows for part in e.values.values() for key in part}
+        printed = {key for e in table.rows for part in e.values.values() for key in part}
         if wanted:
-            return board
-        return replace(board, scores=tuple(s for s in board.scores if s.key in printed))
+            return table
+        return replace(table, scores=tuple(s for s in table.scores if s.key in printed))
 
-    def _with_published(self, board: MethodTable, result: Result) -> MethodTable:
+    def _with_published(self, table: MethodTable, result: Result) -> MethodTable:
         from airzoo_bench.tables.published import published_tables, shipped_fingerprints
 
-        tables = published_tables(board.benchmark, board.track)
-        shipped = shipped_fingerprints(board.benchmark, board.track)
-        if tables and result.protocol.fingerprint not in shipped:
+        published = published_tables(table.benchmark, table.track)
+        shipped = shipped_fingerprints(table.benchmark, table.track)
+        if published and result.protocol.fingerprint not in shipped:
             note = (
-                f"{board.title} is not the shipped protocol: reported numbers may measure "
+                f"{table.title} is not the shipped protocol: reported numbers may measure "
                 "something else"
             )
-            board = board.noted(note, legend=True)
-        return self._beside_published(board)
+            table = table.noted(note, legend=True)
+        return self._next_to_published(table)
 
-    def _beside_published(self, board: MethodTable) -> MethodTable:
+    def _next_to_published(self, table: MethodTable) -> MethodTable:
         from airzoo_bench.tables.published import published_benchmarks, published_tables
 
         asked = self.request
         by_scene = self.layout is Layout.SCENES or asked.scene is not None
-        tables = published_tables(board.benchmark, board.track)
+        published = published_tables(table.benchmark, table.track)
         average = asked.average and asked.scene is None
-        elsewhere = published_benchmarks(board.track, by_scene=by_scene)
+        elsewhere = published_benchmarks(table.track, by_scene=by_scene)
         return with_published(
-            board, tables, by_scene=by_scene, average=average, elsewhere=elsewhere
+            table, published, by_scene=by_scene, average=average, elsewhere=elsewhere
         )
 
     def _marked(self, made: Table) -> Table:

@@ -12,7 +12,7 @@ from airzoo_bench.cli.common import DataOption, examples, resolve_data, say, wit
 
 __all__ = ["EXAMPLES", "template"]
 
-EXAMPLES = examples("template uav-visloc-retrieval --out preds.npz")
+EXAMPLES = examples("template airzoo-mini-retrieval --out preds.npz")
 
 
 class Kind(StrEnum):

@@ -50,6 +50,9 @@ class Registry:
         self._places = dict(built_in)
         self._added: dict[str, Any] = {}
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._places or name in self._added or name in self._installed()
+
     def add(self, name: str, thing: Any) -> None:
         """Add a thing for the rest of this process.
 

@@ -240,7 +240,7 @@ else:
     def _lock_at(path: Path) -> int:
         """Make and lock a file of this name, and again where another run was quick to clear it."""
         for _ in range(_TRIES):
-            handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
+            handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, ProtocolError
 from airzoo_bench.core.files import fingerprint, sha256_of_tree
+from airzoo_bench.core.version import __version__
 from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
@@ -21,15 +23,15 @@ from airzoo_bench.results.result import (
     Result,
     TruthUsed,
     score_columns,
-    versions,
-    with_summary,
 )
 from airzoo_bench.results.scores import summarise
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes"]
+__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "versions"]
+
+_PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +160,15 @@ def _result(
             *counts_apart(protocol, counts),
             *notes,
         ),
-        **with_summary(summarise(records, scores, [scene.id for scene in protocol.scenes])),
+        **asdict(summarise(records, scores, [scene.id for scene in protocol.scenes])),
         references=track.references(protocol, truths),
     ).sealed()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package and of those that numbers depend on."""
+    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"airzoo-bench": __version__} | found
 
 
 def _protocol_used(protocol: Protocol) -> ProtocolUsed:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UsageError
@@ -42,7 +42,7 @@ S = TypeVar("S", bound=ScoredScene)
 
 
 class Track(ABC, Generic[P, R, T, A, C, S]):
-    """One track, by the types of its protocol, predictions, truth, assignment, claims and scores.
+    """One track, by the types of what it reads, matches and scores.
 
     Attributes
     ----------
@@ -61,6 +61,8 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         Whether predictions can be a folder.
     says_protocol : tuple of str
         Where predictions say which protocol they are for, and how to fix that they do not.
+    unit : {"query", "scene"}
+        What a record is of; of scenes, intervals and tests resample these.
     argument : str
         What predictions are, for the help.
     example : str
@@ -72,7 +74,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         Columns of the records that are neither scores nor conditions of the queries; a ``*`` stands
         for any letters.
     files : mapping of str to callable
-        What a run writes beside ``result.json`` and ``records.csv``, by its name.
+        What a run writes next to ``result.json`` and ``records.csv``, by its name.
     baseline : Baseline or None
     template_kinds : tuple of str
         What templates can hold, the default first; empty where there is no choice.
@@ -116,6 +118,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     suffixes: ClassVar[tuple[str, ...]] = (".npz",)
     fields: ClassVar[tuple[str, ...]] = ()
     folders: ClassVar[bool] = False
+    unit: ClassVar[Literal["query", "scene"]] = "query"
     says_protocol: ClassVar[tuple[str, str]] = IN_A_FIELD
     argument: ClassVar[str] = "A prediction file."
     example: ClassVar[str] = "preds.npz --out results/mymethod"

@@ -20,12 +20,12 @@ class Budget:
     Attributes
     ----------
     limit_bytes : int
-    held : dict
+    taken : dict
         Bytes by part.
     """
 
     limit_bytes: int
-    held: dict[str, int] = field(default_factory=dict)
+    taken: dict[str, int] = field(default_factory=dict)
 
     def hold(self, path: Path, part: str, nbytes: int, fix: str | None = None) -> None:
         """Count a part; one that is named again counts once, with the more that it takes.
@@ -46,12 +46,12 @@ class Budget:
         PredictionError
             All parts together take more than the limit.
         """
-        self.held[part] = max(nbytes, self.held.get(part, 0))
-        others = sum(self.held.values()) - self.held[part]
-        if self.held[part] + others > self.limit_bytes:
+        self.taken[part] = max(nbytes, self.taken.get(part, 0))
+        others = sum(self.taken.values()) - self.taken[part]
+        if self.taken[part] + others > self.limit_bytes:
             rest = f" besides {others:,} bytes of others" if others else ""
             raise PredictionError(
-                f"{part}: {self.held[part]:,} bytes of memory{rest}, more than the limit",
+                f"{part}: {self.taken[part]:,} bytes of memory{rest}, more than the limit",
                 where=path,
                 expected=f"at most {self.limit_bytes:,} bytes, all together",
                 fix="raise --max-memory" + (f"; {fix}" if fix else ""),

@@ -20,7 +20,7 @@ _FAULTS = (
 
 
 class NpyHeader(NamedTuple):
-    """What a header claims; nothing of it is checked against the data."""
+    """What a header states; nothing of it is checked against the data."""
 
     shape: tuple[int, ...]
     fortran_order: bool

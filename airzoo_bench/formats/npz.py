@@ -1,7 +1,7 @@
 """Reading ``.npz`` files that strangers wrote: no pickle, no surprise in size, no traceback.
 
 Every member's header is checked before a byte of its data is touched: the dtype must be numbers or
-text, the size it claims must be the size that the archive holds, and all that is read must fit the
+text, the size it states must be the size that the archive holds, and all that is read must fit the
 memory limit together. Members saved without compression (``numpy.savez``) can be mapped instead of
 read, so descriptors may be larger than memory.
 """
@@ -59,7 +59,7 @@ class ArrayEntry:
 
     @property
     def nbytes(self) -> int:
-        """Size of the data in bytes, in exact integers (headers may claim absurd shapes)."""
+        """Size of the data in bytes, in exact integers (headers may state absurd shapes)."""
         return math.prod(self.shape) * self.dtype.itemsize
 
 
@@ -180,11 +180,11 @@ def _check_header(path: Path, entry: ArrayEntry) -> None:
         )
     sound = len(entry.shape) <= _MAX_DIMENSIONS and all(0 <= n < 1 << 62 for n in entry.shape)
     if not sound or entry.dtype.itemsize == 0:
-        claimed = str((entry.shape, entry.dtype.str))[:80]
-        raise _damaged(path, entry.name, f"its header claims the shape and type {claimed}")
-    held = entry.member.file_size - entry.header_bytes
-    if entry.nbytes != held:
-        reason = f"its header claims {entry.nbytes:,} bytes, the archive holds {held:,}"
+        stated = str((entry.shape, entry.dtype.str))[:80]
+        raise _damaged(path, entry.name, f"its header states the shape and type {stated}")
+    size = entry.member.file_size - entry.header_bytes
+    if entry.nbytes != size:
+        reason = f"its header states {entry.nbytes:,} bytes, the archive holds {size:,}"
         raise _damaged(path, entry.name, reason)
 
 

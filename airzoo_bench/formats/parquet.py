@@ -1,6 +1,6 @@
 """Reading ``.parquet`` predictions in bounded batches.
 
-Text is read as a dictionary with indices: a file can claim one long text a billion times in a few
+Text is read as a dictionary with indices: a file can state one long text a billion times in a few
 bytes, and so it stays as small as it is stored until its lengths have been looked at.
 """
 
@@ -84,8 +84,8 @@ def _read(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDA
         row = 0
         for batch in _batches(file):
             for name in names:
-                held = sum(array.nbytes for array in parts[name])
-                piece = _Piece(path, name, batch.column(name), row, held, budget)
+                taken = sum(array.nbytes for array in parts[name])
+                piece = _Piece(path, name, batch.column(name), row, taken, budget)
                 parts[name].append(piece.as_array())
             row += batch.num_rows
     return {name: _joined(arrays, name, path) for name, arrays in parts.items()}

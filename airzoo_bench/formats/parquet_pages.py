@@ -1,7 +1,7 @@
-"""What the pages of a parquet file claim to hold, found without unpacking any.
+"""What the pages of a parquet file state that they hold, found without unpacking any.
 
 Arrow takes the memory that a page asks for before anyone can look at it, and a page of a few bytes
-may claim one value a billion times. The headers are in Thrift's compact protocol, whose few rules
+may state one value a billion times. The headers are in Thrift's compact protocol, whose few rules
 stand here (https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md), with
 the fields of https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 """
@@ -56,28 +56,28 @@ def _chunk_bytes(body: mmap.mmap, meta: Struct, size: int) -> int:
     end = place + _whole(meta.get(_CODEC_BYTES))
     if not 0 < place <= end <= size:
         raise ValueError("a column lies outside the file")
-    claimed, pages = 0, 0
+    stated, pages = 0, 0
     while place < end and pages < _MOST_PAGES:
         reader = _Compact(body, place, end)
         page = reader.struct()
-        claimed += _page_bytes(page)
+        stated += _page_bytes(page)
         place = reader.place + _whole(page.get(_PACKED_BYTES))
         pages += 1
     if place != end:
         raise ValueError("the pages of a column do not fit it")
-    return claimed
+    return stated
 
 
 def _page_bytes(page: Struct) -> int:
-    claimed = _whole(page.get(_PLAIN_BYTES))
+    stated = _whole(page.get(_PLAIN_BYTES))
     for kind, encoding in _KINDS_OF_PAGE.items():
         if kind in page:
             head = _struct(page[kind])
             if head.get(encoding) == _DELTA_BYTE_ARRAY:
                 # Each text may repeat all of the one before: nothing bounds what they unpack to.
                 raise ValueError("its texts are in the encoding DELTA_BYTE_ARRAY, write PLAIN")
-            claimed += _whole(head.get(1)) * _BYTES_A_VALUE
-    return claimed
+            stated += _whole(head.get(1)) * _BYTES_A_VALUE
+    return stated
 
 
 def _whole(value: object) -> int:

@@ -131,7 +131,7 @@ def median_height(path: str | Path) -> float:
     counts 16 bits of those that share the bits found so far: two passes for float32 and narrow
     integers, four for all else (64-bit integers beyond 2^53 are rounded). The result is exact;
     for an even count it is the mean of the two middle heights. Memory holds some windows of 4
-    million pixels (or one block of the file where that is larger) beside GDAL's block cache.
+    million pixels (or one block of the file where that is larger) besides GDAL's block cache.
 
     Parameters
     ----------

@@ -140,8 +140,8 @@ class HeightField:
         # By columns: numpy reduces an axis of two some ten times slower.
         (column, row), (height, width) = pixel.T, self.heights.shape
         inside: Bools = column >= 0.0
-        for held in (column <= width, row >= 0.0, row <= height):
-            inside &= held
+        for condition in (column <= width, row >= 0.0, row <= height):
+            inside &= condition
         return inside
 
     def corner_heights(self, cell: Ints) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from airzoo_bench.matching.scores import RECORDED, matching_scores
 from airzoo_bench.matching.scoring import ScoredScene, score_priors, score_scene
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
-from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score, concatenate, summarise
 
 __all__ = ["PRIOR_ITSELF", "TRACK", "MatchingTrack"]
@@ -178,7 +179,7 @@ class MatchingTrack(
         scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
         floor = Reference(
             meaning="what the photos' own GPS and gimbal angles score, without any matching",
-            **with_summary(summarise(records, scores, scenes)),
+            **asdict(summarise(records, scores, scenes)),
         )
         return {PRIOR_ITSELF: floor}
 

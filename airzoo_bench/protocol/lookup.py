@@ -46,7 +46,7 @@ def load_protocol(path: Path) -> Protocol:
     """
     data = read_toml(path, ProtocolError, "protocol file")
     track = data.get("track")
-    if not isinstance(track, str) or track not in TRACKS.names():
+    if not isinstance(track, str) or track not in TRACKS:
         raise ProtocolError(
             "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
             where=path,

@@ -77,7 +77,7 @@ def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
     Raises
     ------
     PredictionError
-        As of `read_views`.
+        As of `read_maps`.
     """
     arrays = open_arrays(path, limit_bytes)
     check_fields(arrays, ("image_names", "extrinsics"), ("protocol", *CAMERA_FIELDS), _EXPECTED)

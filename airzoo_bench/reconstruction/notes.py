@@ -16,6 +16,8 @@ from airzoo_bench.reconstruction.cloud_plausibility import (
     mirror_warning,
     plausibility_warnings,
 )
+from airzoo_bench.reconstruction.cloud_sources import DepthMaps, FloatMaps, PointMaps
+from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
 from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions
 from airzoo_bench.reconstruction.scoring import ScoredScene
@@ -24,13 +26,11 @@ from airzoo_bench.reconstruction.settings import (
     ReconstructionProtocol,
     ReconstructionScores,
 )
-from airzoo_bench.reconstruction.sources import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,
     suspect_image_size,
 )
-from airzoo_bench.reconstruction.views import ScenePrediction
 
 __all__ = ["listing_notes", "scene_notes"]
 

@@ -237,7 +237,7 @@ def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
 def rms_of_placed(errors: Floats) -> float:
     """Root mean square of the finite errors, infinite where there are none.
 
-    What ATE and RPE mean in the literature; say beside it how many cameras were placed, and use
+    What ATE and RPE mean in the literature; say next to it how many cameras were placed, and use
     the median of all errors where methods that place different cameras are compared.
 
     Parameters

@@ -18,6 +18,12 @@ from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.cloud_sources import (
+    EvenSample,
+    InMemoryCloud,
+    finite_pieces,
+    finite_rows,
+)
 from airzoo_bench.reconstruction.regions import (
     Box,
     CellSet,
@@ -26,12 +32,6 @@ from airzoo_bench.reconstruction.regions import (
     occupied_cells,
 )
 from airzoo_bench.reconstruction.settings import Preparation
-from airzoo_bench.reconstruction.sources import (
-    EvenSample,
-    InMemoryCloud,
-    finite_pieces,
-    finite_rows,
-)
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = [

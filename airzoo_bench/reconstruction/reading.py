@@ -24,8 +24,8 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
 from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.reconstruction.depth_map_files import ScenePrediction, holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, read_image_poses
-from airzoo_bench.reconstruction.views import ScenePrediction, holds_views, read_views
 
 __all__ = ["ReconstructionPredictions", "open_reconstruction"]
 
@@ -86,7 +86,7 @@ class ReconstructionPredictions:
         Raises
         ------
         PredictionError
-            See `open_cloud`, `read_views` and `Bundle.file`.
+            See `open_cloud`, `read_maps` and `Bundle.file`.
         """
         entry = self.entries[scene]
         images = None
@@ -95,11 +95,11 @@ class ReconstructionPredictions:
                 images = read_image_poses(path, limit_bytes)
             limit_bytes -= len(images.names) * BYTES_A_CAMERA
         with self._bundle.file(entry.geometry) as path:
-            if path.suffix.lower() != ".npz" or not holds_views(path, limit_bytes):
+            if path.suffix.lower() != ".npz" or not holds_maps(path, limit_bytes):
                 cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
                 yield ScenePrediction(cloud, images, cloud.notes)
                 return
-            views = read_views(path, limit_bytes)
+            views = read_maps(path, limit_bytes)
             if views.images is not None and images is not None:
                 raise PredictionError(
                     f"holds extrinsics, and so does {entry.cameras.name if entry.cameras else ''}",

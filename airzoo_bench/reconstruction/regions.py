@@ -10,7 +10,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.reconstruction.sources import finite_pieces
+from airzoo_bench.reconstruction.cloud_sources import finite_pieces
 
 __all__ = [
     "Box",
@@ -179,18 +179,18 @@ def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: flo
     BenchmarkError
         See `occupied_cells`.
     """
-    held = occupied_cells(pieces, (size, size, np.inf), box, margin + size)
-    grown = held.keys
+    occupied = occupied_cells(pieces, (size, size, np.inf), box, margin + size)
+    grown = occupied.keys
     reach = int(np.floor(margin / size)) + 1
-    x, y, z = held.places().T
+    x, y, z = occupied.places().T
     for east in range(-reach, reach + 1):
         for north in range(-reach, reach + 1):
             # Between the nearest sides of two columns.
             apart = np.hypot(max(abs(east) - 1, 0), max(abs(north) - 1, 0)) * size
             if apart < margin:
-                grown = np.union1d(grown, _shifted(held, x + east, y + north, z))
+                grown = np.union1d(grown, _shifted(occupied, x + east, y + north, z))
     low, high = float(box.low[2] - margin), float(box.high[2] + margin)
-    return Columns(replace(held, keys=grown), low, high)
+    return Columns(replace(occupied, keys=grown), low, high)
 
 
 def _shifted(cells: CellSet, x: Ints, y: Ints, z: Ints) -> Ints:

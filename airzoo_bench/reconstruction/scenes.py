@@ -20,6 +20,16 @@ from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.cameras import align, with_step
 from airzoo_bench.reconstruction.alignment.icp import refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.cloud_sources import (
+    DepthCloud,
+    DepthMaps,
+    InMemoryCloud,
+    PointMapCloud,
+    PointMaps,
+    TransformedCloud,
+    finite_pieces,
+)
+from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
 from airzoo_bench.reconstruction.distances.clouds import cloud_distances
 from airzoo_bench.reconstruction.image_poses import match_cameras
 from airzoo_bench.reconstruction.notes import scene_notes
@@ -34,18 +44,8 @@ from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.scoring import ScoredScene, pose_scores, record_scene
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionProtocol
-from airzoo_bench.reconstruction.sources import (
-    DepthCloud,
-    DepthMaps,
-    InMemoryCloud,
-    PointMapCloud,
-    PointMaps,
-    TransformedCloud,
-    finite_pieces,
-)
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.tsdf import fuse
-from airzoo_bench.reconstruction.views import ScenePrediction
 
 __all__ = ["read_through", "score_geometry", "scored_scene"]
 
@@ -109,7 +109,7 @@ def score_geometry(
     cloud = _as_cloud(geometry, alignment.transform, protocol.fusion)
     if method == "sim3+icp" and cameras is not None:
         try:
-            step, report = refine(cloud, true_cloud, protocol.alignment.icp(), held_points=block)
+            step, report = refine(cloud, true_cloud, protocol.alignment.icp(), memory_points=block)
             cloud = TransformedCloud(cloud, step, None)
             alignment = with_step(alignment, step, report, cameras, true_cameras)
         except AlignmentError as error:

@@ -20,6 +20,7 @@ from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.formats import SUFFIXES
 from airzoo_bench.reconstruction.alignment.cameras import write_alignments
 from airzoo_bench.reconstruction.baseline import STRUCTURE_FROM_MOTION
+from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, concatenated
 from airzoo_bench.reconstruction.notes import listing_notes
 from airzoo_bench.reconstruction.prepared import PreparedCloud
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
@@ -27,7 +28,6 @@ from airzoo_bench.reconstruction.scenes import read_through, scored_scene
 from airzoo_bench.reconstruction.scores import RECORDED, reconstruction_scores
 from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing, worst_poses
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.sources import InMemoryCloud, concatenated
 from airzoo_bench.reconstruction.template import depth_template
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
 from airzoo_bench.results.scores import Score
@@ -79,6 +79,7 @@ class ReconstructionTrack(
     """Multi-view reconstruction; see `Track`. All scenes share the listed predictions."""
 
     name = "reconstruction"
+    unit = "scene"
     recorded = RECORDED
     summary = (
         "Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."

@@ -34,7 +34,7 @@ _NOT_CHOSEN = "not among the photos of the reconstruction"
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionTruth:
-    """What a reconstruction is made from and held against.
+    """What a reconstruction is made from and compared with.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.sources import DepthMaps, surface_depth
+from airzoo_bench.reconstruction.cloud_sources import DepthMaps, surface_depth
 
 __all__ = ["TsdfSettings", "fuse"]
 

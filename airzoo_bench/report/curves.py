@@ -9,6 +9,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import default_style
+from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import name_text, new_canvas, series_style
 from airzoo_bench.report.labels import error_label, noted, over_scenes, who
@@ -184,7 +185,7 @@ def errors(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = 
         axes.plot(limits[every], curve[every], clip_on=False, zorder=3, **style)
     axes.set(xlim=(limits[0], limits[-1]), ylim=PERCENT)
     _scale(axes, limits)
-    unit = "scenes" if methods[0].result.track == "reconstruction" else "queries"
+    unit = plural(methods[0].result.unit)
     mean = over_scenes(methods) if unit == "queries" else ""
     label = wrapped(f"{unit} below{mean} [%]", _height(sheet) - 0.5, sheet.font(6.4))
     axes.set(xlabel=error_label(score), ylabel=label)

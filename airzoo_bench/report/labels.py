@@ -90,7 +90,7 @@ def _small_print(methods: Sequence[Scored]) -> str:
     titles = list(truth.scene_titles.values())
     scenes = f"scene {titles[0]}" if len(titles) == 1 else counted(len(titles), "scene")
     measured = scenes
-    if result.track != "reconstruction":
+    if result.unit == "query":
         measured = f"{counted(len(methods[0].records), 'query')} in {scenes}"
     used = f"protocol {protocol.name}, version {protocol.version}"
     return f"benchmark {truth.benchmark}, version {truth.version}; {used}: {measured}"

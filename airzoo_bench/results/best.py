@@ -57,7 +57,7 @@ def find_one(
     score: ScoreColumn,
     scene: str | None = None,
 ) -> int:
-    """Return the place of the reference, or of the method that is held against all others.
+    """Return the place of the reference, or of the method that all others are compared with.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ def _check(
         return
     second = others[0]
     why = {"protocol": _other_settings, "truth": _other_truth}[what](results[0], results[second])
-    made = {"protocol": "made with different protocols", "truth": "held against different truths"}
+    made = {"protocol": "made with different protocols", "truth": "compared with different truths"}
     raise ResultError(
         f"{names[0]} and {names[second]} were {made[what]} "
         f"({prints[0][:12]} and {prints[second][:12]}): {why}"

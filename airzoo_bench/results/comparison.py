@@ -118,7 +118,7 @@ class Comparison:
     of_one: bool = False
 
     def other(self, pair: Pair) -> str:
-        """Return who stands in a pair beside the one.
+        """Return who stands in a pair next to the one.
 
         Parameters
         ----------

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Scored", "held_to_result", "read_records", "read_scored"]
+__all__ = ["Scored", "checked_records", "read_records", "read_scored"]
 
 _SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 _BLOCK_BYTES = 8 << 20
@@ -110,14 +110,14 @@ def read_records(
         raise ResultError(
             "no such file",
             where=file,
-            expected="the records that were written beside result.json",
+            expected="the records that were written next to result.json",
             fix="keep both in one folder (records of a.json may be called a.records.csv), or "
             + _SCORE_AGAIN,
         )
     content = file.read_bytes()
     if hashlib.sha256(content).hexdigest() != result.records_sha256:
         raise ResultError(
-            "not the records of the result beside it: the checksum does not fit",
+            "not the records of the result next to it: the checksum does not fit",
             where=file,
             expected="the file as `airzoo-bench eval` wrote it together with result.json",
             fix=_SCORE_AGAIN,
@@ -125,7 +125,7 @@ def read_records(
     scores = [column.key for column in result.columns]
     wanted = _wanted(_column_names(content, file), scores, columns, file)
     records = _parsed(content, wanted, scores, file)
-    return held_to_result(records, result, file)
+    return checked_records(records, result, file)
 
 
 def _column_names(content: bytes, file: Path) -> list[str]:
@@ -225,7 +225,7 @@ def _with_type(texts: Any) -> Any:
     return texts
 
 
-def held_to_result(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
+def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
     """Return records sorted by ``query``, where they give the averages that a result states.
 
     Raises
@@ -291,7 +291,7 @@ def _check_averages(summary: Summary, scenes: list[str], result: Result, file: o
 
 def _unlike(what: str, expected: float, file: object) -> ResultError:
     return ResultError(
-        f"does not fit the result beside it: {what}",
+        f"does not fit the result next to it: {what}",
         where=file,
         expected=f"{expected!r}, as the result has it",
         fix=_SCORE_AGAIN,

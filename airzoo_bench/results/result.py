@@ -6,9 +6,10 @@ checksum over the content tells a result that was edited by hand.
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import math
+import operator
+from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -27,9 +28,9 @@ from pydantic import (
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import validation_message
-from airzoo_bench.core.version import __version__
-from airzoo_bench.results.scores import Score, Summary
+from airzoo_bench.results.scores import Score
 
 __all__ = [
     "SHARE_SLACK",
@@ -42,8 +43,6 @@ __all__ = [
     "TruthUsed",
     "read_result",
     "score_columns",
-    "versions",
-    "with_summary",
     "write_result",
 ]
 
@@ -61,6 +60,7 @@ def _printable(name: object) -> object:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
 
 
+_ROUNDING = 1e-12  # of averages: sums depend on the order of what is added
 SHARE_SLACK = 1e-9
 """By how much rounding may lift a share above 1."""
 
@@ -71,7 +71,6 @@ Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
 
 _EXPECTED = "a result.json that `airzoo-bench eval ... --out DIR` wrote"
 _MEND = "score the predictions again"
-_PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
 
 
 class _Model(BaseModel):
@@ -172,6 +171,22 @@ def _check_reference(
             _check_range(value, columns[key])
 
 
+def _check_averages(part: Result | Reference, columns: Collection[ScoreColumn]) -> None:
+    """Hold averages to the scenes that they are of, as far as these tell."""
+    for column in columns:
+        key = column.key
+        values = [scores[key] for scores in part.scenes.values()]
+        mean = sum(values) / len(values)
+        if not math.isclose(part.overall[key], mean, rel_tol=_ROUNDING):
+            raise ValueError(f"overall {key} is {part.overall[key]!r}, its scenes give {mean!r}")
+        low, high, pooled = min(values), max(values), part.pooled[key]
+        if isinstance(part, Result) and column.average == "mean":
+            numbers = [part.counts[scene]["queries"] for scene in part.scenes]
+            low = high = sum(map(operator.mul, numbers, values)) / max(sum(numbers), 1)
+        if not low * (1 - _ROUNDING) <= pooled <= high * (1 + _ROUNDING):
+            raise ValueError(f"pooled {key} is {pooled!r}, its scenes give {low!r} to {high!r}")
+
+
 class Result(_Model):
     """All that is known of one evaluation.
 
@@ -218,7 +233,7 @@ class Result(_Model):
             for key, value in part.items():
                 _check_range(value, columns[key])
         for what in (self.counts, self.truth.scene_titles):
-            if set(what) != set(self.scenes):
+            if not what or set(what) != set(self.scenes):
                 raise ValueError("counts, titles and scores are not of the same scenes")
         if not all("queries" in counts for counts in self.counts.values()):
             raise ValueError("a scene has no count of queries")
@@ -227,16 +242,18 @@ class Result(_Model):
         return self
 
     @model_validator(mode="after")
-    def _references_fit(self) -> Result:
+    def _averages_fit(self) -> Result:
+        _check_averages(self, self.columns)
         columns = {column.key: column for column in self.columns}
         for name, reference in self.references.items():
             _check_reference(name, reference, columns, set(self.scenes))
+            _check_averages(reference, [columns[key] for key in reference.overall])
         return self
 
     @property
     def unit(self) -> Literal["query", "scene"]:
-        """What a record is of; of scenes it is where a track scores each as a whole."""
-        return "scene" if self.track == "reconstruction" else "query"
+        """What a record is of, by the track; a query where the track is not installed."""
+        return TRACKS.get(self.track).unit if self.track in TRACKS else "query"
 
     def sealed(self) -> Result:
         """Return the same result with its checksum."""
@@ -261,17 +278,6 @@ def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
     """Turn a track's scores into a result's columns."""
     fields = [asdict(score) for score in scores]
     return tuple(ScoreColumn(key=given.pop("column"), **given) for given in fields)
-
-
-def with_summary(summary: Summary) -> dict[str, Any]:
-    """Return the fields of a result that a summary fills."""
-    return {"scenes": summary.scenes, "overall": summary.overall, "pooled": summary.pooled}
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of this package and of those that numbers depend on."""
-    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"airzoo-bench": __version__} | found
 
 
 def write_result(path: Path, result: Result) -> None:

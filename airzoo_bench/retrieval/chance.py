@@ -7,12 +7,13 @@ without replacement do. All expectations here are exact.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from math import comb
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.results.result import Reference, with_summary
+from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import concatenate, summarise
 from airzoo_bench.retrieval.scores import ap_name, retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalScores
@@ -78,7 +79,7 @@ def chance_level(truths: Sequence[RetrievalTruth], settings: RetrievalScores) ->
     summary = summarise(concatenate(tables), scores, [truth.scene for truth in truths])
     return Reference(
         meaning="what tiles in random order score on average, computed exactly",
-        **with_summary(summary),
+        **asdict(summary),
     )
 
 

@@ -37,7 +37,7 @@ Names = Sequence[object] | NDArray[Any]
 _UNIT = 2.0**-24  # roundoff of float32
 _UNIT_64 = 2.0**-53
 _TINY = 2.0**-126  # smallest normal float32
-_MOST = float(np.finfo(np.float32).max)
+_LEAST = 1 / float(np.finfo(np.float32).max)  # norms whose reciprocal float32 still holds
 _LAMBDA = 10.0
 _PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
 _MIN_SQUARE = 1e-25  # below, squares summed in float32 have lost digits to underflow
@@ -54,8 +54,7 @@ def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
         apart = queries - gallery
         return -_dot(apart, apart) / 2
     if metric == "cosine":
-        queries = queries / np.sqrt(_dot(queries, queries))[:, None]
-        gallery = gallery / np.sqrt(_dot(gallery, gallery))[:, None]
+        queries, gallery = _normalised(queries), _normalised(gallery)
     return _dot(queries, gallery)
 
 
@@ -70,10 +69,6 @@ def roundoff(queries: Floats, gallery: Floats, similarities: Floats, metric: Met
     ----------
     queries, gallery, similarities : (n, D), (n, D), (n,) arrays
         As of :func:`similarity`.
-
-    Returns
-    -------
-    (n,) array
     """
     gamma = _gamma(queries.shape[1], _UNIT_64)
     if metric == "l2":
@@ -96,6 +91,24 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return total
 
 
+def _scaled(rows: NDArray[Any]) -> tuple[Floats, Ints]:
+    """Divide rows by powers of two, which is exact, so that their squares do not underflow."""
+    double = rows.astype(np.float64)
+    _, exponents = np.frexp(np.abs(double).max(axis=1, initial=0.0))
+    return np.ldexp(double, -exponents[:, None]), exponents
+
+
+def _euclidean(rows: NDArray[Any]) -> Floats:
+    scaled, exponents = _scaled(rows)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused elsewhere
+        return np.asarray(np.ldexp(np.sqrt(_dot(scaled, scaled)), exponents))
+
+
+def _normalised(rows: NDArray[Any]) -> Floats:
+    scaled, _ = _scaled(rows)
+    return np.asarray(scaled / np.sqrt(_dot(scaled, scaled))[:, None])
+
+
 @dataclass(frozen=True)
 class Queries:
     """Query descriptors, ready for the search in float32.
@@ -103,9 +116,7 @@ class Queries:
     Parameters
     ----------
     rows : (Q, D) array
-        As given.
-    metric : Metric
-        How they are compared.
+        As given, to be compared by `metric`.
     single : (Q, D) float32 array
         What the gallery is multiplied with; normalised for `cosine`.
     norms : (Q,) array
@@ -128,9 +139,7 @@ class Queries:
         """
         norms = np.empty(len(rows))
         for start in range(0, len(rows), _FEW):
-            few = rows[start : start + _FEW].astype(np.float64)
-            with np.errstate(over="ignore", invalid="ignore"):
-                norms[start : start + _FEW] = np.sqrt(_dot(few, few))
+            norms[start : start + _FEW] = _euclidean(rows[start : start + _FEW])
         check_norms(
             norms,
             lambda some: np.isfinite(rows[some]).all(axis=1),
@@ -143,7 +152,7 @@ class Queries:
         single = np.empty(rows.shape, np.float32)
         for start in range(0, len(rows), _FEW):
             part = slice(start, start + _FEW)
-            single[part] = rows[part].astype(np.float64) / norms[part, None]
+            single[part] = _normalised(rows[part])
         return cls(rows, metric, single, np.ones(len(rows)))
 
     def similarities(
@@ -155,7 +164,7 @@ class Queries:
             values -= (norms**2 / 2).astype(np.float32)[:, None]
         if self.metric == "cosine":
             # Where float32 cannot hold the reciprocal, the bound excludes nothing anyway.
-            values *= np.minimum(1 / norms, _MOST).astype(np.float32)[:, None]
+            values *= (1 / np.maximum(norms, _LEAST)).astype(np.float32)[:, None]
         return values
 
     def searched(self, query: Ints, exact: Floats) -> Floats:
@@ -179,7 +188,7 @@ class Queries:
         gamma = _gamma(n, _UNIT)
         if self.metric == "cosine":
             # Twice: once for q.g, and at most once for the norm of g.
-            return np.full(len(self.norms), 2 * gamma + n * _TINY * (1 + 1 / least))
+            return np.full(len(self.norms), 2 * gamma + n * _TINY * (1 + 1 / max(least, _LEAST)))
         bound: Floats = gamma * self.norms * most + n * _TINY * (1 + self.norms + most)
         return bound + gamma * most**2 / 2 if self.metric == "l2" else bound
 
@@ -188,10 +197,9 @@ def norms_of(rows: NDArray[Any], single: NDArray[np.float32]) -> Floats:
     """Norms of descriptors; infinite or NaN where an element is, or where float32 overflows."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         squares = np.vecdot(single, single).astype(np.float64)
-    small = np.flatnonzero(squares < _MIN_SQUARE)
-    few = rows[small].astype(np.float64)
-    squares[small] = _dot(few, few)
     norms: Floats = np.sqrt(squares)
+    small = np.flatnonzero(squares < _MIN_SQUARE)
+    norms[small] = _euclidean(rows[small])
     return norms
 
 
@@ -219,7 +227,6 @@ def check_norms(
         The array's name in the file.
     metric : {'l2', 'cosine', 'inner_product'}
     names : sequence, optional
-        The rows' names; their numbers where not given.
 
     Raises
     ------
@@ -277,16 +284,14 @@ def points_one_way(gallery: RowSource, metric: Metric, step: int) -> bool:
 
 
 def _direction(rows: NDArray[Any], metric: Metric) -> Floats:
-    double: Floats = rows.astype(np.float64)
     if metric != "cosine":
-        return double
+        return rows.astype(np.float64)
     with np.errstate(all="ignore"):  # what is not finite is near nothing, and refused elsewhere
-        return double / np.sqrt(_dot(double, double))[:, None]
+        return _normalised(rows)
 
 
 def _storage_error(rows: NDArray[Any], direction: Floats) -> Floats:
     """How far storage may have turned rows (n, D) away from a direction (1, D)."""
     stored = np.finfo(rows.dtype)
     lost = float(stored.smallest_subnormal) / np.abs(rows).max(axis=1, keepdims=True)
-    error: Floats = 4 * float(stored.eps) * np.abs(direction) + 2 * lost.astype(np.float64)
-    return error
+    return np.asarray(4 * float(stored.eps) * np.abs(direction) + 2 * lost.astype(np.float64))

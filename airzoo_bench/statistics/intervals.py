@@ -29,6 +29,8 @@ __all__ = ["FEWEST", "Interval", "SampleIntervals", "bootstrap", "few_units"]
 FEWEST = 5
 """Fewer units in a group than these have no interval: resamples of them repeat each other."""
 
+_TINY = 1e-50
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -116,10 +118,11 @@ def bootstrap(
         The sample has no group.
     """
     pairs = np.array(differences, dtype=np.intp).reshape(-1, 2)
+    exponents = _exponents(sample.values, pairs)
     found: dict[str, list[Interval]] = {}
     total: _Part | None = None
     for group, values in zip(sample.groups, sample.values, strict=True):
-        part = _resampled(group, values, sample.medians, pairs, resampling)
+        part = _resampled(group, values, sample.medians, pairs, exponents, resampling)
         if groups:
             found[group] = _intervals(part, pairs, resampling, sample.unit)
         total = part if total is None else _together(total, part)
@@ -153,6 +156,7 @@ def _resampled(
     values: Floats,
     medians: NDArray[np.bool_],
     pairs: NDArray[np.intp],
+    exponents: NDArray[np.int32],
     resampling: ResamplingConfig,
 ) -> _Part:
     units = values.shape[1]
@@ -171,9 +175,20 @@ def _resampled(
         resamples[:, first : first + count] = weighted_averages(values, medians, counts)
     left_out = leave_one_out(values, medians)
     contrasts = difference(left_out[pairs[:, 0]], left_out[pairs[:, 1]])
-    moments = np.concatenate([_moments(left_out), _moments(contrasts)])
+    moments = _moments(np.ldexp(np.concatenate([left_out, contrasts]), -exponents[:, None]))
     moments[len(values) :][medians[pairs[:, 0]]] = np.inf  # BCa is not for these
     return _Part(estimates, resamples, moments, even, fewest)
+
+
+def _exponents(values: Sequence[Floats], pairs: NDArray[np.intp]) -> NDArray[np.int32]:
+    """Return by which powers of two (V + D,) tiny values are divided: their cubes would be 0."""
+    largest = np.zeros(len(values[0]) + len(pairs)) if values else np.zeros(0)
+    for part in values:
+        differences = paired_difference(part[pairs[:, 0]], part[pairs[:, 1]])
+        every = np.abs(np.concatenate([part, differences]))
+        largest = np.maximum(largest, np.where(np.isinf(every), 0.0, every).max(axis=1, initial=0))
+    exponents = np.frexp(largest)[1]
+    return np.asarray(np.where(largest < _TINY, exponents, 0), np.int32)
 
 
 def _all_alike(values: Floats) -> NDArray[np.bool_]:

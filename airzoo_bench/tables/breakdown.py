@@ -82,7 +82,7 @@ def is_condition(name: str, track: str) -> bool:
 
 @cache
 def _recorded(track: str) -> frozenset[str]:
-    if track not in TRACKS.names():  # its package is not installed here
+    if track not in TRACKS:  # its package is not installed here
         return frozenset(("scene", "query", "answered"))
     return frozenset(TRACKS.get(track).recorded)
 

@@ -126,8 +126,8 @@ def _fix(number: Rounded) -> str:
     return "check --queries; a mean over scenes is no share of queries, so take one scene"
 
 
-def hit_rate_interval(hits: int, queries: int, confidence: float = 0.95) -> Floats:
-    """Return Clopper and Pearson's exact interval of a hit rate, (2,), as shares.
+def hit_rate_interval(hits: int, queries: int) -> Floats:
+    """Return Clopper and Pearson's exact 95 % interval of a hit rate, (2,), as shares.
 
     References
     ----------
@@ -136,7 +136,7 @@ def hit_rate_interval(hits: int, queries: int, confidence: float = 0.95) -> Floa
     """
     from scipy.special import betaincinv
 
-    tail = (1 - confidence) / 2
+    tail = (1 - 0.95) / 2
     low = 0.0 if hits == 0 else float(betaincinv(hits, queries - hits + 1, tail))
     high = 1.0 if hits == queries else float(betaincinv(hits + 1, queries - hits, 1 - tail))
     return np.array([low, high])

@@ -90,8 +90,7 @@ def raises(thing: Any) -> bool:
     if inspect.isclass(thing):
         return False
     tree = ast.parse(textwrap.dedent(inspect.getsource(thing)))
-    thrown = [node.exc for node in ast.walk(tree) if isinstance(node, ast.Raise) and node.exc]
-    return any("NotImplementedError" not in ast.unparse(error) for error in thrown)
+    return any(isinstance(node, ast.Raise) and node.exc for node in ast.walk(tree))
 
 
 @pytest.mark.parametrize("name", list(PUBLIC))

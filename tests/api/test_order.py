@@ -51,7 +51,7 @@ def test_records_that_were_edited_are_not_compared(tmp_path: Path) -> None:
     one, other = (ab.load_result(write_method(tmp_path / m.name, m)) for m in made)
     assert ab.compare([one, other]) is not None
     other.records[HIT.key] = 1.0
-    with pytest.raises(ResultError, match="does not fit the result beside it"):
+    with pytest.raises(ResultError, match="does not fit the result next to it"):
         ab.compare([one, other])
 
 

@@ -154,11 +154,11 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "header lies": (
         with_member("scores.npy", lying((1 << 40, 1 << 20))),
-        ["field 'scores' is damaged", "claims 4,611,686,018,427,387,904 bytes", "holds 0"],
+        ["field 'scores' is damaged", "states 4,611,686,018,427,387,904 bytes", "holds 0"],
     ),
     "impossible shape": (
         with_member("scores.npy", lying((0, 1 << 70))),
-        ["field 'scores' is damaged or cut off: its header claims the shape and type"],
+        ["field 'scores' is damaged or cut off: its header states the shape and type"],
     ),
     "text of no width": (
         with_member("scores.npy", lying((10**15,), "<U0")),

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cli.test_bad_reconstruction import (
-    Capture,
+from tests.cli.bad_reconstruction import (
     Make,
     cameras,
     clouds,
@@ -23,6 +22,7 @@ from tests.cli.test_bad_reconstruction import (
     with_file,
     yard,
 )
+from tests.cli.test_bad_reconstruction import Capture
 from tests.reconstruction.world import (
     World,
     matrix_of_maps,

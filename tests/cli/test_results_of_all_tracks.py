@@ -8,35 +8,38 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
 
-from airzoo_bench.results.result import Result, ScoreColumn
 from tests.cli.results_of_all_tracks import (
     FORMATS,
     NAMES,
     TRACKS,
     Grid,
+    Said,
     Scored,
+    as_shown,
+    check_cell,
+    check_picture,
+    check_section,
+    conditions,
     csv_grid,
     json_grid,
     number,
     plain,
     real_scene,
+    same,
     says_not_a_number,
     score_methods,
     shown_numbers,
     sparse_mini,
     strict_json,
+    with_unit,
 )
 from tests.support import BRIGHTON, run_main
 
@@ -45,14 +48,6 @@ WIDE, NARROW = 250, 80
 FEW = ("--resamples", "500")
 
 ScoresOf = Callable[[str, str], Scored]
-
-
-@dataclass(frozen=True)
-class Said:
-    """What a command printed."""
-
-    out: str
-    err: str
 
 
 Run = Callable[..., Said]
@@ -121,29 +116,6 @@ def check_formats(run: Run, *ask: object) -> Grid:
                 if number(row[name]) is None and row[name]:
                     assert " ".join(row[name].split()) in text, (form, width)
     return exact
-
-
-def check_cell(exact: Any, shown: str) -> None:
-    """Hold what CSV prints to the number that JSON holds."""
-    value = number(exact)
-    if value is None:
-        return
-    printed = float(shown)
-    digits = len(shown.partition(".")[2]) if "e" not in shown else 17
-    assert printed == value or abs(printed - value) <= 0.5 * 10.0**-digits + 1e-9
-
-
-def as_shown(column: ScoreColumn, value: float) -> float:
-    return value * 100 if column.unit == "share" else value
-
-
-def with_unit(column: ScoreColumn) -> str:
-    return f"{column.title} [{'%' if column.unit == 'share' else column.unit}]"
-
-
-def same(one: Any, other: float) -> bool:
-    found = number(one)
-    return found is not None and (found == other or bool(np.isclose(found, other, rtol=1e-9)))
 
 
 # --- table -----------------------------------------------------------------------------------
@@ -311,15 +283,6 @@ def test_most_different_queries_differ_so(scored: Scored, run: Run) -> None:
 # --- breakdown -------------------------------------------------------------------------------
 
 
-def conditions(scored: Scored) -> list[str]:
-    """Return the columns that are conditions; a scene of reconstruction has its counts only."""
-    records = scored.records[NAMES[0]]
-    if scored.track == "reconstruction":
-        return ["scene", "answered", "points"]
-    known = ("altitude_m", "pitch_deg", "weather", "time_of_day", "sequence")
-    return ["scene", *(name for name in known if name in records.columns)]
-
-
 def test_a_breakdown_by_each_condition_covers_every_query(scored: Scored, run: Run) -> None:
     assert (
         scored.benchmark.name == "brighton"
@@ -391,24 +354,6 @@ def test_a_plot_is_drawn_or_refused(scored: Scored, run: Run, tmp_path: Path, ki
         check_picture(out)
 
 
-def check_picture(path: Path) -> None:
-    if path.suffix == ".png":
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("L"))
-        # Letters and lines take some of the page; a picture without data is nearly white.
-        assert 0.01 < (pixels < 200).mean() < 0.9
-        rows, columns = (pixels < 200).any(axis=1).mean(), (pixels < 200).any(axis=0).mean()
-        assert min(rows, columns) > 0.6
-    elif path.suffix == ".svg":
-        root = ElementTree.parse(path).getroot()
-        assert root.tag.endswith("svg")
-        assert len(list(root.iter("{http://www.w3.org/2000/svg}path"))) > 10
-    else:
-        content = path.read_bytes()
-        assert content.startswith(b"%PDF-")
-        assert content.rstrip().endswith(b"%%EOF")
-
-
 # --- report ----------------------------------------------------------------------------------
 
 
@@ -431,25 +376,6 @@ def test_a_report_has_a_section_a_protocol(
     tables = re.findall(r"<table>.*?</table>", page, re.S)
     for one, section, table in zip(every, sections, tables, strict=True):
         check_section(one, section, plain(table, "html"))
-
-
-def check_section(one: Scored, section: dict[str, Any], table: str) -> None:
-    # The best first.
-    assert [method["name"] for method in section["methods"]] == list(NAMES)[::-1]
-    titles = {score["title"] for score in section["scores"]}
-    assert {column.title for column in one.headline} <= titles
-    assert len(section["scenes"]) == len(one.results[NAMES[0]].scenes)
-    assert section["figures"]
-    by_query = one.track != "reconstruction"
-    assert bool(section["maps"]) == bool(section["hardest"]) == bool(section["queries"]) == by_query
-    for result in one.results.values():
-        check_averages(result, one.headline, table)
-
-
-def check_averages(result: Result, headline: list[ScoreColumn], table: str) -> None:
-    for column in headline:
-        value = as_shown(column, result.overall[column.key])
-        assert f"{value:.2f}" in table
 
 
 # --- what does not go together ---------------------------------------------------------------

@@ -24,7 +24,12 @@ from airzoo_bench.core.files import (
     write_npz,
 )
 from airzoo_bench.core.places import check_output_file, check_output_folder
-from airzoo_bench.core.temporaries import clear_abandoned, temporary_file, temporary_folder
+from airzoo_bench.core.temporaries import (
+    clear_abandoned,
+    only_writer,
+    temporary_file,
+    temporary_folder,
+)
 from tests.support import files_below
 
 
@@ -294,3 +299,14 @@ def test_text_that_a_person_wrote(tmp_path: Path) -> None:
         read_text(tmp_path / "b", ProtocolError, "protocol file")
     with pytest.raises(ProtocolError, match="a folder, not a protocol file"):
         read_text(tmp_path, ProtocolError, "protocol file")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks there")
+def test_a_lock_follows_no_link(tmp_path: Path) -> None:
+    with only_writer(tmp_path / "mine.npz"):
+        [lock] = tmp_path.iterdir()
+    (tmp_path / "theirs").write_text("kept")
+    lock.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match=lock.name), only_writer(tmp_path / "mine.npz"):
+        pass
+    assert not (tmp_path / "elsewhere").exists()

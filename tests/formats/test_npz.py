@@ -111,7 +111,7 @@ def test_a_zip_bomb_is_never_unpacked(tmp_path: Path) -> None:
 
 def test_a_member_that_holds_more_than_it_says(tmp_path: Path) -> None:
     content = npy("{'descr': '<f8', 'fortran_order': False, 'shape': (2,)}", bytes(1 << 20))
-    with pytest.raises(PredictionError, match="claims 16 bytes, the archive holds 1,048,576"):
+    with pytest.raises(PredictionError, match="states 16 bytes, the archive holds 1,048,576"):
         NpzFile(member(tmp_path / "x.npz", content, compress=True), LIMIT)
 
 

@@ -14,9 +14,9 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.reconstruction import sources
+from airzoo_bench.reconstruction import cloud_sources as sources
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.sources import (
+from airzoo_bench.reconstruction.cloud_sources import (
     DepthCloud,
     DepthMaps,
     PointMapCloud,

@@ -34,7 +34,7 @@ def terrain(rng: np.random.Generator, count: int) -> np.ndarray:
 def icp(
     predicted: np.ndarray, truth: np.ndarray, settings: IcpSettings = ICP, held: int = 1 << 20
 ) -> tuple[Similarity, IcpReport]:
-    return refine(Pieces(predicted), Pieces(truth), settings, held_points=held)
+    return refine(Pieces(predicted), Pieces(truth), settings, memory_points=held)
 
 
 OFF = Similarity(
@@ -130,7 +130,7 @@ class Made:
 
 settings = IcpSettings(20_000, 2.0, 2, 1e-9, True, 0)
 def peak(count):
-    refine(Made(count, 0.3), Made(count, 0.0), settings, held_points=100_000)
+    refine(Made(count, 0.3), Made(count, 0.0), settings, memory_points=100_000)
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 few = peak(300_000)
 print(peak(2_000_000) - few)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, TransformedCloud
 from airzoo_bench.reconstruction.prepared import (
     PreparedCloud,
     cropped_region,
@@ -20,7 +21,6 @@ from airzoo_bench.reconstruction.prepared import (
 )
 from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.settings import Preparation
-from airzoo_bench.reconstruction.sources import InMemoryCloud, TransformedCloud
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces
 

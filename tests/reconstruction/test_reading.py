@@ -14,10 +14,10 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import FileCloud
+from airzoo_bench.reconstruction.cloud_sources import DepthMaps
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
-from airzoo_bench.reconstruction.sources import DepthMaps
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
-from tests.reconstruction.test_views import made as made_views
+from tests.reconstruction.test_depth_map_files import made as made_views
 
 ROOM = 1 << 24
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import re
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -120,3 +124,41 @@ def write_photo_results(folder: Path, names: list[str]) -> tuple[Path, list[Path
         assert run_main(*ask) == 0
         results.append(out / "result.json")
     return data, results
+
+
+TYPES = {"<u1": np.uint8, "<u2": np.uint16, "<i2": np.int16, "<i4": np.int32}
+
+
+class Page:
+    """A page as its script reads it."""
+
+    def __init__(self, path: Path) -> None:
+        self.text = path.read_text(encoding="utf-8")
+        found = re.search(r'id="page-data">(.*?)</script>', self.text, re.DOTALL)
+        assert found
+        self.sections: list[dict[str, Any]] = json.loads(found[1])["sections"]
+        self.blobs = re.findall(r'id="blob-\d+">(.*?)</script>', self.text)
+
+    def unpack(self, packed: dict[str, Any]) -> Any:
+        content = zlib.decompress(base64.b64decode(self.blobs[packed["blob"]]))
+        return (
+            json.loads(content)
+            if packed["type"] == "json"
+            else np.frombuffer(content, packed["type"])
+        )
+
+    def values(self, packed: dict[str, Any]) -> np.ndarray[Any, Any]:
+        values = [{"inf": np.inf, None: np.nan}.get(value, value) for value in packed["values"]]
+        return np.array(values)[self.unpack(packed["codes"])]
+
+
+def made_page(folder: Path, *arguments: object) -> Page:
+    done = run("report", *arguments, "-o", folder / "report.html")
+    assert done.exit_code == 0, (done.output, done.exception)
+    return Page(folder / "report.html")
+
+
+def of_benchmark(method: Scored, name: str) -> Scored:
+    truth = method.result.truth.model_copy(update={"benchmark": name})
+    result = method.result.model_copy(update={"truth": truth}).sealed()
+    return Scored(method.name, result, method.records)

@@ -16,8 +16,7 @@ from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.layouts import methods_table
 from airzoo_bench.tables.model import show_number
 from airzoo_bench.tables.verdicts import verdict
-from tests.report.made import reconstruction_method, retrieval_method, write_methods
-from tests.report.test_report import made_page
+from tests.report.made import made_page, reconstruction_method, retrieval_method, write_methods
 from tests.statistics.support import ERROR, HIT, made_result
 
 SCRIPTS = Path(__file__).parents[2] / "airzoo_bench" / "report" / "html"

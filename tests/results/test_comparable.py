@@ -65,7 +65,7 @@ def test_other_names_say_enough() -> None:
 def test_truth() -> None:
     found = refusal(result(), result(), result([1.0, 0.0], truth="u" * 64))
     assert found.what == (
-        "m0 and m2 were held against different truths (tttttttttttt and uuuuuuuuuuuu): "
+        "m0 and m2 were compared with different truths (tttttttttttt and uuuuuuuuuuuu): "
         "benchmark made v1, prepared anew; scene s: 1 against 2 queries"
     )
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from airzoo_bench.core.errors import ResultError
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.evaluation.evaluate import versions
 from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
@@ -18,9 +21,9 @@ from airzoo_bench.results.result import (
     ScoreColumn,
     TruthUsed,
     read_result,
-    versions,
     write_result,
 )
+from tests.support import run_main
 
 
 def result(method: str = "Method", **overall: float) -> Result:
@@ -57,6 +60,70 @@ def result(method: str = "Method", **overall: float) -> Result:
         overall=values,
         pooled=values,
     ).sealed()
+
+
+def two_scenes(**changes: Any) -> Result:
+    """Return a result of scenes of 3 and 1 queries."""
+    base = result()
+    scenes = {"s": {"recall@1": 0.5, "distance_m": 8.0}, "t": {"recall@1": 1.0, "distance_m": 2.0}}
+    parts: dict[str, Any] = {
+        "truth": base.truth.model_copy(update={"scene_titles": {"s": "S", "t": "T"}}),
+        "counts": {"s": {"queries": 3}, "t": {"queries": 1}},
+        "scenes": scenes,
+        "overall": {"recall@1": 0.75, "distance_m": 5.0},
+        "pooled": {"recall@1": 0.625, "distance_m": 7.0},
+    }
+    return base.model_copy(update=parts | changes).sealed()
+
+
+def test_averages_are_those_of_the_scenes(tmp_path: Path) -> None:
+    write_result(tmp_path / "result.json", two_scenes())
+    assert read_result(tmp_path / "result.json") == two_scenes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"overall": {"recall@1": 0.76, "distance_m": 5.0}}, r"overall recall@1 is 0\.76.*0\.75"),
+        ({"overall": {"recall@1": 0.75, "distance_m": 2.0}}, r"overall distance_m is 2\.0.*5\.0"),
+        ({"overall": {"recall@1": 0.75, "distance_m": math.inf}}, "overall distance_m is inf"),
+        ({"scenes": {}, "counts": {}}, "not of the same scenes"),
+        ({"pooled": {"recall@1": 0.75, "distance_m": 7.0}}, r"pooled recall@1 is 0\.75.*0\.625"),
+        ({"pooled": {"recall@1": 0.625, "distance_m": 1.9}}, r"pooled distance_m .*2\.0 to 8\.0"),
+        (
+            {
+                "references": {
+                    "chance": Reference(
+                        meaning="A random order.",
+                        scenes={"s": {"recall@1": 0.5}, "t": {"recall@1": 0.25}},
+                        overall={"recall@1": 0.1},
+                        pooled={"recall@1": 0.3},
+                    )
+                }
+            },
+            r"overall recall@1 is 0\.1",
+        ),
+    ],
+)
+def test_resealed_averages_are_refused(
+    changes: dict[str, Any], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "result.json"
+    write_result(path, two_scenes(**changes))
+    with pytest.raises(ResultError, match=message):
+        read_result(path)
+    assert run_main("table", path) == 2
+    assert "scenes" in capsys.readouterr().err
+
+
+def test_the_track_says_what_a_record_is_of() -> None:
+    units = [two_scenes(track=name).unit for name in ("matching", "reconstruction", "gone")]
+    assert units == ["query", "scene", "query"]
+    TRACKS.add("floods", SimpleNamespace(unit="scene"))
+    try:
+        assert two_scenes(track="floods").unit == "scene"
+    finally:
+        TRACKS.remove("floods")
 
 
 def test_both_ways_to_the_last_digit(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,6 @@ from airzoo_bench.results.result import (
     Result,
     ScoreColumn,
     TruthUsed,
-    with_summary,
 )
 from airzoo_bench.results.scores import Score, summarise
 
@@ -101,7 +101,7 @@ def made_result(
         counts={s: {"queries": int((records["scene"] == s).sum())} for s in scenes},
         extra_queries=0,
         notes=(),
-        **with_summary(summarise(records, scores, scenes)),
+        **asdict(summarise(records, scores, scenes)),
     ).sealed()
 
 

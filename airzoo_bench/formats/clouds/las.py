@@ -193,11 +193,11 @@ def _check_header(
 
 
 def _check_body(path: Path, header: LasHeader, size: int) -> None:
-    held = (size - header.start) // header.record_bytes
-    if not header.compressed and held < header.count:
+    room = (size - header.start) // header.record_bytes
+    if not header.compressed and room < header.count:
         raise refusal(
             path,
-            f"its header promises {counted(header.count, 'point')}, the file has room for {held:,}",
+            f"its header promises {counted(header.count, 'point')}, the file has room for {room:,}",
             expected="all points that the header promises",
             fix=FIX_COPY,
         )

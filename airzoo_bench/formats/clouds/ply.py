@@ -105,9 +105,9 @@ def _start_of(path: Path, header: PlyHeader, element: Element) -> int:
 
 
 def _refuse_short(path: Path, vertex: Element, start: int, itemsize: int) -> None:
-    held = max(path.stat().st_size - start, 0) // itemsize
-    if held < vertex.count:
-        raise _too_few(path, vertex.count, f"room for {held:,}")
+    room = max(path.stat().st_size - start, 0) // itemsize
+    if room < vertex.count:
+        raise _too_few(path, vertex.count, f"room for {room:,}")
 
 
 def _refuse_short_text(path: Path, header: PlyHeader) -> None:
@@ -118,11 +118,11 @@ def _refuse_short_text(path: Path, header: PlyHeader) -> None:
         raise _too_few(path, promised, f"{path.stat().st_size - header.size:,} bytes of text")
 
 
-def _too_few(path: Path, promised: int | str, held: str) -> PredictionError:
+def _too_few(path: Path, promised: int | str, room: str) -> PredictionError:
     count = f"{promised:,} points" if isinstance(promised, int) else promised
     return refusal(
         path,
-        f"its header promises {count}, the file has {held}",
+        f"its header promises {count}, the file has {room}",
         expected="all that the header promises",
         fix=FIX_COPY,
     )

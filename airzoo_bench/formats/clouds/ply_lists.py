@@ -162,7 +162,7 @@ def _counter(name: str) -> str:
 def _cut_off(path: Path, element: Element) -> PredictionError:
     return refusal(
         path,
-        f"the file ends within its element {element.name[:20]!r}, or a list in it claims an absurd "
+        f"the file ends within its element {element.name[:20]!r}, or a list in it states an absurd "
         "length",
         expected=f"{element.count:,} rows, as its header says",
         fix=FIX_COPY,

@@ -17,7 +17,7 @@ import numpy as np
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, fit_many
-from airzoo_bench.reconstruction.sources import finite_pieces, finite_rows
+from airzoo_bench.reconstruction.cloud_sources import finite_pieces, finite_rows
 
 __all__ = ["CloudFit", "IcpReport", "IcpSettings", "drawn", "refine"]
 
@@ -89,7 +89,7 @@ class IcpReport:
 
 
 def refine(
-    predicted: CloudSource, truth: CloudSource, settings: IcpSettings, *, held_points: int
+    predicted: CloudSource, truth: CloudSource, settings: IcpSettings, *, memory_points: int
 ) -> tuple[Similarity, IcpReport]:
     """Find the similarity that brings a cloud in the frame of the truth nearer to it, by ICP.
 
@@ -103,8 +103,8 @@ def refine(
     predicted, truth : CloudSource
         In the frame of the truth.
     settings : IcpSettings
-    held_points : int
-        A truth of more points is read again in every round, instead of held.
+    memory_points : int
+        A truth of more points is read again in every round, instead of kept.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def refine(
         raise AlignmentError("ICP needs points in the prediction and in the truth")
     # Near zero: the tree works on offsets from a point of the truth.
     points = points - origin
-    nearest = _Nearest(truth, origin, settings.max_distance, held=truth.count <= held_points)
+    nearest = _Nearest(truth, origin, settings.max_distance, in_memory=truth.count <= memory_points)
     transform = Similarity.identity()
     distances, partners = nearest(points)
     before = fit = _cloud_fit(distances, settings.max_distance)
@@ -171,13 +171,15 @@ def drawn(source: CloudSource, count: int, seed: int) -> Floats:
 class _Nearest:
     """Distances to the nearest point within a limit, infinite beyond, and that point."""
 
-    def __init__(self, truth: CloudSource, origin: Floats, limit: float, *, held: bool) -> None:
+    def __init__(
+        self, truth: CloudSource, origin: Floats, limit: float, *, in_memory: bool
+    ) -> None:
         self._truth, self._origin, self._limit = truth, origin, limit
-        self._held = list(self._read()) if held else None
+        self._points = list(self._read()) if in_memory else None
 
     def __call__(self, queries: Floats) -> tuple[Floats, Floats]:
         distances, partners = np.full(len(queries), np.inf), np.full_like(queries, np.nan)
-        for points, tree in self._read() if self._held is None else self._held:
+        for points, tree in self._read() if self._points is None else self._points:
             self._improve(queries, points, tree, distances, partners)
         return distances, partners
 

@@ -1,12 +1,12 @@
 """Exact distances between two clouds, in memory where they fit, in blocks on disk where not.
 
-In blocks, both clouds are written to disk in cells (`spill`). The points of a cell are held against
-the other cloud's points of the same cell; what this finds bounds their distances. A point whose
-bound reaches into the box of another block is first held against a sample of the whole other cloud,
-which tightens bounds of points that are alone in their cell, and where its bound still reaches,
-against that block. No halo is guessed, nothing is searched twice, and far points cost no more than
-the blocks that their bounds reach. The least over blocks of the least in each block is the least
-of all, so the distances are those of `neighbours`, to the last bit.
+In blocks, both clouds are written to disk in cells (`spill`). The points of a cell are compared
+with the other cloud's points of the same cell; what this finds bounds their distances. A point
+whose bound reaches into the box of another block is first compared with a sample of the whole other
+cloud, which tightens bounds of points that are alone in their cell, and where its bound still
+reaches, against that block. No halo is guessed, nothing is searched twice, and far points cost no
+more than the blocks that their bounds reach. The least over blocks of the least in each block is
+the least of all, so the distances are those of `neighbours`, to the last bit.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.reconstruction.cloud_sources import EvenSample, concatenated, finite_pieces
 from airzoo_bench.reconstruction.distances.boxes import (
     bound_squared,
     gap_squared,
@@ -28,7 +29,6 @@ from airzoo_bench.reconstruction.distances.boxes import (
 )
 from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch, mutual_distances
 from airzoo_bench.reconstruction.distances.spill import Block, Spill, cells_of, spilled
-from airzoo_bench.reconstruction.sources import EvenSample, concatenated, finite_pieces
 
 __all__ = ["CloudDistances", "block_distances", "cloud_distances"]
 
@@ -185,7 +185,7 @@ class _Search:
                 self._wait(part, their, squared, home)
 
     def _wait(self, points: Floats, numbers: Ints, squared: Floats, home: Block | None) -> None:
-        """Note which points have to be held against which other blocks."""
+        """Note which points have to be compared with which other blocks."""
         rows, blocks = self._reached(points, squared[numbers], home)
         if len(rows) == 0:
             return

@@ -35,7 +35,7 @@ _MENDS = {
     "LaTeX": "put the names of the columns into the row above the first numbers, as "
     "Method & Scene & R@1 \\\\",
 }
-# In the corner, as Method \ Scene, what stands below it and what beside it.
+# In the corner, as Method \ Scene, what stands below it and what next to it.
 _ACROSS = re.compile(r"([a-z]+) ?[\\/|] ?[a-z ]+")
 _UNNAMED = "(unnamed)"
 _MOST_BESIDE = 6

@@ -12,6 +12,7 @@ __all__ = [
     "Score",
     "at_most",
     "is_known",
+    "is_of_no_rank",
     "is_plain_score",
     "read_score",
     "recall_of_cloud",
@@ -72,6 +73,9 @@ _HITS = re.compile(
     r"(?:r|rec|recall|acc|accuracy|success|sr|hit|hits|hit ?rate))? ?@ ?(.+)"
 )
 _BELOW = re.compile(r"(d|distance|error) ?< ?([0-9].*)")
+_NEGATIVE = re.compile(r"[@<]\s*[-\u2212]")
+# Shares of queries with a hit among the first K, where no unit makes K a distance.
+_RANKED = ("r", "rec", "recall", "hit", "hits", "hit rate", "hitrate")
 # Of point clouds: within a distance; without a unit it may be of the first so many.
 _CLOUD = re.compile(
     r"(f|f1|f ?score|f1 ?score|p|prec|precision) ?[@<] ?"
@@ -129,15 +133,20 @@ class Score:
 
 
 def read_score(name: str) -> Score:
-    """Understand a score's printed name; what is not understood is of the family `OTHER`."""
+    """Understand a score's printed name; what is not understood is of the family `OTHER`.
+
+    So is what cannot be, such as R@0 and R@-1.
+    """
     plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
-    return (
+    score = (
         _average_precision(name, plain)
         or _of_cloud(name, plain)
         or _curve(name, plain)
         or _hits(name, plain)
         or _named(name, plain)
     )
+    cannot_be = _NEGATIVE.search(name) or any(not value for value, _ in score.thresholds)
+    return Score(name, Family.OTHER) if cannot_be else score
 
 
 def is_known(name: str) -> bool:
@@ -171,6 +180,15 @@ def _curve(name: str, plain: str) -> Score | None:
         return None
     thresholds = ((Fraction(found[2]), (found[3] or "").replace("°", "deg")),)
     return Score(name, Family.CURVE, thresholds, found[1], higher_is_better=True)
+
+
+def is_of_no_rank(score: Score) -> bool:
+    """Whether it reads as recall at K and K is no whole number, as in R@5.5."""
+    if score.family is not Family.HITS or score.stem not in _RANKED:
+        return False
+    return len(score.thresholds) == 1 and all(
+        not unit and value.denominator > 1 for value, unit in score.thresholds
+    )
 
 
 def recall_of_cloud(score: Score) -> Score:

@@ -15,7 +15,7 @@ from airzoo_bench.tables.printed.column_titles import is_summary_name
 from airzoo_bench.tables.printed.fields import fields_of
 from airzoo_bench.tables.printed.grid import Grid
 from airzoo_bench.tables.printed.rows import told_apart, without_differences
-from airzoo_bench.tables.printed.scores import Family, recall_of_cloud
+from airzoo_bench.tables.printed.scores import Family, Score, is_of_no_rank, recall_of_cloud
 from airzoo_bench.tables.printed.sources import Source, read_sources
 from airzoo_bench.tables.printed.values import read_cell, readable
 
@@ -38,7 +38,7 @@ def resolve_ambiguous(cells: Sequence[PrintedValue], *, marked: bool) -> tuple[P
     """
     families = {cell.score.family for cell in cells}
     both = {Family.ACCURACY, Family.COMPLETENESS} <= families
-    # Beside F1, accuracy and completeness without a unit may be precision and recall.
+    # Next to F1, accuracy and completeness without a unit may be precision and recall.
     distances = both and Family.F1 not in families
     of_clouds = _cloud_distances(cells)
     return tuple(
@@ -77,6 +77,8 @@ def _settled(cell: PrintedValue, *, marked: bool, distances: bool) -> PrintedVal
         if percent or not (distances or cell.unit):
             better = True if percent else None
             score = replace(score, family=Family.OTHER, higher_is_better=better)
+    if is_of_no_rank(score):
+        score = Score(score.name, Family.OTHER)
     if distances and score.family is Family.OTHER and is_summary_name(score.name):
         score = replace(score, family=Family.CHAMFER, higher_is_better=False)
     bold = (cell.bold or False) if marked else None
@@ -208,7 +210,9 @@ def _check_cells(path: Path, cells: tuple[PrintedValue, ...]) -> None:
         raise ResultError("no printed number", where=path, expected="a line a number or a method")
     first: dict[tuple[str, ...], int] = {}
     for cell in cells:
-        names = (cell.table, cell.benchmark, cell.track, cell.scene, cell.method, cell.score.name)
+        # Average and average are one.
+        scene, score = cell.scene.casefold(), cell.score.name.casefold()
+        names = (cell.table, cell.benchmark, cell.track, scene, cell.method, score)
         if names in first:
             raise ResultError(
                 f"{cell.score.name} of {cell.method} on {cell.place} again",

@@ -149,7 +149,7 @@ def _gain(field: Field, marked: Marked) -> Rounded | None:
     given = _marked(field, "gain").number
     if marked.gain and marked.gain.value != given.value:
         raise ResultError(
-            f"gain {given.text} here and {marked.gain.text} beside the value",
+            f"gain {given.text} here and {marked.gain.text} next to the value",
             where=field.where("gain"),
             fix="keep one",
         )

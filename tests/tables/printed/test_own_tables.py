@@ -46,6 +46,8 @@ def made(name: str, method: str, seed: int) -> Result:
     def values() -> dict[str, float]:
         return {c.key: random.random() * (1 if c.unit == "share" else 9) for c in columns}
 
+    scenes = {scene: values() for scene in SCENES}
+    mean = {c.key: sum(scenes[s][c.key] for s in scenes) / len(scenes) for c in columns}
     base = result(method)
     content: dict[str, Any] = base.model_dump(by_alias=True) | {
         "track": name.rsplit("-", 1)[1],
@@ -54,10 +56,10 @@ def made(name: str, method: str, seed: int) -> Result:
             benchmark="airzoo-mini", version=1, fingerprint=name, scene_titles=SCENES
         ),
         "columns": columns,
-        "scenes": {scene: values() for scene in SCENES},
+        "scenes": scenes,
         "counts": {scene: {"queries": 59} for scene in SCENES},
-        "overall": values(),
-        "pooled": values(),
+        "overall": mean,
+        "pooled": mean,
     }
     return Result.model_validate(content).sealed()
 

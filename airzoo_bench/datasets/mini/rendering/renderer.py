@@ -33,7 +33,7 @@ _MOST_PIXELS = 64_000_000
 # Rays through the pixels are kept from one frame to the next where they are no more than this.
 _KEPT_RAYS = 1 << 21
 
-# A pixel beside another surface is its centre and, by a third, what lies a third of a pixel
+# A pixel next to another surface is its centre and, by a third, what lies a third of a pixel
 # towards that surface: the mean of three rays in a row, the one away from the edge being taken to
 # see what the centre sees.
 _THIRD = 1 / 3
@@ -129,9 +129,9 @@ class Renderer:
             part = slice(start, start + BLOCK_PIXELS)
             pixel = edge[part]
             rays = view.rays(_through(view.camera, pixel, towards[:, part] * _THIRD), pixel)
-            beside = to_stored(self._scene.look(rays, given)[0])
+            nearby = to_stored(self._scene.look(rays, given)[0])
             own = from_stored(light[:, pixel])
-            light[:, pixel] = to_stored(own + (from_stored(beside) - own) * np.float32(_THIRD))
+            light[:, pixel] = to_stored(own + (from_stored(nearby) - own) * np.float32(_THIRD))
 
     def _through_pixels(self, camera: Cameras, pixel: NDArray[np.int64]) -> Floats:
         """Return `_through` of pixels in a row, remembered from the frame before."""
@@ -193,7 +193,7 @@ def _surface_keys(mesh: Mesh, normal: Floats) -> NDArray[np.int32]:
 def edge_pixels(
     triangle: NDArray[np.int32], keys: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Find pixels whose surface is another than that of a pixel beside, above or below.
+    """Find pixels whose surface is another than that of a pixel to the side, above or below.
 
     Given what triangle (H, W) each pixel sees, -1 where none, and the triangles' keys, see
     `_surface_keys`. Returns flat indices (E,) and the step (2, E), right and down, of -1, 0 or 1 to

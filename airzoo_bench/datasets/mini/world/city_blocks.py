@@ -157,7 +157,7 @@ def _garden(site: Site, dice: Dice, frame: Frame, half_u: float, half_v: float) 
 
 
 def _mall(site: Site, dice: Dice, lot: Rect) -> None:
-    """Lay out a big flat hall beside its parking lot."""
+    """Lay out a big flat hall next to its parking lot."""
     site.paint("plates", lot, dice.integer(0, 999))
     middle = lot.u0 + lot.long * dice.real(0.45, 0.6)
     hall = Rect(lot.frame, lot.u0 + 3, middle, lot.v0 + 4, lot.v1 - 4)

@@ -226,10 +226,10 @@ def _sole_maker(folder: Path) -> Iterator[None]:
     The lock's file stays: were it removed, two could hold it at once. On disks that know no locks
     (some of clusters) nobody waits.
     """
-    with ExitStack() as held:
+    with ExitStack() as locks:
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)
-            stream = held.enter_context((folder.parent / f".lock-{folder.name}").open("ab"))
+            stream = locks.enter_context((folder.parent / f".lock-{folder.name}").open("ab"))
             with suppress(OSError):
                 _wait_for(stream)
             with tempfile.TemporaryFile(dir=folder.parent):

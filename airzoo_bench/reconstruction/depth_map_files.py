@@ -1,4 +1,4 @@
-"""What a prediction holds of a scene; depth and point maps with cameras, read from npz files."""
+"""Depth and point maps with cameras from npz files, as VGGT, DUSt3R and MapAnything give them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.reconstruction.cloud_sources import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import (
     BYTES_A_CAMERA,
     CAMERA_FIELDS,
@@ -22,10 +23,9 @@ from airzoo_bench.reconstruction.image_poses import (
     field_fault,
     image_poses,
 )
-from airzoo_bench.reconstruction.sources import DepthMaps, FloatMaps, PointMaps
 from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
 
-__all__ = ["ScenePrediction", "holds_views", "read_views"]
+__all__ = ["ScenePrediction", "holds_maps", "read_maps"]
 
 _DEPTH = "depth"
 _POINTS = ("world_points", "points")
@@ -80,7 +80,7 @@ class ScenePrediction:
         return "depth" if isinstance(self.geometry, DepthMaps) else "points"
 
 
-def holds_views(path: Path, limit_bytes: int) -> bool:
+def holds_maps(path: Path, limit_bytes: int) -> bool:
     """Whether an npz holds depth maps or point maps (else it is a cloud)."""
     arrays = open_arrays(path, limit_bytes)
     names = arrays.names()
@@ -88,7 +88,7 @@ def holds_views(path: Path, limit_bytes: int) -> bool:
     return not cloud or arrays.map("points").ndim == 4
 
 
-def read_views(path: Path, limit_bytes: int) -> ScenePrediction:
+def read_maps(path: Path, limit_bytes: int) -> ScenePrediction:
     """Read depth maps or point maps.
 
     Maps that `numpy.savez` wrote stay in the file until they are used, so that they may be larger

@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
+from airzoo_bench.reconstruction.depth_map_files import holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import read_image_poses
-from airzoo_bench.reconstruction.sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,
     suspect_image_size,
 )
-from airzoo_bench.reconstruction.views import holds_views, read_views
 from tests.formats.cloud_support import refused
 
 LIMIT = 1 << 24
@@ -52,14 +52,14 @@ def written(path: Path, **changes: Any) -> Path:
 
 
 def depth_maps(path: Path) -> DepthMaps:
-    maps = read_views(path, LIMIT).geometry
+    maps = read_maps(path, LIMIT).geometry
     assert isinstance(maps, DepthMaps)
     return maps
 
 
 def test_depth_maps(tmp_path: Path) -> None:
     path = written(tmp_path)
-    views, maps = read_views(path, LIMIT), depth_maps(path)
+    views, maps = read_maps(path, LIMIT), depth_maps(path)
     np.testing.assert_array_equal(maps.depth, made()["depth"])
     np.testing.assert_array_equal(maps.confidence, made()["conf"])
     assert views.kind == "depth"
@@ -93,29 +93,29 @@ def test_pixel_centres_that_are_integers_are_shifted(tmp_path: Path) -> None:
     # Files without names are Depth Anything 3's, whose centres are integers.
     assert principal_point(tmp_path, image_names=None) == shifted
     assert principal_point(tmp_path, image_names=None, pixel_centres=np.array("half")) == corner
-    assert read_views(written(tmp_path), LIMIT).pixel_centres is None
+    assert read_maps(written(tmp_path), LIMIT).pixel_centres is None
 
 
 @pytest.mark.parametrize("value", ["corner", "", 0.5, ["half", "half"], [["a"]]])
 def test_other_pixel_centres_are_refused(value: object, tmp_path: Path) -> None:
     with refused("'half'.*or 'integer'") as caught:
-        read_views(written(tmp_path, pixel_centres=np.array(value)), LIMIT)
+        read_maps(written(tmp_path, pixel_centres=np.array(value)), LIMIT)
     assert "field 'pixel_centres'" in str(caught.value)
 
 
 def test_an_axis_before_the_pixels_is_told_how_to_go(tmp_path: Path) -> None:
     with refused("axis of 1 before the pixels") as caught:
-        read_views(written(tmp_path, depth=made()["depth"][:, None]), LIMIT)
+        read_maps(written(tmp_path, depth=made()["depth"][:, None]), LIMIT)
     assert "depth[:, 0]" in str(caught.value.fix)
 
 
 def test_views_without_names_are_numbered(tmp_path: Path) -> None:
-    views = read_views(written(tmp_path, image_names=None), LIMIT)
+    views = read_maps(written(tmp_path, image_names=None), LIMIT)
     assert views.images is not None
     assert not views.images.named
     assert views.images.names.tolist() == ["view 0", "view 1", "view 2", "view 3"]
     np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-9)
-    named = read_views(written(tmp_path), LIMIT).images
+    named = read_maps(written(tmp_path), LIMIT).images
     assert named is not None
     assert named.named
 
@@ -124,12 +124,12 @@ def test_views_without_names_are_numbered(tmp_path: Path) -> None:
 def test_point_maps_with_cameras_or_without(name: str, tmp_path: Path) -> None:
     points = np.random.default_rng(2).random((N, H, W, 3))
     path = written(tmp_path, depth=None, **{name: points})
-    views = read_views(path, LIMIT)
+    views = read_maps(path, LIMIT)
     assert isinstance(views.geometry, PointMaps)
     np.testing.assert_array_equal(views.geometry.points, points)
     assert views.images is not None
     bare = {"extrinsics": None, "intrinsics": None, "image_names": None, "depth": None}
-    views = read_views(written(tmp_path, **bare, **{name: points}), LIMIT)
+    views = read_maps(written(tmp_path, **bare, **{name: points}), LIMIT)
     assert views.images is None
     assert views.kind == "points"
 
@@ -144,14 +144,14 @@ def test_what_is_a_cloud_and_what_are_views(tmp_path: Path) -> None:
     found = []
     for shapes in cases:
         np.savez(tmp_path / "a.npz", **{name: np.zeros(shape) for name, shape in shapes.items()})
-        found.append(holds_views(tmp_path / "a.npz", LIMIT))
+        found.append(holds_maps(tmp_path / "a.npz", LIMIT))
     assert found == [False, True, True, True]
 
 
 def test_a_pose_that_was_not_found_is_all_nan(tmp_path: Path) -> None:
     extrinsics = matrices(poses())
     extrinsics[1] = np.nan
-    images = read_views(written(tmp_path, extrinsics=extrinsics), LIMIT).images
+    images = read_maps(written(tmp_path, extrinsics=extrinsics), LIMIT).images
     assert images is not None
     assert images.found.tolist() == [True, False, True, True]
 
@@ -190,7 +190,7 @@ def changed(index: Any, value: Any) -> np.ndarray:
 )
 def test_wrong_views(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     with refused(message) as caught:
-        read_views(written(tmp_path, **changes), LIMIT)
+        read_maps(written(tmp_path, **changes), LIMIT)
     assert "v.npz" in str(caught.value)
 
 
@@ -204,7 +204,7 @@ def test_intrinsics_of_another_resolution(ratio: float, likely: str, tmp_path: P
         scale = np.diag([1 / W, 1 / H, 1.0])
     path = written(tmp_path, intrinsics=scale @ made()["intrinsics"])
     with refused(likely) as caught:
-        read_views(path, LIMIT)
+        read_maps(path, LIMIT)
     assert "times the centre of the maps in 4 (first 3: DJI_0000" in str(caught.value).replace(
         "4 of 4", "4"
     )
@@ -213,10 +213,10 @@ def test_intrinsics_of_another_resolution(ratio: float, likely: str, tmp_path: P
 def test_a_principal_point_off_the_centre_is_noted(tmp_path: Path) -> None:
     K = made()["intrinsics"].copy()
     K[1, 0, 2] *= 1.8
-    views = read_views(written(tmp_path, intrinsics=K), LIMIT)
+    views = read_maps(written(tmp_path, intrinsics=K), LIMIT)
     assert "1 of 4 (DJI_0001.JPG)" in views.notes[0]
     K[1, 0, 2] = W / 2 * 1.3
-    assert read_views(written(tmp_path, intrinsics=K), LIMIT).notes == ()
+    assert read_maps(written(tmp_path, intrinsics=K), LIMIT).notes == ()
 
 
 def test_maps_of_another_shape_than_the_photos() -> None:

@@ -1,0 +1,103 @@
+"""Pages that several files of tests open, and the browser that opens them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.results.records import Scored, read_scored
+from tests.report.made import (
+    HOSTILE,
+    reconstruction_method,
+    retrieval_method,
+    run,
+    write_methods,
+    write_photo_results,
+)
+from tests.statistics.support import ERROR, HIT, made_result
+
+NAMES = ["first", "second", HOSTILE]
+
+
+@pytest.fixture(scope="session")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    data, results = write_photo_results(folder, NAMES)
+    made = [
+        reconstruction_method("cloud", 0, scenes=5),
+        retrieval_method("made", 0),
+        far_method("far"),
+    ]
+    others = write_methods(folder, made)
+    out = folder / "report.html"
+    done = run("report", *results, *others, "--data", data, "-o", out)
+    assert done.exit_code == 0, done.exception
+    return out
+
+
+def far_method(name: str) -> Scored:
+    """Return a method whose median errors span decades, and of one group are infinite."""
+    made = retrieval_method(name, 0, truth="f" * 64)
+    by = {"sunny": 0.7, "rainy": np.inf, None: 300.0}
+    errors = np.array([by[None if pd.isna(w) else w] for w in made.records["weather"]])
+    rolls = np.where(np.arange(len(errors)) % 2, -1e-6, -0.5)
+    records = made.records.assign(error_m=errors, altitude_m=50.0, roll_deg=rolls)
+    settings = made.result.protocol.settings
+    result = made_result(records, (HIT, ERROR), name, settings=settings, truth="f" * 64)
+    return Scored(name, result, records)
+
+
+@pytest.fixture(scope="session")
+def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a report of twenty methods, two of the same name and two of long ones."""
+    folder = tmp_path_factory.mktemp("crowded")
+    names = ["same", "same", "a name of many words that goes on and on", "x" * 70]
+    names += [f"method {number}" for number in range(16)]
+    methods = [retrieval_method(name, number) for number, name in enumerate(names)]
+    noted = [
+        Scored(m.name, m.result.model_copy(update={"notes": (f"note {n}",)}).sealed(), m.records)
+        for n, m in enumerate(methods)
+    ]
+    out = folder / "report.html"
+    assert run("report", *write_methods(folder, noted), "-o", out).exit_code == 0
+    return out
+
+
+@pytest.fixture(scope="session")
+def records(page: Path) -> list[Any]:
+    results = sorted((page.parent / "results").glob("*/result.json"))
+    return [method.records for method in read_scored(results)]
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    # Only here: who opens no page needs no Selenium.
+    from tests.report.browser import BROWSER, DRIVER, FLAGS, webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture
+def opened(browser: Any, page: Path) -> Iterator[Any]:
+    from tests.report.browser import Opened
+
+    browser.set_window_size(1280, 900)
+    browser.get(page.as_uri())
+    found = Opened(browser)
+    found.until(lambda: found.status("#part1-queries") == "30 of 30 queries")
+    found.until(lambda: "hits" in found.status("#part1-map"))
+    yield found
+    # A refused script, style or address would stand here, as would any error.
+    assert browser.get_log("browser") == []
