@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.queries import (
     FOCAL_COLUMNS,
     POSE_COLUMNS,
@@ -220,8 +220,8 @@ class _Rescorer:
             scene,
             truth.queries,
             entry.crs,
-            open_info(benchmark.resolve(entry.gallery or entry.dom)),
-            benchmark.resolve(entry.dsm or entry.dom),
+            open_info(benchmark.resolve(needed(entry.gallery or entry.dom, "map", scene))),
+            None,
             entry.plane_height_m,
         )
         ranked = np.stack([_ranked_tiles(method, truth) for method in methods])
