@@ -82,9 +82,10 @@ class AirZooTest(NativeDataset[AirZooTestOptions]):
 
     def protocols(self, options: AirZooTestOptions, root: Path) -> BenchmarkProtocols:
         """Return airzoo-test-reconstruction, or one of the trajectories that are there."""
-        from airzoo_bench.datasets.published.airzoo_test_files import test_protocols
+        from airzoo_bench.datasets.published.airzoo_test_files import trajectory_protocol
+        from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-        return test_protocols(options, root)
+        return BenchmarkProtocols(reconstruction=trajectory_protocol(options, root))
 
     def scenes(self, options: AirZooTestOptions) -> list[str]:
         """Return the ids of the trajectories."""

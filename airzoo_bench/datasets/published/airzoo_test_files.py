@@ -11,15 +11,14 @@ import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of
-from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
-from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind, find_depths, read_depth
 from airzoo_bench.datasets.native import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table
 from airzoo_bench.datasets.poses import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.airzoo_test import NAME
+from airzoo_bench.datasets.published.depth_clouds import DepthFrames
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.datasets.published.reconstructions import (
     chosen_photos,
@@ -28,13 +27,9 @@ from airzoo_bench.datasets.published.reconstructions import (
     reconstruction_protocol,
     stem_of,
 )
-from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats, multiply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS
-from airzoo_bench.geometry.depth import depth_to_points
 from airzoo_bench.geometry.frames import ecef_to_geodetic, enu_axes, geodetic_to_ecef
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import (
@@ -44,14 +39,12 @@ from airzoo_bench.geometry.rotations import (
 )
 from airzoo_bench.protocol.lookup import protocol_for
 from airzoo_bench.protocol.model import ProtocolScene
-from airzoo_bench.reconstruction.prepared import grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.published.airzoo_test import AirZooTestOptions
 
-__all__ = ["find_trajectories", "read_trajectory", "test_protocols"]
+__all__ = ["find_trajectories", "read_trajectory", "trajectory_protocol"]
 
 _TABLE = "frames.csv"
 _LAYOUT = "a folder for each trajectory, with frames.csv, images/ and depth/"
@@ -63,8 +56,6 @@ _CONDITIONS = ("weather", "time_of_day")
 _OPTIONAL = (*_PLACE, *_ECEF, *_DISTORTION, *_CONDITIONS)
 # Two statements of one pose that are farther apart are of other frames or axes.
 _APART_M, _APART_DEG = 1.0, 1.0
-_CLOUD_VOXEL_M = 0.5
-_CLOUD_DECIMALS = 4
 
 
 def find_trajectories(source: Path, *, published: bool) -> dict[str, Path]:
@@ -115,10 +106,10 @@ def find_trajectories(source: Path, *, published: bool) -> dict[str, Path]:
     return dict(zip(ids, folders, strict=True))
 
 
-def test_protocols(options: AirZooTestOptions, root: Path) -> BenchmarkProtocols:
+def trajectory_protocol(options: AirZooTestOptions, root: Path) -> ReconstructionProtocol:
     """Return the shipped protocol; for a benchmark of another name, one of its trajectories."""
     shipped = reconstruction_protocol(NAME, root)
-    if options.name == NAME or shipped.reconstruction is None:
+    if options.name == NAME:
         return shipped
     if not re.match(SAFE_NAME, options.name):
         raise UsageError(
@@ -127,8 +118,8 @@ def test_protocols(options: AirZooTestOptions, root: Path) -> BenchmarkProtocols
         )
     found = find_trajectories(options.source, published=False)
     scenes = tuple(ProtocolScene(id=name, title=name) for name in found)
-    protocol = protocol_for(shipped.reconstruction, options.name, {})
-    return BenchmarkProtocols(reconstruction=protocol.model_copy(update={"scenes": scenes}))
+    protocol = protocol_for(shipped, options.name, {})
+    return protocol.model_copy(update={"scenes": scenes})
 
 
 def read_trajectory(options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
@@ -148,9 +139,7 @@ def read_trajectory(options: AirZooTestOptions, scene: str, progress: Progress) 
         A file is missing or not as it should be, or two statements of a pose contradict.
     """
     folder = find_trajectories(options.source, published=options.name == NAME)[scene]
-    table = read_table(
-        folder / _TABLE, ("name", *_LENS, *_OPTIONAL), optional=_OPTIONAL
-    )
+    table = read_table(folder / _TABLE, ("name", *_LENS, *_OPTIONAL), optional=_OPTIONAL)
     table.require_unique("name")
     photos = photos_by_stem(folder / "images", _LAYOUT)
     images = _images(table, photos)
@@ -161,7 +150,9 @@ def read_trajectory(options: AirZooTestOptions, scene: str, progress: Progress) 
     centres, rotations = _ecef_poses(table)
     poses, place = _local(centres, rotations, rows, names)
     check_centred(PosedPhotos(names, cameras, poses, None), table.path)
-    made = _Depths(folder, names, cameras, poses, options)
+    cloud = _frames(folder, names, cameras, poses, options).cloud(
+        options.clouds or options.source, scene, progress
+    )
     own = "" if folder.name == scene else f"is the trajectory {folder.name}; "
     frame = f"{own}its frame is east, north and up about {place}"
     taken = set(images)
@@ -172,7 +163,7 @@ def read_trajectory(options: AirZooTestOptions, scene: str, progress: Progress) 
         cameras,
         poses,
         LOCAL_CRS,
-        cloud=made.cloud(scene, progress),
+        cloud=cloud,
         conditions={
             column: [table.texts(column)[row] for row in rows]
             for column in _CONDITIONS
@@ -198,9 +189,7 @@ def _images(table: NativeTable, photos: dict[str, str]) -> list[str]:
     return [photos[stem_of(name)] for name in table.texts("name")]
 
 
-def _cameras(
-    table: NativeTable, rows: Sequence[int], sizes: Sequence[tuple[int, int]]
-) -> Cameras:
+def _cameras(table: NativeTable, rows: Sequence[int], sizes: Sequence[tuple[int, int]]) -> Cameras:
     values = {name: table.numbers(name)[list(rows)] for name in _LENS}
     bent = [
         table.numbers(name)[list(rows)] if name in table.columns else np.zeros(len(rows))
@@ -235,7 +224,9 @@ def _ecef_poses(table: NativeTable) -> tuple[Floats, Floats]:
             where=table.path,
             expected=f"{', '.join(_ECEF)}; or {', '.join(_PLACE)}",
         )
-    found = [how(table) for how, there in zip((_from_ecef, _from_wgs84), stated, strict=True) if there]
+    found = [
+        how(table) for how, there in zip((_from_ecef, _from_wgs84), stated, strict=True) if there
+    ]
     if len(found) == 2:
         _check_agreement(table, *found)
     return found[0]
@@ -288,3 +279,20 @@ def _local(
     moved: Floats = (centres[list(rows)] - origin) @ to_enu.T
     turned: Floats = rotations[list(rows)] @ to_enu.T
     return Poses.from_centres(turned, moved, names), f"({middle[0]:.5f}, {middle[1]:.5f})"
+
+
+def _frames(
+    folder: Path, names: tuple[str, ...], cameras: Cameras, poses: Poses, options: AirZooTestOptions
+) -> DepthFrames:
+    protocol = reconstruction_protocol(NAME, Path())
+    voxel = protocol.preparation.voxel_m
+    return DepthFrames(
+        folder / "depth",
+        names,
+        cameras,
+        poses.rounded(),
+        options.depth_kind == "ray",
+        options.depth_scale,
+        protocol.fusion.max_depth_m,
+        0.5 if voxel == "none" else voxel,
+    )

@@ -12,7 +12,6 @@ from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.published.places import folder_content
-from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 
@@ -29,8 +28,8 @@ T = TypeVar("T")
 _ENDING = re.compile("|".join(rf"\{suffix}$" for suffix in PHOTO_SUFFIXES), re.IGNORECASE)
 
 
-def reconstruction_protocol(benchmark: str, root: Path) -> BenchmarkProtocols:
-    """Return a benchmark's own protocol, of the reconstruction track alone.
+def reconstruction_protocol(benchmark: str, root: Path) -> ReconstructionProtocol:
+    """Return a benchmark's own protocol.
 
     Parameters
     ----------
@@ -38,16 +37,12 @@ def reconstruction_protocol(benchmark: str, root: Path) -> BenchmarkProtocols:
     root : Path
         The data root.
     """
-    name = f"{benchmark}-reconstruction"
-    return BenchmarkProtocols(
-        reconstruction=protocol_of_track(name, root, ReconstructionProtocol)
-    )
+    return protocol_of_track(f"{benchmark}-reconstruction", root, ReconstructionProtocol)
 
 
 def published_scenes(benchmark: str) -> list[str]:
     """Return the ids of all scenes of a shipped reconstruction protocol, in its order."""
-    (protocol,) = reconstruction_protocol(benchmark, Path()).every
-    return [scene.id for scene in protocol.scenes]
+    return [scene.id for scene in reconstruction_protocol(benchmark, Path()).scenes]
 
 
 def files_by_scene(

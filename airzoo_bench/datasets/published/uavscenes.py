@@ -30,7 +30,9 @@ class UavScenesOptions(NativeOptions):
     ] = 10
     cloud: Annotated[
         list[str] | None,
-        Option("cloud", "True cloud of a run, as RUN=FILE; repeat it (default: that of its place)."),
+        Option(
+            "cloud", "True cloud of a run, as RUN=FILE; repeat it (default: that of its place)."
+        ),
     ] = None
     lens: Annotated[
         Literal["file", "none"],
@@ -80,8 +82,9 @@ class UavScenes(NativeDataset[UavScenesOptions]):
     def protocols(self, options: UavScenesOptions, root: Path) -> BenchmarkProtocols:
         """Return uavscenes-reconstruction."""
         from airzoo_bench.datasets.published.reconstructions import reconstruction_protocol
+        from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-        return reconstruction_protocol("uavscenes", root)
+        return BenchmarkProtocols(reconstruction=reconstruction_protocol("uavscenes", root))
 
     def scenes(self, options: UavScenesOptions) -> list[str]:
         """Return the runs whose folders stand below the source."""
