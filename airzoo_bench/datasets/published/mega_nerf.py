@@ -60,9 +60,7 @@ def mega_nerf_photos(folder: Path) -> dict[str, Path]:
                 expected=_LAYOUT,
                 fix="unpack the archive of poses again",
             )
-        photos = photos_by_stem(
-            folder / part / "rgbs", _LAYOUT + "; copy_images.py puts them there"
-        )
+        photos = photos_by_stem(folder / part / "rgbs", f"{_LAYOUT}; copy_images.py makes them")
         missing = [file.name for file in files if stem_of(file.stem) not in photos]
         if missing:
             raise BenchmarkError(
@@ -147,7 +145,8 @@ def _array(
         value = value.reshape(())
     if not numeric or value.shape != shape or not np.isfinite(value).all():
         raise BenchmarkError(
-            f"{key!r} is no array of {shape or 'one'} finite numbers, but {value.dtype} {value.shape}",
+            f"{key!r} is {value.dtype} of shape {value.shape}",
             where=path,
+            expected=f"finite numbers of shape {shape}",
         )
     return value.astype(np.float64)

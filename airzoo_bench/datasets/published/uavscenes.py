@@ -45,8 +45,8 @@ class UavScenes(NativeDataset[UavScenesOptions]):
 
     summary = (
         "Make a benchmark folder of UAVScenes.\n\n"
-        "The source holds interval5_CAM_LIDAR and terra_3dmap_pointcloud_mesh, unpacked. Photos and "
-        "clouds are left where they are."
+        "The source holds interval5_CAM_LIDAR and terra_3dmap_pointcloud_mesh, unpacked. Photos "
+        "and clouds are left where they are."
     )
     example = "uavscenes --source UAVScenes --scene AMtown01"
     options = UavScenesOptions
@@ -58,12 +58,11 @@ class UavScenes(NativeDataset[UavScenesOptions]):
         repository="sijieaaa/UAVScenes",
         assumptions=(
             "The photos that a reconstruction is made from are every tenth of interval5 (--every, "
-            "--interval), at which neighbours overlap by half or more; the paper does not say which "
-            "it took.",
+            "--interval), about five seconds apart; the paper does not say which it took.",
             "The cloud of a run is that of its place: of HKairport_GNSS01 the one in "
             "HKairport_GNSS, or else in HKairport (--cloud RUN=FILE names another).",
-            "T4x4 is camera-to-world with OpenCV axes, in the frame of the place's cloud, in metres "
-            "and with z up.",
+            "T4x4 is camera-to-world with OpenCV axes, in the frame of the place's cloud, in "
+            "metres and with z up.",
             "Photos have the lens distortion K1, K2, K3, P1, P2 of the poses' file, and none where "
             "it states none (--lens none).",
         ),

@@ -25,7 +25,7 @@ from airzoo_bench.datasets.published.reconstructions import (
     published_scenes,
     stem_of,
 )
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.poses import Poses
@@ -207,7 +207,7 @@ def _poses(samples: Sequence[_Sample], path: Path) -> Poses:
     matrices = np.array([sample.to_world for sample in samples])
     names = [sample.name for sample in samples]
     last = (0.0, 0.0, 0.0, 1.0)
-    odd: Bools = (np.abs(matrices[:, 3] - last) > 1e-6).any(axis=1)
+    odd = np.asarray((np.abs(matrices[:, 3] - last) > 1e-6).any(axis=1))
     if odd.any():
         turned = (np.abs(matrices[odd][:, :, 3] - last) < 1e-6).all()
         raise CameraError(

@@ -66,8 +66,8 @@ class UrbanScene3D(NativeDataset[UrbanScene3DOptions]):
             for scene in ("residence", "sci-art", "campus")
         ),
         assumptions=(
-            "Poses are those that the user has, by COLMAP or as Mega-NeRF publishes them; the paper "
-            "does not say which it took.",
+            "Poses are those that the user has, by COLMAP or as Mega-NeRF publishes them; the "
+            "paper does not say which it took.",
             "All photos with a pose are taken (--every).",
             "Mega-NeRF's photos have no lens distortion: its script undistorts them.",
         ),

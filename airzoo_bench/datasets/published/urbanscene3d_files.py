@@ -162,7 +162,7 @@ def _photos(
     model = _model(folder)
     if model is None:
         files = mega_nerf_photos(folder)
-        names, notes = chosen_photos(sorted(files), every)
+        names, notes = chosen_photos(sorted(files, key=_file_name), every)
         return folder, read_mega_nerf(folder, files, names, progress), (), notes
     images = folder / "images"
     if not images.is_dir():
@@ -181,6 +181,10 @@ def _photos(
         poses=photos.poses.take(np.array(rows)),
     )
     return images, chosen, tuple(sorted(set(sizes) - set(photos.names))), notes
+
+
+def _file_name(photo: str) -> str:
+    return photo.rpartition("/")[2]
 
 
 def _scan(options: UrbanScene3DOptions, scene: str, scenes: list[str]) -> Path:
