@@ -29,7 +29,8 @@ class AirZooTestOptions(NativeOptions):
         Option("name", "Of the benchmark; another name takes any number of trajectories."),
     ] = NAME
     every: Annotated[
-        int, Option("every", "Take every so many-th frame of a trajectory.", least=1)
+        int,
+        Option("every", "Take every Nth frame of a trajectory, starting with the first.", least=1),
     ] = 30
     depth_kind: Annotated[
         Literal["z", "ray"],

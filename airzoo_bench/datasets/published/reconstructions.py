@@ -127,7 +127,7 @@ def stem_of(name: str) -> str:
 
 
 def chosen_photos(photos: Sequence[T], every: int) -> tuple[list[T], tuple[str, ...]]:
-    """Choose every so many-th photo, and say so.
+    """Choose every Nth photo, starting with the first, and say so.
 
     Parameters
     ----------

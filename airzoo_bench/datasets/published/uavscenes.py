@@ -26,7 +26,7 @@ class UavScenesOptions(NativeOptions):
         int, Option("interval", "Take the photos of interval5_... or interval1_...", least=1)
     ] = 5
     every: Annotated[
-        int, Option("every", "Take every so many-th photo of a run, from the first.", least=1)
+        int, Option("every", "Take every Nth photo of a run, starting with the first.", least=1)
     ] = 10
     cloud: Annotated[
         list[str] | None,

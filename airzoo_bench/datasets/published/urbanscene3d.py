@@ -38,7 +38,7 @@ class UrbanScene3DOptions(NativeOptions):
         bool, Option("same-frame", "Poses without a transform are in the frame of the scan.")
     ] = False
     every: Annotated[
-        int, Option("every", "Take every so many-th photo of a scene, from the first.", least=1)
+        int, Option("every", "Take every Nth photo of a scene, starting with the first.", least=1)
     ] = 1
 
 
