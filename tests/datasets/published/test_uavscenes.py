@@ -51,7 +51,7 @@ def test_exact_cameras_and_cloud_are_perfect_and_a_shifted_cloud_is_not(
     names = [f"{stamp(5 * number)}.jpg" for number in range(len(poses))]
 
     def scored(shift: float) -> dict[str, Any]:
-        points = local_points(ground) + (0.0, 0.0, shift)
+        points = np.add(local_points(ground), (0.0, 0.0, shift))
         return score(tmp_path / "data", PROTOCOL, "AMtown01", points, names, poses)
 
     exact = scored(0.0)
