@@ -94,16 +94,31 @@ class AirZooTest(NativeDataset[AirZooTestOptions]):
 
         return list(find_trajectories(options.source, published=options.name == NAME))
 
+    def files(self, options: AirZooTestOptions, scene: str) -> list[Path]:
+        """Return a trajectory's folder."""
+        from airzoo_bench.datasets.published.airzoo_test_files import find_trajectories
+
+        return [find_trajectories(options.source, published=options.name == NAME)[scene]]
+
     def read(self, options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a trajectory, and make its true cloud if that has not been made yet."""
         from airzoo_bench.datasets.published.airzoo_test_files import read_trajectory
 
         return read_trajectory(options, scene, progress)
 
+    def is_prepared(self, options: AirZooTestOptions, settings: PrepareSettings) -> bool:
+        """Whether the folder is complete, and made from files that did not change since."""
+        return super().is_prepared(_with_clouds(options, settings), settings)
+
     def prepare(self, options: AirZooTestOptions, settings: PrepareSettings) -> Prepared:
         """Make the benchmark folder; true clouds are kept, so that they are not made again."""
-        clouds = options.clouds or settings.root / f"{options.name}-clouds"
-        return super().prepare(replace(options, clouds=clouds), settings)
+        return super().prepare(_with_clouds(options, settings), settings)
+
+
+def _with_clouds(options: AirZooTestOptions, settings: PrepareSettings) -> AirZooTestOptions:
+    """Return the options with a folder for clouds, in the data root where none is named."""
+    clouds = options.clouds or settings.root / f"{options.name}-clouds"
+    return replace(options, clouds=clouds)
 
 
 AIRZOO_TEST = AirZooTest()

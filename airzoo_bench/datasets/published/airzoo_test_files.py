@@ -164,6 +164,7 @@ def read_trajectory(options: AirZooTestOptions, scene: str, progress: Progress) 
         poses,
         LOCAL_CRS,
         cloud=cloud,
+        poses_from=table.path,
         conditions={
             column: [table.texts(column)[row] for row in rows]
             for column in _CONDITIONS

@@ -21,6 +21,7 @@ __all__ = [
     "photos_by_stem",
     "published_scenes",
     "reconstruction_protocol",
+    "stem_of",
 ]
 
 T = TypeVar("T")

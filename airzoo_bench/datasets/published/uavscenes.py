@@ -91,6 +91,12 @@ class UavScenes(NativeDataset[UavScenesOptions]):
 
         return list(find_runs(options.source, options.interval))
 
+    def files(self, options: UavScenesOptions, scene: str) -> list[Path]:
+        """Return a run's folder and the clouds that could be its own."""
+        from airzoo_bench.datasets.published.uavscenes_files import files_of_run
+
+        return files_of_run(options, scene)
+
     def read(self, options: UavScenesOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the poses and the sizes of a run's photos."""
         from airzoo_bench.datasets.published.uavscenes_files import read_run

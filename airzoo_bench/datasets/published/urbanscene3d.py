@@ -96,6 +96,12 @@ class UrbanScene3D(NativeDataset[UrbanScene3DOptions]):
 
         return list(find_scenes(options.source))
 
+    def files(self, options: UrbanScene3DOptions, scene: str) -> list[Path]:
+        """Return a scene's folder, its scan and its transform."""
+        from airzoo_bench.datasets.published.urbanscene3d_files import files_of_scene
+
+        return files_of_scene(options, scene)
+
     def read(self, options: UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a scene's poses, and take them to the frame of its scan."""
         from airzoo_bench.datasets.published.urbanscene3d_files import read_scene

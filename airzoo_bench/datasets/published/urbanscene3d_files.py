@@ -33,7 +33,7 @@ from airzoo_bench.geometry.poses import Poses
 if TYPE_CHECKING:
     from airzoo_bench.datasets.published.urbanscene3d import UrbanScene3DOptions
 
-__all__ = ["find_scenes", "read_scene", "read_similarity"]
+__all__ = ["files_of_scene", "find_scenes", "read_scene", "read_similarity"]
 
 _LAYOUT = (
     "a folder a scene, such as residence-pixsfm, with coordinates.pt, train and val of Mega-NeRF, "
@@ -101,6 +101,21 @@ def _model(folder: Path) -> Path | None:
     return None
 
 
+def files_of_scene(options: UrbanScene3DOptions, scene: str) -> list[Path]:
+    """Return a scene's folder, and its scan and transform where they are named.
+
+    Parameters
+    ----------
+    options : UrbanScene3DOptions
+    scene : str
+        One of `find_scenes`.
+    """
+    scenes = find_scenes(options.source)
+    named = (("scan", options.scan), ("transform", options.transform))
+    given = [files_by_scene(texts, option, list(scenes)) for option, texts in named]
+    return [scenes[scene], *(files[scene] for files in given if scene in files)]
+
+
 def read_scene(options: UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
     """Read a scene's poses, and take them to the frame of its scan.
 
@@ -150,6 +165,7 @@ def read_scene(options: UrbanScene3DOptions, scene: str, progress: Progress) -> 
         poses,
         LOCAL_CRS,
         cloud=scan,
+        poses_from=folder,
         unposed=unposed,
         notes=notes,
     )

@@ -251,3 +251,11 @@ def test_what_is_wrong_has_one_message_and_leaves_nothing(
     assert prepare(source) == 2
     assert said in " ".join(capsys.readouterr().err.split())
     assert not list(tmp_path.glob("data/*"))
+
+
+def test_a_second_run_finds_all_done(source: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert prepare(source) == 0
+    capsys.readouterr()
+    assert prepare(source) == 0
+    assert "nothing" in "".join(capsys.readouterr())
+    assert prepare(source, "--depth-kind", "ray", "--force") == 0

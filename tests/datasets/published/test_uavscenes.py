@@ -67,13 +67,16 @@ def test_exact_cameras_and_cloud_are_perfect_and_a_shifted_cloud_is_not(
     assert shifted["f1_2m"] < 0.3
 
 
-def test_photos_and_poses_are_joined_by_time_stamp(source: Path, tmp_path: Path) -> None:
+def test_photos_and_poses_are_joined_by_time_stamp(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     home = source / "interval5_CAM_LIDAR" / "interval5_AMtown01" / "interval5_CAM"
     for path in sorted(home.iterdir())[:3]:
         path.rename(path.with_name(path.stem.replace(".", "_") + ".JPG"))
     assert prepare(source) == 0
     table = pd.read_csv(tmp_path / "data" / PARTIAL / "scenes/AMtown01/queries.csv")
     assert len(table) == 6
+    assert "surface model" not in capsys.readouterr().err
     stamps = table["id"].str.removeprefix("AMtown01/").str.replace("_", ".")
     found = table.loc[stamps.sort_values().index, ["x", "y", "z"]]
     np.testing.assert_allclose(found.to_numpy(), local_poses().centres, atol=1e-4)
@@ -256,6 +259,10 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "an empty list": (_text("[]"), "at least 1 item"),
     "no cloud": (_mesh_only, "there is no cloud for AMtown01: there are 1 (AMvalley/)"),
     "half a cloud": (_cut, "cloud_merged.ply"),
+    "the cloud of another place": (
+        lambda source: make_place(source, shift=(0.0, 900.0, 0.0)),
+        "0 of 6 photos looked at it",
+    ),
     "clouds in two places": (
         lambda source: shutil.copytree(
             source / "terra_3dmap_pointcloud_mesh/AMtown",

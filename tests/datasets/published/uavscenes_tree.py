@@ -68,7 +68,12 @@ def make_run(
     return home
 
 
-def make_place(root: Path, place: str = "AMtown", scene: str = "yard") -> Path:
+def make_place(
+    root: Path,
+    place: str = "AMtown",
+    scene: str = "yard",
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Path:
     """Write the cloud of a place."""
     cloud = root / "terra_3dmap_pointcloud_mesh" / place / "cloud_merged.ply"
-    return write_cloud(cloud, local_points(scene))
+    return write_cloud(cloud, np.add(local_points(scene), shift))
