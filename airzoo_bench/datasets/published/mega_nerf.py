@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.datasets.poses import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.datasets.published.reconstructions import photos_by_stem, stem_of
 from airzoo_bench.formats.torch_files import read_tensors
@@ -109,9 +109,12 @@ def read_mega_nerf(
     try:
         width, height = sizes.T
         cameras = Cameras.from_matrices(matrices, width, height, bent, names=chosen)
-        return PosedPhotos(chosen, cameras, Poses.from_centres(rotations, centres, chosen), None)
+        poses = Poses.from_centres(rotations, centres, chosen)
     except CameraError as error:
         raise error.inside(folder) from error
+    photographed = PosedPhotos(chosen, cameras, poses, None)
+    check_centred(photographed, folder)
+    return photographed
 
 
 def _photo(path: Path, size: tuple[int, int]) -> tuple[Any, ...]:

@@ -63,6 +63,7 @@ class UavScenes(NativeDataset[UavScenesOptions]):
             "HKairport_GNSS, or else in HKairport (--cloud RUN=FILE names another).",
             "T4x4 is camera-to-world with OpenCV axes, in the frame of the place's cloud, in "
             "metres and with z up.",
+            "P3x3 counts pixels from the image's corner.",
             "Photos have the lens distortion K1, K2, K3, P1, P2 of the poses' file, and none where "
             "it states none (--lens none).",
         ),

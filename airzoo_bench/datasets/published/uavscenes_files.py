@@ -52,7 +52,7 @@ def find_runs(source: Path, interval: int) -> dict[str, Path]:
     BenchmarkError
         There is none, one that the protocol does not know, or two of one name.
     """
-    prefix = f"interval{interval}_"
+    source, prefix = source.resolve(), f"interval{interval}_"
     pack = f"{prefix}CAM_LIDAR"
     inside = [source, source / pack, source / pack / pack]
     folders = [path for place in inside if place.is_dir() for path in place.glob(f"{prefix}*")]
@@ -195,8 +195,8 @@ def _clouds_of(place: str, source: Path) -> list[Path]:
 
 def _cloud_folders(source: Path) -> list[Path]:
     """Return the folders of clouds near a source, which may be a bundle or a run in one."""
-    above = source.resolve().parents
-    tops = [source, *above[:3]] if source.name.startswith("interval") else [source]
+    source = source.resolve()
+    tops = [source, *source.parents[:3]] if source.name.startswith("interval") else [source]
     both = [path for top in tops for path in (top / _CLOUDS, top / _CLOUDS / _CLOUDS)]
     return [path for path in both if path.is_dir()]
 

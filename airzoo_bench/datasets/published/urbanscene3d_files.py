@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, firs
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native import NativeScene
-from airzoo_bench.datasets.poses import PosedPhotos, check_centred, read_poses
+from airzoo_bench.datasets.poses import PosedPhotos, read_poses
 from airzoo_bench.datasets.published.mega_nerf import (
     COORDINATES,
     mega_nerf_photos,
@@ -152,16 +152,14 @@ def read_scene(options: UrbanScene3DOptions, scene: str, progress: Progress) -> 
             fix="move one of them elsewhere",
         )
     images, photos, unposed, notes = _photos(folder, options.every, progress)
-    check_centred(photos, folder)
     poses = photos.poses
     if transform is not None:
         poses = _moved(poses, read_similarity(transform), photos.names)
-    cameras = photos.cameras
     return NativeScene(
         scene,
         images,
         photos.names,
-        cameras,
+        photos.cameras,
         poses,
         LOCAL_CRS,
         cloud=scan,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -149,6 +150,13 @@ def test_the_lens_is_that_of_the_file_or_none(tmp_path: Path) -> None:
     assert not read.cameras.distortion.any()
 
 
+def test_one_pose_may_be_stated_twice(tmp_path: Path) -> None:
+    make_run(tmp_path, change=lambda entries: entries.extend(entries[:10]))
+    make_place(tmp_path)
+    read = UAVSCENES.read(UavScenesOptions(tmp_path, every=1), "AMtown01", silent)
+    assert len(read.names) == 6
+
+
 def test_photos_without_a_pose_are_named(tmp_path: Path) -> None:
     make_run(tmp_path, change=lambda entries: entries.__delitem__(slice(0, 5)))
     make_place(tmp_path)
@@ -255,6 +263,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "half a file": (lambda source: _text(json.dumps(samples())[:5000])(source), "not valid JSON"),
     "deep JSON": (_text("[" * 100_000), "JSON"),
+    "larger than any": (lambda source: os.truncate(_poses(source), 200 << 20), "too large for a"),
     "an object": (_text('{"a": 1}'), "list"),
     "an empty list": (_text("[]"), "at least 1 item"),
     "no cloud": (_mesh_only, "there is no cloud for AMtown01: there are 1 (AMvalley/)"),

@@ -8,12 +8,16 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import pandas as pd
 import pytest
 
+from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import silent
+from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.published.urbanscene3d import URBANSCENE3D, UrbanScene3DOptions
 from airzoo_bench.datasets.published.urbanscene3d_files import read_similarity
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 from tests.datasets.published.reconstruction_world import (
     local_points,
@@ -255,3 +259,29 @@ def test_a_colmap_model_needs_its_photos(
     (tmp_path / "campus/images").rename(tmp_path / "campus/Image")
     with pytest.raises(BenchmarkError, match="has no folder images: there are 2 "):
         URBANSCENE3D.read(given, "campus", silent)
+
+
+def test_a_real_scene_has_the_truth_that_own_photos_have(
+    brighton: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = sorted(path.name for path in (brighton / "images").iterdir())[:6]
+    sizes = {name: photo_size(brighton / "images" / name) for name in names}
+    own = read_poses(brighton / "poses.json", sizes)
+    corner = np.floor(own.poses.centres.mean(axis=0))
+    local = Poses(rotation=own.poses.rotation, centres=own.poses.centres - corner)
+    home = tmp_path / "source" / "hospital"
+    make_mega_nerf(home, local, cameras=own.cameras, double=True)
+    for number, name in enumerate(own.names):
+        (home / photo(number)).unlink()
+        (home / photo(number)).symlink_to(brighton / "images" / name)
+    shift = np.eye(4)
+    shift[:3, 3] = corner
+    np.savetxt(tmp_path / "matrix.txt", shift, fmt="%.3f")
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
+    scan = ("--scan", brighton / "model.laz", "--transform", tmp_path / "matrix.txt")
+    assert run_main("prepare", "urbanscene3d", "--source", tmp_path / "source", *scan) == 0
+    table = pd.read_csv(tmp_path / "data/urbanscene3d-partial/scenes/hospital/queries.csv")
+    found = table.sort_values("image", key=lambda images: images.str[-10:])
+    centres = found[["x", "y", "z"]].to_numpy()
+    np.testing.assert_allclose(centres, own.poses.centres, atol=2e-4)
+    np.testing.assert_allclose(found[["fx", "fy"]], own.cameras.focal, rtol=1e-9)

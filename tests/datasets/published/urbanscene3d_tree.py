@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import matrix_to_quaternion
 from tests.datasets.published.reconstruction_world import (
@@ -59,7 +60,9 @@ def photo(number: int) -> str:
     return f"{'val' if number % 3 == 0 else 'train'}/rgbs/{number:06d}.jpg"
 
 
-def make_mega_nerf(home: Path, poses: Poses, *, double: bool = False) -> None:
+def make_mega_nerf(
+    home: Path, poses: Poses, *, cameras: Cameras | None = None, double: bool = False
+) -> None:
     """Write what Mega-NeRF's own converter writes, by the steps of its code."""
     to_drb = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
     kind = "<f8" if double else "<f4"
@@ -67,16 +70,16 @@ def make_mega_nerf(home: Path, poses: Poses, *, double: bool = False) -> None:
     positions = poses.centres @ to_drb.T
     origin = (positions.max(axis=0) + positions.min(axis=0)) / 2
     factor = float(np.sqrt(((positions - origin) ** 2).sum(axis=1)).max())
-    fx, fy, cx, cy = MATRIX[0, 0], MATRIX[1, 1], MATRIX[0, 2], MATRIX[1, 2]
+    lenses = cameras or Cameras.from_matrices(np.tile(MATRIX, (len(poses), 1, 1)), *MAP_SIZE)
     for number, (turn, place) in enumerate(zip(rotations, positions, strict=True)):
         camera = np.column_stack([turn, (place - origin) / factor])
         c2w = np.column_stack([camera[:, 1], -camera[:, 0], camera[:, 2], camera[:, 3]])
         write_photo(home / photo(number))
         content: dict[str, Any] = {
-            "H": MAP_SIZE[1],
-            "W": MAP_SIZE[0],
+            "H": int(lenses.height[number]),
+            "W": int(lenses.width[number]),
             "c2w": Tensor(c2w, kind),
-            "intrinsics": Tensor([fx, fy, cx, cy], kind),
+            "intrinsics": Tensor([*lenses.focal[number], *lenses.principal_point[number]], kind),
             "distortion": Tensor([0.1, 0.0, 0.0, 0.0], kind),
         }
         part = photo(number).split("/")[0]
