@@ -184,5 +184,5 @@ class _Watched:
     def pieces(self, points: int) -> Iterator[Cloud]:
         step = max(self.count // _SAMPLES, 1)
         for piece in self.source.pieces(points):
-            self.kept.append(piece.points[::step])
+            self.kept.append(piece.points[::step].copy())  # a view would hold all of it
             yield piece

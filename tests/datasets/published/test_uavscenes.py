@@ -21,6 +21,7 @@ from airzoo_bench.datasets.published.reconstructions import published_scenes
 from airzoo_bench.datasets.published.uavscenes import UAVSCENES, UavScenesOptions
 from tests.datasets.published.reconstruction_world import local_points, local_poses, score
 from tests.datasets.published.uavscenes_tree import make_place, make_run, samples, stamp
+from tests.hostile import peak
 from tests.support import run_main
 
 PARTIAL, PROTOCOL = "uavscenes-partial", "uavscenes-reconstruction-partial"
@@ -302,3 +303,17 @@ def test_a_cloud_may_be_named(source: Path, tmp_path: Path) -> None:
     for wrong in (f"AMtown02={other}", "AMtown01=nothing.ply"):
         with pytest.raises(UserError, match="--cloud"):
             UAVSCENES.read(UavScenesOptions(source, cloud=[wrong]), "AMtown01", silent)
+
+
+def test_a_large_cloud_is_never_in_memory(source: Path, tmp_path: Path) -> None:
+    """A cloud of 25 million points, most of them in a hole of the file: 600 MB as float64."""
+    cloud = source / "terra_3dmap_pointcloud_mesh/AMtown/cloud_merged.ply"
+    count = 25_000_000
+    lines = ("ply", "format binary_little_endian 1.0", f"element vertex {count}")
+    head = "\n".join((*lines, *(f"property float {axis}" for axis in "xyz"), "end_header\n"))
+    cloud.write_bytes(head.encode() + local_points().astype("<f4").tobytes())
+    os.truncate(cloud, len(head) + 12 * count)
+    given = ("prepare", "uavscenes", "--source", source, "--every", 1)
+    ended = peak.run(*given, data=tmp_path / "data")
+    assert ended.code == 0, ended.said
+    assert ended.peak < 512 << 20
