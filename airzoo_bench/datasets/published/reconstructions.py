@@ -9,7 +9,6 @@ from typing import TypeVar
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.protocol.lookup import protocol_of_track
@@ -142,5 +141,5 @@ def chosen_photos(photos: Sequence[T], every: int) -> tuple[list[T], tuple[str, 
         Empty where all are chosen.
     """
     chosen = list(photos[::every])
-    said = f"every {every}th of {counted(len(photos), 'photo')} is taken: {len(chosen)} (--every)"
+    said = f"one photo in {every} is taken, {len(chosen)} of {len(photos):,} (--every)"
     return chosen, (said,) if every > 1 else ()

@@ -85,12 +85,12 @@ def test_photos_and_poses_are_joined_by_time_stamp(
     assert find_benchmark(PARTIAL, tmp_path / "data").scene("AMtown01").crs == "local"
 
 
-def test_every_tenth_photo_is_taken_unless_told(
+def test_one_photo_in_ten_is_taken_unless_told(
     source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert prepare(source, "--every", 4) == 0
     said = " ".join("".join(capsys.readouterr()).split())
-    assert "every 4th of 6 photos is taken: 2 (--every)" in said
+    assert "one photo in 4 is taken, 2 of 6 (--every)" in said
     table = pd.read_csv(tmp_path / "data" / PARTIAL / "scenes/AMtown01/queries.csv")
     assert table["image"].tolist() == [f"{stamp(0)}.jpg", f"{stamp(20)}.jpg"]
     assert UavScenesOptions(source).every == 10
