@@ -17,26 +17,14 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
+from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["NativeTable", "read_lines", "read_table"]
 
 _LIMIT_BYTES = 64 << 20
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_ENCODINGS = ("utf-8-sig", "gb18030")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-_STARTS = {
-    b"\xff\xfe": "UTF-16 text",
-    b"\xfe\xff": "UTF-16 text",
-    b"PK\x03\x04": "a zip archive or an Excel workbook",
-    b"version https://git-lfs": "a Git LFS pointer, not the file itself",
-    b"<!doctype": "a web page",
-    b"<html": "a web page",
-}
-_FIXES = {
-    "UTF-16 text": "save it as CSV in UTF-8",
-    "a zip archive or an Excel workbook": "unpack it, or save the sheet as CSV in UTF-8",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +165,7 @@ def read_table(
         The file is missing, too large, empty or no such table; a column is missing or there
         twice; a line has fewer or more values than there are columns.
     """
-    text = _read(path, limit_bytes)
+    text = read_native_text(path, limit_bytes)
     head = text.lstrip().partition("\n")[0]
     separator = max(_SEPARATORS, key=lambda mark: len(_found(head.split(mark), columns)))
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
@@ -224,7 +212,7 @@ def read_lines(path: Path, columns: Sequence[str], limit_bytes: int = _LIMIT_BYT
     BenchmarkError
         The file is missing, too large or empty, or a line has fewer values.
     """
-    text = _read(path, limit_bytes)
+    text = read_native_text(path, limit_bytes)
     numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1)]
     kept = [(i, line) for i, line in numbered if line and not line.startswith("#")]
     rows = [(i, line.rsplit(None, len(columns) - 1)) for i, line in kept]
@@ -240,44 +228,6 @@ def read_lines(path: Path, columns: Sequence[str], limit_bytes: int = _LIMIT_BYT
         raise BenchmarkError("is empty", where=path, expected=expected)
     lines = tuple(line for line, _ in rows)
     return NativeTable(path, tuple(columns), (), tuple(tuple(row) for _, row in rows), lines)
-
-
-def _read(path: Path, limit_bytes: int) -> str:
-    if path.is_dir():
-        raise BenchmarkError("a folder, not a table", where=path)
-    if not path.is_file():
-        raise BenchmarkError("no such table", where=path)
-    if path.stat().st_size > limit_bytes:
-        raise BenchmarkError(
-            "too large for a table", where=path, expected=f"at most {limit_bytes:,} bytes"
-        )
-    content = path.read_bytes()
-    _check_kind(path, content)
-    for encoding in _ENCODINGS:
-        try:
-            return content.decode(encoding)
-        except UnicodeDecodeError as error:
-            failure = error
-    line = content.count(b"\n", 0, failure.start) + 1
-    raise BenchmarkError(
-        f"not text: byte {failure.start} is neither UTF-8 nor GB18030",
-        where=f"{path}, line {line}",
-        fix="save the table in UTF-8, or download it again",
-    )
-
-
-def _check_kind(path: Path, content: bytes) -> None:
-    start = content[:64].lstrip().lower()
-    kinds = [kind for mark, kind in _STARTS.items() if start.startswith(mark.lower())]
-    if not kinds and b"\0" in content:
-        kinds = ["not text: it holds zero bytes, as a file does that was not downloaded whole"]
-    if kinds:
-        raise BenchmarkError(
-            f"is {kinds[0]}",
-            where=path,
-            expected="a table as text",
-            fix=_FIXES.get(kinds[0], "download the file again"),
-        )
 
 
 def _found(header: Sequence[str], columns: Sequence[str]) -> dict[str, int]:
