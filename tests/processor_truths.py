@@ -16,10 +16,11 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
-from airzoo_bench.datasets.mini.prepare import depth_to_points, mini_photos
+from airzoo_bench.datasets.mini.prepare import mini_photos
 from airzoo_bench.datasets.mini.world.model import REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import write_raster
 from airzoo_bench.datasets.truths import build_truths
+from airzoo_bench.geometry.depth import depth_to_points
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval

@@ -157,6 +157,9 @@ DATASETS = Registry(
         "photos": "airzoo_bench.datasets.photos_dataset:PHOTOS",
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
         "uav-visloc": "airzoo_bench.datasets.published.uav_visloc:UAV_VISLOC",
+        "uavscenes": "airzoo_bench.datasets.published.uavscenes:UAVSCENES",
+        "urbanscene3d": "airzoo_bench.datasets.published.urbanscene3d:URBANSCENE3D",
+        "airzoo-test": "airzoo_bench.datasets.published.airzoo_test:AIRZOO_TEST",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

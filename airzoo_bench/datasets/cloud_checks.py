@@ -14,13 +14,16 @@ from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
 
 from airzoo_bench.benchmark.folder import needed
-from airzoo_bench.benchmark.queries import SceneInputs
+from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of
 from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
+from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
+from airzoo_bench.geometry.poses import world_to_camera
 from airzoo_bench.geometry.units import vertical_m
 from airzoo_bench.reconstruction.regions import Box, box_of
 
@@ -31,6 +34,7 @@ _CLOUD_BYTES = 8 << 30
 # A true cloud is at most so far from the photos, beyond what these span themselves.
 _REACH_M = 1000.0
 _SAMPLES = 1 << 16
+_PHOTOS, _LEAST_LOOKING = 100, 2
 _GEO_KEYS = 34735
 _UNIT_KEYS = {3076: "coordinates", 4099: "heights"}
 
@@ -56,9 +60,10 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     watched = _Watched(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
     check_cloud_crs(cloud, needed(inputs.crs, "CRS", inputs.scene))
     _check_place(cloud, box_of(watched), inputs)
-    if inputs.dsm is None:
-        return math.nan
     points = np.concatenate(watched.kept)
+    if inputs.dsm is None:
+        _check_seen(cloud, points, inputs)
+        return math.nan
     with blocked_heights(inputs.dsm) as surface:
         above = points[:, 2] - surface.sample(points[:, :2])
     above = above[np.isfinite(above)]
@@ -143,6 +148,28 @@ def _check_place(cloud: Path, box: Box, inputs: SceneInputs) -> None:
         )
 
 
+def _check_seen(cloud: Path, points: Floats, inputs: SceneInputs) -> None:
+    """Refuse a cloud that hardly any photo looks at: all frames of their own lie about zero."""
+    rows = np.linspace(0, len(inputs.photos) - 1, min(len(inputs.photos), _PHOTOS)).astype(int)
+    photos = inputs.photos.iloc[np.unique(rows)]
+    cameras, poses = cameras_of(photos), poses_of(photos)
+    finite = points[np.isfinite(points).all(axis=1)]
+    looking = 0
+    for row in range(len(photos)):
+        camera, local = cameras.take(row), world_to_camera(poses.take(row), finite[None])[0]
+        pixels = project(camera, local[None, local[:, 2] > 0.0])[0]
+        inside = (pixels >= 0.0) & (pixels <= (camera.width[0], camera.height[0]))
+        looking += bool(inside.all(axis=1).any())
+    if looking < min(len(photos), _LEAST_LOOKING):
+        raise BenchmarkError(
+            f"{looking} of {counted(len(photos), 'photo')} looked at it",
+            where=f"--cloud {cloud}",
+            expected="a cloud of what the photos show, in the frame of the poses",
+            fix="look whether it is the cloud of this scene, and whether poses or cloud must be "
+            "transformed",
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class _Watched:
     """A cloud that keeps evenly spaced points, some 65,000 in all, of what is read."""
@@ -157,5 +184,5 @@ class _Watched:
     def pieces(self, points: int) -> Iterator[Cloud]:
         step = max(self.count // _SAMPLES, 1)
         for piece in self.source.pieces(points):
-            self.kept.append(piece.points[::step])
+            self.kept.append(piece.points[::step].copy())  # a view would hold all of it
             yield piece

@@ -123,9 +123,11 @@ def _of_surface(survey: HeightSurvey) -> Found:
 
 def _of_cloud(facts: SceneFacts) -> Found:
     above_m = facts.cloud_over_surface_m
-    if above_m is not None and math.isnan(above_m):
+    if facts.survey is None or above_m is None:
+        return
+    if math.isnan(above_m):
         yield Kind.NO_CLOUD, "the true cloud has no point over a height of the surface model"
-    elif above_m is not None and abs(above_m) > CLOUD_M:
+    elif abs(above_m) > CLOUD_M:
         yield (
             Kind.CLOUD,
             f"the true cloud is {above_m:+.1f} m from the surface model in height (median): they "

@@ -29,7 +29,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import check_rotations
 
-__all__ = ["PosedPhotos", "read_poses"]
+__all__ = ["PosedPhotos", "check_centred", "read_poses"]
 
 _JSON_LIMIT_BYTES = 1 << 28
 _OFF_CENTRE = 0.25
@@ -129,7 +129,7 @@ def read_poses(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
         photos = _from_colmap(path, sizes) if path.is_dir() else _from_json(path, sizes)
     except CameraError as error:
         raise error if str(path) in str(error.where) else error.inside(path) from error
-    _check_centred(photos, path)
+    check_centred(photos, path)
     return photos
 
 
@@ -269,7 +269,14 @@ def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> 
     return names
 
 
-def _check_centred(photos: PosedPhotos, path: Path) -> None:
+def check_centred(photos: PosedPhotos, path: Path) -> None:
+    """Refuse cameras whose principal point is far from the middle of the photo.
+
+    Raises
+    ------
+    CameraError
+        The message names the photos and their sizes.
+    """
     size = np.stack([photos.cameras.width, photos.cameras.height], axis=1)
     off: NDArray[np.float64] = np.abs(photos.cameras.principal_point / size - 0.5)
     bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1))

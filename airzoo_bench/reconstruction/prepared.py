@@ -195,7 +195,8 @@ def observed_cells(
         They see none.
     """
     cell = settings.observed_cell_m
-    occupied = occupied_cells(finite_pieces(truth, block_points), (cell, cell, cell), box)
+    # Thinning rounds: points may lie outside the box of the unthinned cloud by a hair.
+    occupied = occupied_cells(finite_pieces(truth, block_points), (cell, cell, cell), box, cell)
     points, times = occupied.centres(), np.zeros(len(occupied.keys), np.int64)
     for row in range(len(poses)):
         camera, pose = cameras.take(row), poses.take(row)

@@ -36,10 +36,10 @@ from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import median_height
-from airzoo_bench.geometry.cameras import Cameras, back_project
-from airzoo_bench.geometry.poses import Poses, camera_to_world
+from airzoo_bench.geometry.depth import depth_to_points
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 from airzoo_bench.matching.settings import MatchingProtocol
@@ -163,16 +163,6 @@ def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progre
         points = depth_to_points(depth, depth > 0, frames.camera, frames.poses.take(row))
         grid.add(points)
     return Cloud(np.round(grid.points(), _CLOUD_DECIMALS) + 0.0)
-
-
-def depth_to_points(depth: Floats, chosen: Bools, camera: Cameras, pose: Poses) -> Floats:
-    """Back-project chosen pixels of a z-depth map (H, W) to the world, (N, 3) in order of rows."""
-    rows, columns = np.nonzero(chosen)
-    pixels = np.stack([columns + 0.5, rows + 0.5], axis=-1)
-    rays = back_project(camera, pixels[None])[0]
-    points = rays / rays[:, 2:] * depth[rows, columns][:, None]
-    world: Floats = camera_to_world(pose, points[None])[0]
-    return world
 
 
 def mini_protocols(seed: int) -> BenchmarkProtocols:

@@ -24,11 +24,12 @@ from airzoo_bench.datasets.geometry_checks.depth_report import (
     DepthConsistency,
     check_depth_consistency,
 )
-from airzoo_bench.datasets.mini.prepare import depth_to_points, prepare_airzoo_mini
+from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.depth import depth_to_points
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import world_to_pixel
