@@ -153,6 +153,8 @@ DATASETS = Registry(
     {
         "photos": "airzoo_bench.datasets.photos_dataset:PHOTOS",
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
+        "airzoo-real": "airzoo_bench.datasets.published.airzoo_real:AIRZOO_REAL",
+        "aerialextrematch": "airzoo_bench.datasets.published.aerialextrematch:AERIALEXTREMATCH",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

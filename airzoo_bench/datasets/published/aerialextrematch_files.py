@@ -22,7 +22,9 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.dji import read_prior
 from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.photos import metadata_priors
 from airzoo_bench.datasets.published.places import (
     files_by_key,
     find_home,
@@ -38,7 +40,6 @@ from airzoo_bench.datasets.published.pose_lines import (
     read_pose_lines,
 )
 from airzoo_bench.datasets.published.reference_maps import find_maps, only_one, with_georeference
-from airzoo_bench.datasets.published.stated_priors import stated_priors
 from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.rasters import open_info
 
@@ -107,7 +108,8 @@ def read_localization(
     lines = read_pose_lines(files.poses, stem_key)
     posed = posed_files(files.images, photos, lines, lenses, progress)
     _check_sizes(posed, lenses)
-    metadata, priors = stated_priors(files.images, posed.names, CRS, progress)
+    shown = progress(posed.names, "metadata", len(posed.names))
+    metadata = {name: read_prior(files.images / name) for name in shown}
     dom, dsm, notes = _references(files.reference, reference, scene)
     return NativeScene(
         scene=scene,
@@ -118,10 +120,11 @@ def read_localization(
         crs=CRS,
         dom=dom,
         dsm=dsm,
-        priors=priors,
+        priors=metadata_priors(metadata, CRS),
         metadata=metadata,
         unposed=posed.unposed,
         notes=(*posed.notes, *notes),
+        poses_from=files.poses,
     )
 
 
@@ -139,20 +142,24 @@ def _references(folder: Path, reference: Reference, scene: str) -> tuple[Path, P
 
 
 def _check_sizes(posed: PosedFiles, lenses: CameraLines) -> None:
-    """Hold photos to twice the principal point, which is what the benchmark's code takes."""
+    """Hold photos to their camera's size and to twice its principal point.
+
+    The benchmark's own code takes the latter for the size.
+    """
     row = {key: place for place, key in enumerate(lenses.keys)}
-    meant = 2.0 * lenses.lens[[row[key] for key in posed.keys], 2:]
-    size = np.array(posed.sizes)
+    rows = [row[key] for key in posed.keys]
+    size, stated, twice = np.array(posed.sizes), lenses.size[rows], 2.0 * lenses.lens[rows, 2:]
+    apart = np.maximum(np.abs(stated - size), np.abs(twice - size)).max(axis=1)
     odd = [
-        f"{posed.keys[i]} is {size[i, 0]}x{size[i, 1]}, its camera for {meant[i, 0]:g}x"
-        f"{meant[i, 1]:g}"
-        for i in np.flatnonzero(np.abs(meant - size).max(axis=1) > _WITHIN_PX)
+        f"{posed.keys[i]} is {size[i, 0]}x{size[i, 1]}, its camera for {stated[i, 0]:g}x"
+        f"{stated[i, 1]:g} with 2 cx x 2 cy = {twice[i, 0]:g}x{twice[i, 1]:g}"
+        for i in np.flatnonzero(apart > _WITHIN_PX)
     ]
     if odd:
         raise CameraError(
-            f"photos of another size than 2 cx x 2 cy: {first_of(odd, len(size))}",
+            f"photos of another size than their cameras: {first_of(odd, len(size))}",
             where=lenses.path,
-            expected="the principal point in the middle of the photo, as the benchmark's own code "
-            "takes it",
+            expected="width and height of the photo, and the principal point in its middle, as "
+            "the benchmark's own code takes it",
             fix="use the photos as they were downloaded, at their full size",
         )

@@ -137,6 +137,7 @@ def read_site(
         cloud=cloud,
         unposed=posed.unposed,
         notes=(*posed.notes, *_scaled(lenses, posed), *notes),
+        poses_from=pose_file,
         conditions={"hours": [scene[-len(HOURS[0]) :]] * len(posed.names)},
     )
 

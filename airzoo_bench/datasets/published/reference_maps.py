@@ -120,10 +120,18 @@ def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple
     Raises
     ------
     RasterError
-        There is no CRS anywhere.
+        There is no CRS or no geotransform anywhere.
     """
     with opened(path) as dataset:
         crs, nodata, masked = dataset.crs, dataset.nodata, dataset.mask_flag_enums[0]
+        placed = not dataset.transform.is_identity
+    if not placed:
+        raise RasterError(
+            "no georeference: no geotransform, and no .tfw next to it",
+            where=path,
+            expected="a GeoTIFF with a geotransform, or with a .tfw of the same name",
+            fix="download the .tfw too",
+        )
     notes, wkt, empty = [], None, None
     if crs is None:
         wkt = _stated_next_to(path)
