@@ -1,0 +1,343 @@
+"""Tables as benchmarks ship them: columns by name, whatever separates them, and checked numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = ["NativeTable", "read_lines", "read_table"]
+
+_LIMIT_BYTES = 64 << 20
+_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+_ENCODINGS = ("utf-8-sig", "gb18030")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_STARTS = {
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+    b"PK\x03\x04": "a zip archive or an Excel workbook",
+    b"version https://git-lfs": "a Git LFS pointer, not the file itself",
+    b"<!doctype": "a web page",
+    b"<html": "a web page",
+}
+_FIXES = {
+    "UTF-16 text": "save it as CSV in UTF-8",
+    "a zip archive or an Excel workbook": "unpack it, or save the sheet as CSV in UTF-8",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NativeTable:
+    """A table whose columns are known by name.
+
+    Attributes
+    ----------
+    path : Path
+    columns : tuple of str
+        Those asked for that are there, as they were asked for.
+    extra : tuple of str
+        Further columns, as the file names them.
+    rows : tuple of tuple of str
+        The values of `columns`, without blanks around them.
+    lines : tuple of int
+        Line of the file of each row, counted from 1.
+    decimal_commas : bool
+        Whether numbers may have them: not where commas separate the values.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    extra: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    decimal_commas: bool = False
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @cached_property
+    def _by_name(self) -> dict[str, tuple[str, ...]]:
+        values = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
+        return dict(zip(self.columns, values, strict=True))
+
+    def texts(self, column: str) -> tuple[str, ...]:
+        """Return the values of a column as they stand there.
+
+        Parameters
+        ----------
+        column : str
+            One of `columns`.
+        """
+        return self._by_name[column]
+
+    def numbers(
+        self,
+        column: str,
+        least: float = -math.inf,
+        most: float = math.inf,
+        *,
+        empty: bool = False,
+    ) -> Floats:
+        """Return the values of a column as numbers.
+
+        Decimal commas are read where commas do not separate the values, and none of the column's
+        values has a decimal point.
+
+        Parameters
+        ----------
+        column : str
+            One of `columns`.
+        least, most : float
+            What a value may be.
+        empty : bool
+            Whether cells may be empty; they become NaN.
+
+        Returns
+        -------
+        (rows,) array
+
+        Raises
+        ------
+        BenchmarkError
+            A value is no finite number, beyond its range, or lacking; the line is named.
+        """
+        texts = self.texts(column)
+        comma = self.decimal_commas and not any("." in text for text in texts)
+        values = [_number(text, comma) for text in texts]
+        for text, value, line in zip(texts, values, self.lines, strict=True):
+            if not (least <= value <= most and math.isfinite(value)) and (text or not empty):
+                raise BenchmarkError(
+                    f"column {column}: {text[:40]!r}" if text else f"column {column} is empty",
+                    where=f"{self.path}, line {line}",
+                    expected=_range(least, most),
+                )
+        return np.array(values, dtype=np.float64)
+
+    def require_unique(self, column: str) -> None:
+        """Refuse a value that two rows have.
+
+        Parameters
+        ----------
+        column : str
+            One of `columns`.
+
+        Raises
+        ------
+        BenchmarkError
+            The values are named.
+        """
+        counts = Counter(self.texts(column))
+        twice = [value for value, count in counts.items() if count > 1]
+        if twice:
+            raise BenchmarkError(
+                f"column {column}: several rows have {first_of(map(repr, twice), noun='value')}",
+                where=self.path,
+                expected="each once",
+            )
+
+
+def read_table(
+    path: Path,
+    columns: Sequence[str],
+    optional: Collection[str] = (),
+    limit_bytes: int = _LIMIT_BYTES,
+) -> NativeTable:
+    """Read a table whose first line names its columns.
+
+    Commas, semicolons or tabs separate the values, whichever finds more of the columns asked for;
+    a byte-order mark, blanks around names and values, and the case of the names do not matter.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8 or GB18030.
+    columns : sequence of str
+        All that are read, by name.
+    optional : collection of str
+        Those of them that the file may lack.
+    limit_bytes : int
+        A larger file is refused before it is read.
+
+    Raises
+    ------
+    BenchmarkError
+        The file is missing, too large, empty or no such table; a column is missing or there
+        twice; a line has fewer or more values than there are columns.
+    """
+    text = _read(path, limit_bytes)
+    head = text.lstrip().partition("\n")[0]
+    separator = max(_SEPARATORS, key=lambda mark: len(_found(head.split(mark), columns)))
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    try:
+        parts = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
+    except csv.Error as error:
+        raise BenchmarkError(
+            f"not a table: {error}", where=f"{path}, line {reader.line_num}"
+        ) from error
+    if not parts:
+        raise BenchmarkError("is empty", where=path, expected=_columns_text(columns, optional))
+    header = [name.strip() for name in parts[0][1]]
+    _check_header(path, header, columns, optional)
+    places = _found(header, columns)
+    for line, row in parts[1:]:
+        _check_width(path, line, row, header, separator)
+    return NativeTable(
+        path,
+        tuple(places),
+        tuple(n for i, n in enumerate(header) if n and i not in places.values()),
+        tuple(tuple(row[i].strip() for i in places.values()) for _, row in parts[1:]),
+        tuple(line for line, _ in parts[1:]),
+        decimal_commas=separator != ",",
+    )
+
+
+def read_lines(path: Path, columns: Sequence[str], limit_bytes: int = _LIMIT_BYTES) -> NativeTable:
+    """Read lines of values separated by blanks, without a line that names them.
+
+    Lines that are empty or begin with # are passed over. The first value may hold blanks, such
+    as a file name.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8 or GB18030.
+    columns : sequence of str
+        What the values of a line are, in the order of the file.
+    limit_bytes : int
+        A larger file is refused before it is read.
+
+    Raises
+    ------
+    BenchmarkError
+        The file is missing, too large or empty, or a line has fewer values.
+    """
+    text = _read(path, limit_bytes)
+    numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1)]
+    kept = [(i, line) for i, line in numbered if line and not line.startswith("#")]
+    rows = [(i, line.rsplit(None, len(columns) - 1)) for i, line in kept]
+    expected = f"{len(columns)} values in a line, separated by blanks: {' '.join(columns)}"
+    for line, row in rows:
+        if len(row) != len(columns):
+            raise BenchmarkError(
+                f"has {counted(len(row), 'value')}: {' '.join(row)[:60]!r}",
+                where=f"{path}, line {line}",
+                expected=expected,
+            )
+    if not rows:
+        raise BenchmarkError("is empty", where=path, expected=expected)
+    lines = tuple(line for line, _ in rows)
+    return NativeTable(path, tuple(columns), (), tuple(tuple(row) for _, row in rows), lines)
+
+
+def _read(path: Path, limit_bytes: int) -> str:
+    if path.is_dir():
+        raise BenchmarkError("a folder, not a table", where=path)
+    if not path.is_file():
+        raise BenchmarkError("no such table", where=path)
+    if path.stat().st_size > limit_bytes:
+        raise BenchmarkError(
+            "too large for a table", where=path, expected=f"at most {limit_bytes:,} bytes"
+        )
+    content = path.read_bytes()
+    _check_kind(path, content)
+    for encoding in _ENCODINGS:
+        try:
+            return content.decode(encoding)
+        except UnicodeDecodeError as error:
+            failure = error
+    line = content.count(b"\n", 0, failure.start) + 1
+    raise BenchmarkError(
+        f"not text: byte {failure.start} is neither UTF-8 nor GB18030",
+        where=f"{path}, line {line}",
+        fix="save the table in UTF-8, or download it again",
+    )
+
+
+def _check_kind(path: Path, content: bytes) -> None:
+    start = content[:64].lstrip().lower()
+    kinds = [kind for mark, kind in _STARTS.items() if start.startswith(mark.lower())]
+    if not kinds and b"\0" in content:
+        kinds = ["not text: it holds zero bytes, as a file does that was not downloaded whole"]
+    if kinds:
+        raise BenchmarkError(
+            f"is {kinds[0]}",
+            where=path,
+            expected="a table as text",
+            fix=_FIXES.get(kinds[0], "download the file again"),
+        )
+
+
+def _found(header: Sequence[str], columns: Sequence[str]) -> dict[str, int]:
+    """Return the places of the columns in a header, by the names asked for."""
+    places = {name.strip().strip('"\ufeff').casefold(): i for i, name in enumerate(header)}
+    return {name: places[name.casefold()] for name in columns if name.casefold() in places}
+
+
+def _check_header(
+    path: Path, header: list[str], columns: Sequence[str], optional: Collection[str]
+) -> None:
+    counts = Counter(name.casefold() for name in header if name)
+    twice = [name for name in columns if counts[name.casefold()] > 1]
+    missing = [name for name in columns if not counts[name.casefold()] and name not in optional]
+    if not twice and not missing:
+        return
+    unknown = [name for name in header if counts[name.casefold()] and name not in columns]
+    lacks = f"lacks the {agreeing(len(missing), 'column', 'columns')}"
+    what = "two columns are called" if twice else lacks
+    names = ", ".join(twice or (f"{name}{nearest(name, unknown)}" for name in missing))
+    raise BenchmarkError(
+        f"{what} {names}; its first line is {', '.join(header)[:300]!r}",
+        where=path,
+        expected=_columns_text(columns, optional),
+    )
+
+
+def _columns_text(columns: Sequence[str], optional: Collection[str]) -> str:
+    needed = ", ".join(name for name in columns if name not in optional)
+    more = ", ".join(name for name in columns if name in optional)
+    return f"a first line with the columns {needed}{f', and perhaps {more}' if more else ''}"
+
+
+def _check_width(path: Path, line: int, row: list[str], header: list[str], separator: str) -> None:
+    few = len(row) < len(header)
+    if not few and not any(map(str.strip, row[len(header) :])):
+        return
+    raise BenchmarkError(
+        f"has {counted(len(row), 'value')} for {counted(len(header), 'column')}",
+        where=f"{path}, line {line}",
+        expected=f"{len(header)} values, separated by {_SEPARATORS[separator]}",
+        fix="download the file again if it ends here"
+        if few
+        else "write numbers with a decimal point, or separate the values by semicolons",
+    )
+
+
+def _number(text: str, comma: bool) -> float:
+    if comma and _DECIMAL_COMMA.fullmatch(text):
+        text = text.replace(",", ".")
+    try:
+        # Python's own grouping of digits is no number here.
+        return math.nan if "_" in text else float(text)
+    except ValueError:
+        return math.nan
+
+
+def _range(least: float, most: float) -> str:
+    if math.isinf(least) and math.isinf(most):
+        return "a number"
+    if math.isinf(most):
+        return f"a number, at least {least:g}"
+    return f"a number from {least:g} to {most:g}"
