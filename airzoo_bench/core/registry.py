@@ -153,6 +153,8 @@ DATASETS = Registry(
     {
         "photos": "airzoo_bench.datasets.photos_dataset:PHOTOS",
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
+        "poses": "airzoo_bench.datasets.surveys.poses:POSES",
+        "odm": "airzoo_bench.datasets.surveys.odm:ODM",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

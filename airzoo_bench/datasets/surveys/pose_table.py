@@ -61,11 +61,15 @@ class PoseTable:
         What the file calls them.
     estimated : bool
         Whether values that a program found were taken, where it also lists those it was given.
+    may_be_degrees : bool
+        Whether x and y, by any of their names, may be longitude and latitude: Metashape writes
+        X/Longitude, and then X_est, for both.
     """
 
     table: NativeTable
     header: Mapping[str, str]
     estimated: bool
+    may_be_degrees: bool
 
     def has(self, *columns: str) -> bool:
         """Whether all these columns are there."""
@@ -108,7 +112,8 @@ def read_pose_table(path: Path) -> PoseTable:
         decimal_commas=separator != ",",
     )
     table.require_unique("image")
-    return PoseTable(table, header, estimated)
+    across = [name.casefold() for name in names if _column(name) in ("x", "lon")]
+    return PoseTable(table, header, estimated, any("lon" in name for name in across))
 
 
 def _split(line: str, separator: str | None) -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.options import Option
 from airzoo_bench.datasets.native import NativeDataset, NativeOptions
-from airzoo_bench.datasets.photo_options import Rule
+from airzoo_bench.datasets.photo_options import ProtocolOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -30,7 +30,7 @@ _LONGEST_NAME = 48  # of which more names are made
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurveyOptions(NativeOptions):
+class SurveyOptions(ProtocolOptions, NativeOptions):
     """What every own survey asks for."""
 
     source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
@@ -54,27 +54,6 @@ class SurveyOptions(NativeOptions):
         Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
     ] = None
     crs: Annotated[str | None, Option("crs", "Projected CRS of the poses.")] = None
-    protocol: Annotated[
-        str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
-    ] = "photos-retrieval"
-    matching_protocol: Annotated[
-        str, Option("matching-protocol", "Matching protocol to start from, a name or .toml file.")
-    ] = "photos-matching"
-    reconstruction_protocol: Annotated[
-        str,
-        Option(
-            "reconstruction-protocol",
-            "Reconstruction protocol to start from, a name or .toml file.",
-        ),
-    ] = "photos-reconstruction"
-    tile_size: Annotated[
-        list[int] | None,
-        Option("tile-size", "Side of a tile in map pixels; repeat it (default: the protocol's)."),
-    ] = None
-    rule: Annotated[
-        Rule | None, Option("rule", "When a tile is positive (default: the protocol's).")
-    ] = None
-    iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
 
 
 OptionsT = TypeVar("OptionsT", bound=SurveyOptions)

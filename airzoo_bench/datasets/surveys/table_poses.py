@@ -162,7 +162,8 @@ def _positions(
     first, second = (_numbers(given, column, rows) for column in columns)
     height = _numbers(given, "height", rows)
     header = [given.header[column] for column in columns]
-    if columns == ("lon", "lat") or _are_degrees(header, first, second):
+    small = bool((np.abs(first) <= 180.0).all() and (np.abs(second) <= 90.0).all())
+    if columns == ("lon", "lat") or (given.may_be_degrees and small):
         lonlat = np.stack((first, second), axis=-1)
         _check_degrees(given, lonlat, header)
         xy = from_lonlat(crs, lonlat)
@@ -187,12 +188,6 @@ def _positions(
 def _code(crs: CRS) -> str:
     authority = crs.to_authority()
     return ":".join(authority) if authority else repr(crs.name)
-
-
-def _are_degrees(header: list[str], x: Floats, y: Floats) -> bool:
-    """Whether columns that Metashape calls X/Longitude and Y/Latitude are in degrees."""
-    both = "lon" in header[0].casefold() and "lat" in header[1].casefold()
-    return both and bool((np.abs(x) <= 180.0).all() and (np.abs(y) <= 90.0).all())
 
 
 def _check_degrees(given: PoseTable, lonlat: Floats, header: list[str]) -> None:
