@@ -155,6 +155,8 @@ DATASETS = Registry(
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
         "airzoo-real": "airzoo_bench.datasets.published.airzoo_real:AIRZOO_REAL",
         "aerialextrematch": "airzoo_bench.datasets.published.aerialextrematch:AERIALEXTREMATCH",
+        "poses": "airzoo_bench.datasets.surveys.poses:POSES",
+        "odm": "airzoo_bench.datasets.surveys.odm:ODM",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

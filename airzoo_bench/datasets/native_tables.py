@@ -19,7 +19,7 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["NativeTable", "read_lines", "read_table"]
+__all__ = ["NativeTable", "read_lines", "read_native_text", "read_table"]
 
 _LIMIT_BYTES = 64 << 20
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
@@ -177,7 +177,7 @@ def read_table(
         The file is missing, too large, empty or no such table; a column is missing or there
         twice; a line has fewer or more values than there are columns.
     """
-    text = _read(path, limit_bytes)
+    text = read_native_text(path, limit_bytes)
     head = text.lstrip().partition("\n")[0]
     separator = max(_SEPARATORS, key=lambda mark: len(_found(head.split(mark), columns)))
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
@@ -224,7 +224,7 @@ def read_lines(path: Path, columns: Sequence[str], limit_bytes: int = _LIMIT_BYT
     BenchmarkError
         The file is missing, too large or empty, or a line has fewer values.
     """
-    text = _read(path, limit_bytes)
+    text = read_native_text(path, limit_bytes)
     numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1)]
     kept = [(i, line) for i, line in numbered if line and not line.startswith("#")]
     rows = [(i, line.rsplit(None, len(columns) - 1)) for i, line in kept]
@@ -242,7 +242,21 @@ def read_lines(path: Path, columns: Sequence[str], limit_bytes: int = _LIMIT_BYT
     return NativeTable(path, tuple(columns), (), tuple(tuple(row) for _, row in rows), lines)
 
 
-def _read(path: Path, limit_bytes: int) -> str:
+def read_native_text(path: Path, limit_bytes: int = _LIMIT_BYTES) -> str:
+    """Read a table's text.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8, with or without a byte-order mark, or GB18030.
+    limit_bytes : int
+        A larger file is refused before it is read.
+
+    Raises
+    ------
+    BenchmarkError
+        It is missing, too large, or no text.
+    """
     if path.is_dir():
         raise BenchmarkError("a folder, not a table", where=path)
     if not path.is_file():

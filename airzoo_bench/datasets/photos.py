@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes,
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["metadata_priors", "prepare_photos", "read_photos"]
+__all__ = ["metadata_priors", "photo_metadata", "prepare_photos", "read_photos"]
 
 
 def prepare_photos(
@@ -63,11 +65,7 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         )
     crs = metric_crs(named, place).to_string()
     centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(named))
-    shown = progress(photos.names, "metadata", len(photos.names))
-    given = read_prior_file(sources.priors, sizes) if sources.priors is not None else {}
-    metadata = {
-        name: replace(read_prior(sources.images / name), **given.get(name, {})) for name in shown
-    }
+    metadata = photo_metadata(photos.names, sources.images, sources.priors, sizes, progress)
     return NativeScene(
         scene,
         sources.images,
@@ -84,6 +82,36 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         poses_from=sources.poses,
         crs_from=place,
     )
+
+
+def photo_metadata(
+    names: Sequence[str],
+    images: Path,
+    priors: Path | None,
+    sizes: Mapping[str, tuple[int, int]],
+    progress: Progress,
+) -> dict[str, PhotoPrior]:
+    """Read what photos say of themselves; what a table of priors says of them goes before.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Relative to `images`.
+    images : Path
+    priors : Path or None
+        See `priors.read_prior_file`.
+    sizes : mapping of str to (width, height)
+        Every photo that there is.
+    progress : Progress
+
+    Raises
+    ------
+    BenchmarkError
+        The metadata of a photo are damaged, or the table is.
+    """
+    given = read_prior_file(priors, sizes) if priors is not None else {}
+    shown = progress(names, "metadata", len(names))
+    return {name: replace(read_prior(images / name), **given.get(name, {})) for name in shown}
 
 
 def metadata_priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
