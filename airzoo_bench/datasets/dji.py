@@ -25,7 +25,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.units import grid_convergence_deg
 
-__all__ = ["PhotoPrior", "priors_to_poses", "read_prior"]
+__all__ = ["PhotoPrior", "priors_to_poses", "read_dji_texts", "read_prior"]
 
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _NAMESPACE = "http://www.dji.com/drone-dji/1.0/"
@@ -167,16 +167,39 @@ def _metadata(path: Path) -> tuple[dict[int, Any], bytes]:
     return gps, next((data for data in packets if _NAMESPACE.encode() in data), b"")
 
 
+def read_dji_texts(path: Path) -> dict[str, str]:
+    """Read all that DJI's XMP states in a photo, by its own names; empty where there is none.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    BenchmarkError
+        See `read_prior`.
+    """
+    try:
+        return _dji_texts(_metadata(path)[1])
+    except BenchmarkError as fault:
+        raise fault.inside(path) from fault
+
+
 def _dji_values(packet: bytes) -> dict[str, float]:
     """Read the numbers of DJI's namespace, whether attributes or elements."""
-    if not packet:
-        return {}
+    texts = _dji_texts(packet)
+    return {name: _number(name, texts[name]) for name in _NUMBERS if name in texts}
+
+
+def _dji_texts(packet: bytes) -> dict[str, str]:
     texts: dict[str, str] = {}
+    if not packet:
+        return texts
     for element in _parsed(packet).iter():
         for name, text in ((element.tag, element.text or ""), *element.attrib.items()):
             if name.startswith("{" + _NAMESPACE + "}") and text.strip():
                 texts.setdefault(name.partition("}")[2], text.strip())
-    return {name: _number(name, texts[name]) for name in _NUMBERS if name in texts}
+    return texts
 
 
 def _parsed(packet: bytes) -> ElementTree.Element:

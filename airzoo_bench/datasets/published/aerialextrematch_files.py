@@ -153,7 +153,7 @@ def _check_sizes(posed: PosedFiles, lenses: CameraLines) -> None:
     odd = [
         f"{posed.keys[i]} is {size[i, 0]}x{size[i, 1]}, its camera for {stated[i, 0]:g}x"
         f"{stated[i, 1]:g} with 2 cx x 2 cy = {twice[i, 0]:g}x{twice[i, 1]:g}"
-        for i in np.flatnonzero(apart > _WITHIN_PX)
+        for i in np.flatnonzero(apart > _WITHIN_PX).tolist()
     ]
     if odd:
         raise CameraError(

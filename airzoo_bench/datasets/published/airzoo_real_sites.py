@@ -39,7 +39,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import pixel_to_world
 
-__all__ = ["HOURS", "SITES", "read_site", "site_folder", "site_scenes"]
+__all__ = ["SITES", "SITE_SCENES", "read_site", "site_folder", "site_scenes"]
 
 SITES: Mapping[str, str] = {
     "school": "xuexiao",
@@ -47,7 +47,11 @@ SITES: Mapping[str, str] = {
     "substation": "biandian",
     "plaza": "guangchang",
 }
-HOURS = ("06-08", "12-14", "18-20", "22-24")
+DAY, NIGHT = ("06-08", "12-14", "18-20"), ("22-24",)
+SITE_SCENES = tuple(
+    f"{site}-{hours}" for site in SITES for hours in (*DAY, *(NIGHT if "school" in site else ()))
+)
+"""Ids of the scenes, in the protocol's order; two sites were flown at night too."""
 CRS = "EPSG:4547"
 
 _HOME = "airzoo_real_recon"
@@ -56,7 +60,7 @@ _PHOTO = re.compile(r"(.+)_0\.png", re.IGNORECASE)
 _OTHERS = ("_1", "_2")
 _SURFACE = "fcw_hangtian_DSM.tif"
 _LAYOUT = (
-    f"{_HOME}/{{{','.join(SITES.values())}}}/{{{','.join(HOURS)}}}/images, poses/poses/t_pose.txt, "
+    f"{_HOME}/{{{','.join(SITES.values())}}}/{{{','.join((*DAY, *NIGHT))}}}/images, poses/poses/t_pose.txt, "
     "poses/intrinsics/t_intrinsic.txt"
 )
 
@@ -69,9 +73,9 @@ def site_folder(source: Path, scene: str) -> Path | None:
     source : Path
         The benchmark's folder, or airzoo_real_recon itself.
     scene : str
-        A key of `SITES` and one of `HOURS`.
+        One of `SITE_SCENES`.
     """
-    site, hours = scene[: -len(HOURS[0]) - 1], scene[-len(HOURS[0]) :]
+    site, hours = _site_and_hours(scene)
     home = sub_folder(source, _HOME) or source
     place = sub_folder(home, SITES[site])
     return None if place is None else sub_folder(place, hours)
@@ -79,8 +83,12 @@ def site_folder(source: Path, scene: str) -> Path | None:
 
 def site_scenes(source: Path) -> list[str]:
     """Return the scenes that stand below a folder, in the protocol's order."""
-    every = (f"{site}-{hours}" for site in SITES for hours in HOURS)
-    return [scene for scene in every if site_folder(source, scene) is not None]
+    return [scene for scene in SITE_SCENES if site_folder(source, scene) is not None]
+
+
+def _site_and_hours(scene: str) -> tuple[str, str]:
+    site, first, last = scene.rsplit("-", 2)
+    return site, f"{first}-{last}"
 
 
 def read_site(
@@ -138,7 +146,7 @@ def read_site(
         unposed=posed.unposed,
         notes=(*posed.notes, *_scaled(lenses, posed), *notes),
         poses_from=pose_file,
-        conditions={"hours": [scene[-len(HOURS[0]) :]] * len(posed.names)},
+        conditions={"hours": [_site_and_hours(scene)[1]] * len(posed.names)},
     )
 
 

@@ -116,7 +116,7 @@ class CameraLines:
         apart = np.abs(scale[:, :1] * self.size[rows] - size).max(axis=1)
         odd = [
             f"{keys[i]} is {size[i, 0]}x{size[i, 1]}, its camera {_whole(self.size[rows[i]])}"
-            for i in np.flatnonzero(apart > 1.0)
+            for i in np.flatnonzero(apart > 1.0).tolist()
         ]
         if odd:
             raise CameraError(
