@@ -35,6 +35,10 @@ class AerialExtreMatchOptions(NativeOptions):
             "own configuration does: that is another benchmark, and named so.",
         ),
     ] = "metadata"
+    priors: Annotated[
+        Path | None,
+        Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
+    ] = None
 
 
 class AerialExtreMatch(NativeDataset[AerialExtreMatchOptions]):
@@ -48,7 +52,7 @@ class AerialExtreMatch(NativeDataset[AerialExtreMatchOptions]):
     example = "aerialextrematch --source AerialExtreMatch-Localization"
     options = AerialExtreMatchOptions
     without_truth = MappingProxyType(
-        {"matching": "no photo states GPS position and gimbal angles (see --prior truth)"}
+        {"matching": "no photo states GPS position and gimbal angles (--priors, or --prior truth)"}
     )
     about = About(
         title="AerialExtreMatch, localization",
@@ -64,6 +68,8 @@ class AerialExtreMatch(NativeDataset[AerialExtreMatchOptions]):
             "A surface model without a nodata value has no height where its lowest number, if 0 "
             "or less, stands: AerialExtreMatch's code takes heights above 0 only.",
             "Photos have no lens distortion: intrinsic.txt states pinhole cameras.",
+            "The yaw_flag of AerialExtreMatch's own evaluation turns queries before matching; it "
+            "changes no truth. Matches in turned photos have to be turned back.",
         ),
         unverified=(
             "Whether the GeoTIFFs state their CRS themselves; where not, the .prj next to them "
@@ -99,7 +105,7 @@ class AerialExtreMatch(NativeDataset[AerialExtreMatchOptions]):
         """Read photos, cameras, poses and references."""
         from airzoo_bench.datasets.published.aerialextrematch_files import read_localization
 
-        return read_localization(options.source, options.reference, scene, progress)
+        return read_localization(options.source, options.reference, options.priors, scene, progress)
 
 
 AERIALEXTREMATCH = AerialExtreMatch()

@@ -22,9 +22,8 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.dji import read_prior
 from airzoo_bench.datasets.native import NativeScene
-from airzoo_bench.datasets.photos import metadata_priors
+from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
 from airzoo_bench.datasets.published.places import (
     files_by_key,
     find_home,
@@ -78,6 +77,7 @@ def localization_files(source: Path, reference: Reference) -> LocalizationFiles:
     BenchmarkError
         A part is not there.
     """
+    _refuse_pairs(source)
     home = find_home(source, ("gt_pose.txt", "rgb"), _LAYOUT)
     parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[reference])
     found = [sub_folder(home, part) for part in parts]
@@ -92,10 +92,32 @@ def localization_files(source: Path, reference: Reference) -> LocalizationFiles:
     return LocalizationFiles(home, *(path for path in found if path is not None))
 
 
+def _refuse_pairs(source: Path) -> None:
+    """Say what the folders of the evaluation pairs are: they come from another download."""
+    if sub_folder(source, "gt_pose.txt") is None and sub_folder(source, "class_0") is not None:
+        raise BenchmarkError(
+            "these are AerialExtreMatch's evaluation pairs, class_0 to class_31, whose .npy files "
+            "are Python pickles: to read one is to run what it says, which is never done here",
+            where=source,
+            expected=f"the localization set: {_LAYOUT}",
+            fix="where you trust them, write them as .npz and score poses by "
+            "airzoo_bench.pose_errors: docs/benchmarks.md has the lines",
+        )
+
+
 def read_localization(
-    source: Path, reference: Reference, scene: str, progress: Progress
+    source: Path, reference: Reference, priors: Path | None, scene: str, progress: Progress
 ) -> NativeScene:
     """Read photos, cameras, poses and references of the localisation set.
+
+    Parameters
+    ----------
+    source : Path
+    reference : {"hq", "lq"}
+    priors : Path or None
+        See `priors.read_prior_file`; goes before the photos' own metadata.
+    scene : str
+    progress : Progress
 
     Raises
     ------
@@ -108,8 +130,8 @@ def read_localization(
     lines = read_pose_lines(files.poses, stem_key)
     posed = posed_files(files.images, photos, lines, lenses, progress)
     _check_sizes(posed, lenses)
-    shown = progress(posed.names, "metadata", len(posed.names))
-    metadata = {name: read_prior(files.images / name) for name in shown}
+    sizes = dict.fromkeys(photos.values(), (0, 0))
+    metadata = photo_metadata(posed.names, files.images, priors, sizes, progress)
     dom, dsm, notes = _references(files.reference, reference, scene)
     return NativeScene(
         scene=scene,

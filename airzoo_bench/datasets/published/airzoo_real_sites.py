@@ -60,8 +60,8 @@ _PHOTO = re.compile(r"(.+)_0\.png", re.IGNORECASE)
 _OTHERS = ("_1", "_2")
 _SURFACE = "fcw_hangtian_DSM.tif"
 _LAYOUT = (
-    f"{_HOME}/{{{','.join(SITES.values())}}}/{{{','.join((*DAY, *NIGHT))}}}/images, poses/poses/t_pose.txt, "
-    "poses/intrinsics/t_intrinsic.txt"
+    f"{_HOME}/{{{','.join(SITES.values())}}}/{{{','.join((*DAY, *NIGHT))}}}/images, "
+    "poses/poses/t_pose.txt, poses/intrinsics/t_intrinsic.txt"
 )
 
 
@@ -130,7 +130,7 @@ def read_site(
     if cloud is None and dsm is not None:
         cloud = surface_cloud(dsm, posed.poses.centres, reach_m, scene)
         notes.append(
-            f"the true cloud is made of {dsm.name}, one point a pixel within {reach_m:g} m of "
+            f"the true cloud is made of dom/{_SURFACE}, one point a pixel within {reach_m:g} m of "
             "the cameras: the depth that the paper took is not in the release. It has no facades "
             "and nothing below a roof or a crown; --cloud names another"
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
+from numpy.typing import NDArray
 from PIL import Image
 from pyproj import CRS
 from rasterio import Affine
@@ -21,6 +22,8 @@ from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.units import grid_convergence_deg
 from tests.datasets.test_dji import packet
 from tests.support import write_raster
+
+Bands = NDArray[np.uint8] | NDArray[np.float32]
 
 EPSG = 4547
 CORNER = (401_000.0, 3_131_000.0)  # north-west
@@ -56,11 +59,11 @@ def poses_of_shots(shots: Mapping[str, Shot]) -> Poses:
     return Poses.from_centres(rotation, centres)
 
 
-def heights(pixel_m: float) -> np.ndarray:
+def heights(pixel_m: float) -> Bands:
     count = round(SIDE_M / pixel_m)
     x = (np.arange(count) + 0.5) * pixel_m
     hills = GROUND_M + 4.0 * np.sin(x / 40.0) + 3.0 * np.cos(x / 30.0)[:, None]
-    return hills.astype(np.float32)[None]
+    return np.asarray(hills[None], np.float32)
 
 
 def grid(pixel_m: float) -> Affine:
@@ -75,7 +78,12 @@ def write_map(path: Path, pixel_m: float, *, seed: int = 0, bare: bool = False) 
 
 
 def write_surface(
-    path: Path, pixel_m: float, *, bare: bool = False, hole: bool = False, nodata: float | None = -9999
+    path: Path,
+    pixel_m: float,
+    *,
+    bare: bool = False,
+    hole: bool = False,
+    nodata: float | None = -9999.0,
 ) -> Path:
     values = heights(pixel_m)
     if hole:
@@ -83,12 +91,10 @@ def write_surface(
     return _write(path, values, pixel_m, nodata, bare)
 
 
-def _write(path: Path, bands: np.ndarray, pixel_m: float, nodata: float | None, bare: bool) -> Path:
+def _write(path: Path, bands: Bands, pixel_m: float, nodata: float | None, bare: bool) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     if not bare:
-        return write_raster(
-            path, bands, crs=f"EPSG:{EPSG}", transform=grid(pixel_m), nodata=nodata
-        )
+        return write_raster(path, bands, crs=f"EPSG:{EPSG}", transform=grid(pixel_m), nodata=nodata)
     write_bare(path, bands, nodata)
     half = pixel_m / 2
     values = (pixel_m, 0, 0, -pixel_m, CORNER[0] + half, CORNER[1] - half)
@@ -97,7 +103,7 @@ def _write(path: Path, bands: np.ndarray, pixel_m: float, nodata: float | None, 
     return path
 
 
-def write_bare(path: Path, bands: np.ndarray, nodata: float | None) -> None:
+def write_bare(path: Path, bands: Bands, nodata: float | None) -> None:
     """Write a GeoTIFF without any georeference in it."""
     count, height, width = bands.shape
     shape = {"count": count, "height": height, "width": width}

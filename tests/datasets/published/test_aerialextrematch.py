@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,12 +13,20 @@ from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.api.evaluation import evaluate
 from airzoo_bench.api.prediction_writer import PredictionWriter
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.truth import read_truth
 from tests.datasets.published.aerialextrematch_tree import OFF, SHOTS, make_tree
-from tests.datasets.published.changsha import CORNER, heights, poses_of_shots
+from tests.datasets.published.changsha import (
+    CORNER,
+    EPSG,
+    heights,
+    poses_of_shots,
+    write_photo,
+)
 from tests.support import run_main
 
+FIRST = next(iter(SHOTS))
 PREPARE = ("prepare", "aerialextrematch", "--source")
 
 
@@ -27,7 +36,9 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return make_tree(tmp_path / "下载 set" / "AerialExtreMatch-Localization")
 
 
-def scored(benchmark: str, poses: Poses, path: Path, protocol: str | None = None) -> dict[str, float]:
+def scored(
+    benchmark: str, poses: Poses, path: Path, protocol: str | None = None
+) -> dict[str, float]:
     """Return the overall scores of poses of the queries, in the order of `SHOTS`."""
     opened, name = load_benchmark(benchmark), protocol or f"{benchmark}-matching"
     with PredictionWriter(path, name, opened) as writer:
@@ -44,7 +55,7 @@ def test_exact_poses_score_perfect(tree: Path, tmp_path: Path) -> None:
     exact = scored("aerialextrematch", poses, tmp_path / "exact.npz")
     assert exact["within_5m_1deg"] == 1.0
     assert exact["error_m"] < 1e-3
-    moved = Poses(rotation=poses.rotation, centres=poses.centres + (7.0, 0.0, 0.0))
+    moved = Poses(rotation=poses.rotation, centres=poses.centres + np.array((7.0, 0.0, 0.0)))
     off = scored("aerialextrematch", moved, tmp_path / "off.npz")
     assert off["within_5m_1deg"] == 0.0
     assert off["within_10m_1deg"] == 1.0
@@ -96,6 +107,20 @@ def test_lq_and_the_truth_as_prior_are_benchmarks_of_their_own(tree: Path, tmp_p
     assert not (tmp_path / "data" / "aerialextrematch").exists()
 
 
+def test_photos_without_metadata_have_no_prior_but_by_a_table(tree: Path, tmp_path: Path) -> None:
+    for name in SHOTS:
+        write_photo(tree / "rgb" / f"{name}.JPG", None)
+    assert run_main(*PREPARE, tree) == 2
+    table = tmp_path / "priors.csv"
+    lonlat = to_lonlat(EPSG, poses_of_shots(SHOTS).centres[:, :2]) + 1e-4
+    rows = [
+        f"{name}.JPG,{lon:.9f},{lat:.9f},152,{shot.yaw},{shot.pitch},0"
+        for (name, shot), (lon, lat) in zip(SHOTS.items(), lonlat, strict=True)
+    ]
+    table.write_text("\n".join(["image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg", *rows]))
+    assert run_main(*PREPARE, tree, "--priors", table) == 0
+
+
 def test_the_folder_above_is_taken_too(tree: Path, tmp_path: Path) -> None:
     assert run_main(*PREPARE, tree.parent) == 0
     assert (tmp_path / "data" / "aerialextrematch" / "benchmark.toml").is_file()
@@ -104,7 +129,8 @@ def test_the_folder_above_is_taken_too(tree: Path, tmp_path: Path) -> None:
 def test_photos_without_a_pose_and_poses_without_a_photo_are_named(
     tree: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tree / "rgb" / "DJI_other.jpg").write_bytes((tree / "rgb" / f"{[*SHOTS][0]}.JPG").read_bytes())
+    photo = (tree / "rgb" / f"{FIRST}.JPG").read_bytes()
+    (tree / "rgb" / "DJI_other.jpg").write_bytes(photo)
     assert run_main(*PREPARE, tree) == 0
     assert "DJI_other.jpg" in capsys.readouterr().err
 
@@ -124,11 +150,20 @@ def _no_reference(tree: Path) -> None:
     (tree / "HQref" / "HQref.zip.part").write_bytes(b"PK")
 
 
-FIRST = next(iter(SHOTS))
+def _pairs(tree: Path) -> None:
+    shutil.rmtree(tree)
+    (tree / "class_0").mkdir(parents=True)
+
+
+def _archive(tree: Path) -> None:
+    shutil.rmtree(tree / "rgb")
+    (tree / "rgb.zip").write_bytes(b"PK")
+
+
 SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "no poses": (lambda t: (t / "gt_pose.txt").unlink(), ["lacks gt_pose.txt"]),
     "an archive": (
-        lambda t: ((t / "rgb").rename(t / "x"), (t / "rgb.zip").write_bytes(b"PK")),
+        _archive,
         ["lacks rgb", "an archive, rgb.zip: unpack it"],
     ),
     "half a download": (_no_reference, ["orthophoto is not clear", "HQref.zip.part"]),
@@ -157,6 +192,10 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "no tfw": (
         lambda t: (t / "HQref" / "Production_4_ortho_merge.tfw").unlink(),
         ["no geotransform", "ortho_merge"],
+    ),
+    "the pairs": (
+        _pairs,
+        ["evaluation pairs", "pickles", "airzoo_bench.pose_errors"],
     ),
     "no folder": (lambda t: t.rename(t.parent.parent / "x"), ["holds none of gt_pose.txt, rgb"]),
 }
