@@ -12,7 +12,6 @@ import airzoo_bench as ab
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rotations import angles_to_rotations
 
-
 # What stands in these two are the lines of docs/benchmarks.md.
 
 
