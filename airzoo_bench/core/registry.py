@@ -155,6 +155,8 @@ DATASETS = Registry(
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
         "poses": "airzoo_bench.datasets.surveys.poses:POSES",
         "odm": "airzoo_bench.datasets.surveys.odm:ODM",
+        "dji": "airzoo_bench.datasets.surveys.dji:DJI",
+        "colmap": "airzoo_bench.datasets.surveys.colmap:COLMAP",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

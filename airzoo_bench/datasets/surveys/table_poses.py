@@ -236,9 +236,7 @@ def _named_convention(given: PoseTable) -> Convention | None:
     return "airframe" if title in ("label", "imagename") else None
 
 
-def _degrees(
-    given: PoseTable, rows: list[int], convention: Convention, unit: str | None
-) -> Floats:
+def _degrees(given: PoseTable, rows: list[int], convention: Convention, unit: str | None) -> Floats:
     columns = _angle_columns(given)
     values = np.column_stack([_numbers(given, column, rows, 1e4) for column in columns])
     if unit == "radians":

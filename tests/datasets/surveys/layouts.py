@@ -181,7 +181,9 @@ def local_frame(made: Made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return matrix4, made.rotation @ turn, centres
 
 
-def opensfm(rotation: np.ndarray, centres: np.ndarray, made: Made, keys: list[int]) -> dict[str, Any]:
+def opensfm(
+    rotation: np.ndarray, centres: np.ndarray, made: Made, keys: list[int]
+) -> dict[str, Any]:
     width, height = PHOTO
     camera = {
         "projection_type": "brown",
@@ -208,7 +210,11 @@ def opensfm(rotation: np.ndarray, centres: np.ndarray, made: Made, keys: list[in
 
 
 def write_odm_part(
-    made: Made, part: Path, rows: list[int], shots: bool = False, shift: tuple[float, ...] = (0, 0, 0)
+    made: Made,
+    part: Path,
+    rows: list[int],
+    shots: bool = False,
+    shift: tuple[float, ...] = (0, 0, 0),
 ) -> None:
     """Write a project's, or a submodel's, shots: as reconstruction.json, or else shots.geojson."""
     for folder in ("opensfm", "odm_report", "odm_georeferencing"):
