@@ -124,7 +124,10 @@ def _check_stamps(
             fix="take the table out of the folder, and positions come from the photos",
         )
     own = {n: p for n, p in metadata.items() if n in found and p.lon is not None}
-    far = [name for name, p in own.items() if _distance_m(p, found[name]) > _SAME_PLACE_M]
+    stated = np.array([(p.lon, p.lat) for p in own.values()], dtype=np.float64).reshape(-1, 2)
+    stamped = np.array([(found[n].lon, found[n].lat) for n in own]).reshape(-1, 2)
+    away = geodesic_distance_m(stated, stamped)
+    far = [name for name, metres in zip(own, away, strict=True) if metres > _SAME_PLACE_M]
     if far:
         raise BenchmarkError(
             f"time stamps are more than {_SAME_PLACE_M:g} m from the photos of their number: "
@@ -133,10 +136,6 @@ def _check_stamps(
             expected="the table that belongs to these photos",
             fix="take the table out of the folder, and positions come from the photos",
         )
-
-
-def _distance_m(prior: PhotoPrior, stamp: TimeStamp) -> float:
-    return float(geodesic_distance_m((prior.lon, prior.lat), (stamp.lon, stamp.lat)))
 
 
 def _placed(prior: PhotoPrior, stamp: TimeStamp | None) -> PhotoPrior:

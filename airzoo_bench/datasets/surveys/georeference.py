@@ -26,7 +26,6 @@ from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Sim
 
 __all__ = ["georeferenced"]
 
-_SETTINGS = {"min_trials": 1000, "max_trials": 100_000, "confidence": 0.9999, "line_ratio": 0.1}
 _LEAST_AGREEING = 0.5
 _LEAST_POSITIONS = 4  # three are always met
 
@@ -74,9 +73,9 @@ def _exif_positions(
     whole = {n: p for n, p in found.items() if p.lon is not None and p.altitude_m is not None}
     if not whole:
         raise BenchmarkError("no photo has a GPS position", where=images)
-    xy = from_lonlat(crs, [(p.lon, p.lat) for p in whole.values()])
-    up = [p.altitude_m for p in whole.values()]
-    return dict(zip(whole, map(tuple, np.column_stack((xy, up)).tolist()), strict=True))
+    places = np.array([(p.lon, p.lat, p.altitude_m) for p in whole.values()], dtype=np.float64)
+    places[:, :2] = from_lonlat(crs, places[:, :2])
+    return dict(zip(whole, map(tuple, places.tolist()), strict=True))
 
 
 def _matrix(path: Path) -> Floats | None:
@@ -132,7 +131,14 @@ def _fitted(
     where = options.georeference or options.images
     limit = options.inlier_m
     ransac = RansacSettings(
-        **_SETTINGS, sample_share=None, inlier_limit=limit, inlier_limit_deg=10.0, seed=0
+        min_trials=1000,
+        max_trials=100_000,
+        confidence=0.9999,
+        sample_share=None,
+        inlier_limit=limit,
+        inlier_limit_deg=10.0,
+        line_ratio=0.1,
+        seed=0,
     )
     if len(positions) < _LEAST_POSITIONS:
         raise BenchmarkError(
