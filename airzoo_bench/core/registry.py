@@ -157,6 +157,8 @@ DATASETS = Registry(
         "aerialextrematch": "airzoo_bench.datasets.published.aerialextrematch:AERIALEXTREMATCH",
         "poses": "airzoo_bench.datasets.surveys.poses:POSES",
         "odm": "airzoo_bench.datasets.surveys.odm:ODM",
+        "dji": "airzoo_bench.datasets.surveys.dji:DJI",
+        "colmap": "airzoo_bench.datasets.surveys.colmap:COLMAP",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

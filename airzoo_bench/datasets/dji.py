@@ -112,6 +112,29 @@ def read_prior(path: Path) -> PhotoPrior:
         raise fault.inside(path) from fault
 
 
+def read_dji_texts(path: Path) -> dict[str, str]:
+    """Read all that DJI's XMP of a photo states.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    dict of str to str
+        By the names without their namespace, such as ``"RtkFlag"``; empty where there is none.
+
+    Raises
+    ------
+    BenchmarkError
+        It is not a readable photo, or the XMP is damaged.
+    """
+    try:
+        return _dji_texts(_metadata(path)[1])
+    except BenchmarkError as fault:
+        raise fault if str(path) in str(fault.where) else fault.inside(path) from fault
+
+
 def priors_to_poses(priors: Mapping[str, PhotoPrior], crs: Any) -> Poses:
     """Turn priors into poses in a projected CRS.
 
@@ -167,24 +190,6 @@ def _metadata(path: Path) -> tuple[dict[int, Any], bytes]:
     return gps, next((data for data in packets if _NAMESPACE.encode() in data), b"")
 
 
-def read_dji_texts(path: Path) -> dict[str, str]:
-    """Read all that DJI's XMP states in a photo, by its own names; empty where there is none.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    BenchmarkError
-        See `read_prior`.
-    """
-    try:
-        return _dji_texts(_metadata(path)[1])
-    except BenchmarkError as fault:
-        raise fault.inside(path) from fault
-
-
 def _dji_values(packet: bytes) -> dict[str, float]:
     """Read the numbers of DJI's namespace, whether attributes or elements."""
     texts = _dji_texts(packet)
@@ -192,9 +197,10 @@ def _dji_values(packet: bytes) -> dict[str, float]:
 
 
 def _dji_texts(packet: bytes) -> dict[str, str]:
-    texts: dict[str, str] = {}
+    """Read what DJI's namespace states, by the names without it."""
     if not packet:
-        return texts
+        return {}
+    texts: dict[str, str] = {}
     for element in _parsed(packet).iter():
         for name, text in ((element.tag, element.text or ""), *element.attrib.items()):
             if name.startswith("{" + _NAMESPACE + "}") and text.strip():

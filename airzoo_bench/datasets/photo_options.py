@@ -40,7 +40,7 @@ class ProtocolOptions:
     iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class PhotoOptions(ProtocolOptions):
     """Where the parts of a scene lie, and what differs from the protocols to start from."""
 

@@ -13,16 +13,17 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native import NativeScene, paths_among
 from airzoo_bench.datasets.native_prepare import prepare_scenes
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file
+from airzoo_bench.datasets.scene_parts import SceneSource
 from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes, vertical_unit_m
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["metadata_priors", "photo_metadata", "prepare_photos", "read_photos"]
+__all__ = ["metadata_priors", "photo_metadata", "photo_source", "prepare_photos", "read_photos"]
 
 
 def prepare_photos(
@@ -38,10 +39,17 @@ def prepare_photos(
     UserError
         A source is missing or wrong, or no photo can be answered.
     """
-    check_target((sources.poses, *sources.files.values()), settings.folder)
-    scenes = [scene.id for scene in protocols.every[0].scenes]
-    read = partial(read_photos, sources, progress=settings.progress)
-    return prepare_scenes(scenes, read, protocols, settings)
+    check_target(paths_among(sources), settings.folder)
+    return prepare_scenes(photo_source(sources, protocols, settings.progress), protocols, settings)
+
+
+def photo_source(
+    sources: PhotoOptions, protocols: BenchmarkProtocols, progress: Progress
+) -> SceneSource:
+    """Return the one scene of own photos as something to prepare."""
+    scenes = tuple(scene.id for scene in protocols.every[0].scenes)
+    read = partial(read_photos, sources, progress=progress)
+    return SceneSource(scenes, read, lambda _: paths_among(sources), sources)
 
 
 def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> NativeScene:

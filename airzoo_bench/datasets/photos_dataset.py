@@ -52,6 +52,15 @@ class Photos(Dataset[PhotoOptions]):
             )
         return name
 
+    def is_prepared(self, options: PhotoOptions, settings: PrepareSettings) -> bool:
+        """Whether the folder is complete, and made from files that did not change since."""
+        from airzoo_bench.datasets.native_prepare import is_prepared
+        from airzoo_bench.datasets.photos import photo_source
+
+        protocols = photo_protocols(options, options.name, settings.root)
+        source = photo_source(options, protocols, settings.progress)
+        return is_prepared(source, protocols, settings)
+
     def prepare(self, options: PhotoOptions, settings: PrepareSettings) -> Prepared:
         """Make the folder, see `photos.prepare_photos`."""
         from airzoo_bench.datasets.photos import prepare_photos

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError
 from airzoo_bench.core.files import read_text
@@ -38,7 +39,7 @@ def read_camera_file(path: Path) -> dict[str, float]:
     """
     text = read_text(path, BenchmarkError, "camera file")
     try:
-        values = json.loads(text)
+        values: Any = json.loads(text)
     except ValueError as error:
         raise BenchmarkError(f"not JSON: {error}", where=path, expected=_EXPECTED) from error
     known = [*LENS_KEYS, *_SIZE]
@@ -106,10 +107,11 @@ def _focal_px(values: Mapping[str, float], width: int, where: object) -> float:
         raise CameraError(
             f"the focal length does not follow from {given}", where=where, expected=_EXPECTED
         )
-    first = values[ways[0][0]]
-    if ways[0] == ("fx",):
+    way = ways[0][0]
+    first = values[way]
+    if way == "fx":
         return first
-    if ways[0] == ("fov_deg",):
+    if way == "fov_deg":
         if not 0.0 < first < 180.0:
             raise CameraError(
                 f"fov_deg is {first:g}", where=where, expected="between 0 and 180 degrees"

@@ -74,8 +74,8 @@ def part_crs(folder: Path) -> CRS:
     """
     stated = {}
     if (folder / COORDS).is_file():
-        first = odm_text(folder / COORDS).strip().partition("\n")[0].strip()
-        stated[COORDS] = _crs_of(first, folder / COORDS)
+        line = odm_text(folder / COORDS).strip().partition("\n")[0]
+        stated[COORDS] = _crs_of(line.strip(), folder / COORDS)
     if (folder / PROJ).is_file():
         stated[PROJ] = _crs_of(odm_text(folder / PROJ).strip(), folder / PROJ)
     if (folder / ORTHOPHOTO).is_file():
@@ -86,7 +86,7 @@ def part_crs(folder: Path) -> CRS:
         )
     first, *others = stated.values()
     if not all(same_plane(first, other) for other in others):
-        each = "; ".join(f"{path}: {describe_crs(crs)}" for path, crs in stated.items())
+        each = "; ".join(f"{path}: {describe_crs(found)}" for path, found in stated.items())
         raise BenchmarkError(f"its files state different CRS: {each}", where=folder)
     return next((crs for crs in stated.values() if crs.to_epsg() is not None), first)
 

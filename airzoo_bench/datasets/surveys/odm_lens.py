@@ -51,29 +51,33 @@ def lens_of_camera(
             expected="perspective, simple_radial, radial or brown",
             fix="process the project with --camera-lens brown",
         )
-    value = {key: camera.get(key) for key in keys}
-    wrong = [key for key, v in value.items() if not isinstance(v, int | float)]
-    if wrong:
-        raise CameraError(f"its camera lacks {', '.join(wrong)}", where=where)
+    value = _numbers(camera, keys, where)
     _check_shape(camera, size, where)
     width, height = size
     longer = max(size)
-    focal = value.get("focal")
-    fx, fy = (longer * value.get(key, focal) for key in ("focal_x", "focal_y"))
+    fx, fy = (longer * value.get(key, value.get("focal", 0.0)) for key in ("focal_x", "focal_y"))
     cx = value.get("c_x", 0.0) * longer + width / 2
     cy = value.get("c_y", 0.0) * longer + height / 2
-    distortion = tuple(float(value.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2", "k3"))
+    distortion = tuple(value.get(key, 0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], distortion
 
 
+def _numbers(camera: Mapping[str, Any], keys: tuple[str, ...], where: object) -> dict[str, float]:
+    wrong = [key for key in keys if not isinstance(camera.get(key), int | float)]
+    if wrong:
+        raise CameraError(f"its camera lacks {', '.join(wrong)}", where=where)
+    return {key: float(camera[key]) for key in keys}
+
+
 def _check_shape(camera: Mapping[str, Any], size: tuple[int, int], where: object) -> None:
-    stated = (camera.get("width"), camera.get("height"))
-    if None in stated:
+    if "width" not in camera or "height" not in camera:
         return
-    scale = max(size) / max(*stated, 1)
+    value = _numbers(camera, ("width", "height"), where)
+    stated = value["width"], value["height"]
+    scale = max(size) / max(*stated, 1.0)
     if any(abs(side * scale - own) > 1.0 for side, own in zip(stated, size, strict=True)):
         raise CameraError(
-            f"its camera is {stated[0]}x{stated[1]} px, a photo {size[0]}x{size[1]}",
+            f"its camera is {stated[0]:g}x{stated[1]:g} px, a photo {size[0]}x{size[1]}",
             where=where,
             expected="photos of the camera's shape",
             fix="give --images of the photos that the project was made from",

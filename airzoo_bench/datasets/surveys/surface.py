@@ -94,8 +94,9 @@ def _box(cloud: FileCloud) -> Floats:
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for piece in cloud.pieces(_POINTS_A_TIME):
         xy = piece.points[np.isfinite(piece.points).all(axis=1), :2]
-        low, high = np.minimum(low, xy.min(axis=0, initial=np.inf)), np.maximum(
-            high, xy.max(axis=0, initial=-np.inf)
+        low, high = (
+            np.minimum(low, xy.min(axis=0, initial=np.inf)),
+            np.maximum(high, xy.max(axis=0, initial=-np.inf)),
         )
     if not (high > low).all():
         raise BenchmarkError("has no points that span an area", where=cloud.path)

@@ -28,8 +28,8 @@ __all__ = ["AngleSettings", "TablePoses", "read_table_poses"]
 
 _YAW = ("yaw", "pitch", "roll")
 _OMEGA = ("omega", "phi", "kappa")
-# Of the photos: fewer that look down are no survey of the ground.
-_LEAST_DOWN = 0.5
+_MOST_OFF_NADIR_DEG = 65.0
+_MOST_AWAY = 0.5  # of the photos
 
 
 @dataclass(frozen=True)
@@ -236,9 +236,7 @@ def _named_convention(given: PoseTable) -> Convention | None:
     return "airframe" if title in ("label", "imagename") else None
 
 
-def _degrees(
-    given: PoseTable, rows: list[int], convention: Convention, unit: str | None
-) -> Floats:
+def _degrees(given: PoseTable, rows: list[int], convention: Convention, unit: str | None) -> Floats:
     columns = _angle_columns(given)
     values = np.column_stack([_numbers(given, column, rows, 1e4) for column in columns])
     if unit == "radians":
@@ -266,12 +264,16 @@ def _look_like_radians(values: Floats, convention: Convention) -> bool:
 
 
 def _check_down(rotations: Floats, degrees: Floats, convention: str, path: Path) -> None:
-    """Refuse what makes most cameras look at the sky, or at the horizon exactly."""
-    down = rotations[:, 2, 2] < -1e-3
-    if down.mean() < _LEAST_DOWN:
+    """Refuse what turns most cameras away from the ground, where the convention is by names only.
+
+    Gimbal angles of photos straight down, read as airframe, look back at the horizon.
+    """
+    away = -rotations[:, 2, 2] < math.cos(math.radians(_MOST_OFF_NADIR_DEG))
+    if away.mean() > _MOST_AWAY:
         raise BenchmarkError(
-            f"read as {convention}, {counted(int((~down).sum()), 'camera')} of {len(down)} do not "
-            f"look down; the second angle is {np.median(degrees[:, 1]):.6g} degrees in the median",
+            f"read as {convention}, {counted(int(away.sum()), 'camera')} of {len(away)} look more "
+            f"than {_MOST_OFF_NADIR_DEG:g} degrees away from straight down; the second angle is "
+            f"{np.median(degrees[:, 1]):.6g} degrees in the median",
             where=path,
             expected="photos of the ground: gimbal pitch is -90 straight down, airframe pitch 0",
             fix="name the convention with --angles gimbal, airframe or omega-phi-kappa",

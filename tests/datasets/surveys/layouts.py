@@ -6,6 +6,7 @@ the grid's north is 1.2 degrees off.
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +17,14 @@ from PIL import Image
 from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.core.progress import silent
+from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.photos import read_photos
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 from airzoo_bench.geometry.units import grid_convergence_deg
+from tests.datasets.test_dji import packet
 from tests.support import write_raster
 
 CRS = "EPSG:32633"
@@ -181,7 +187,9 @@ def local_frame(made: Made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return matrix4, made.rotation @ turn, centres
 
 
-def opensfm(rotation: np.ndarray, centres: np.ndarray, made: Made, keys: list[int]) -> dict[str, Any]:
+def opensfm(
+    rotation: np.ndarray, centres: np.ndarray, made: Made, keys: list[int]
+) -> dict[str, Any]:
     width, height = PHOTO
     camera = {
         "projection_type": "brown",
@@ -208,7 +216,11 @@ def opensfm(rotation: np.ndarray, centres: np.ndarray, made: Made, keys: list[in
 
 
 def write_odm_part(
-    made: Made, part: Path, rows: list[int], shots: bool = False, shift: tuple[float, ...] = (0, 0, 0)
+    made: Made,
+    part: Path,
+    rows: list[int],
+    shots: bool = False,
+    shift: tuple[float, ...] = (0, 0, 0),
 ) -> None:
     """Write a project's, or a submodel's, shots: as reconstruction.json, or else shots.geojson."""
     for folder in ("opensfm", "odm_report", "odm_georeferencing"):
@@ -284,3 +296,158 @@ def odm_newer_layout(made: Made) -> list[object]:
     content = opensfm(made.rotation, made.centres - (620000, 5200000, 0), made, list(range(5)))
     local.write_text(json.dumps([content]))
     return ["odm", "--source", project]
+
+
+def write_photo(path: Path, values: dict[str, str], altitude: float, film_mm: int | None) -> None:
+    """Write a photo with EXIF altitude and DJI's XMP."""
+    exif = Image.Exif()
+    exif.get_ifd(0x8825).update({5: b"\0", 6: altitude})
+    if film_mm is not None:
+        exif.get_ifd(0x8769)[0xA405] = film_mm
+    attributes = " ".join(f'drone-dji:{key}="{value}"' for key, value in values.items())
+    data = b"http://ns.adobe.com/xap/1.0/\0" + packet(attributes)
+    stream = io.BytesIO()
+    Image.new("L", PHOTO).save(stream, "JPEG", exif=exif)
+    content = stream.getvalue()
+    head = b"\xff\xe1" + (len(data) + 2).to_bytes(2)
+    path.write_bytes(content[:2] + head + data + content[2:])
+
+
+def dji_folder(
+    made: Made,
+    *,
+    flags: tuple[int | None, ...] = (50,) * 5,
+    off_deg: float = 0.0,
+    changes: dict[str, str] | None = None,
+    without: tuple[str, ...] = (),
+    film_mm: int | None = None,
+) -> Path:
+    """Write photos as a DJI drone with RTK does; 1e-5 degrees are about a metre."""
+    folder = made.folder / "DJI_202405"
+    folder.mkdir(exist_ok=True)
+    cx, cy = CENTRE[0] - PHOTO[0] / 2, CENTRE[1] - PHOTO[1] / 2
+    lens = ",".join(f"{v:.9f}" for v in (FOCAL, FOCAL, cx, cy, *made.lens.values()))
+    rows = zip(NAMES, made.lonlat, made.centres, made.gimbal(), flags, strict=True)
+    for name, (lon, lat), centre, (yaw, pitch, roll), flag in rows:
+        values = {
+            "GpsLatitude": f"{lat + off_deg:+.9f}",
+            "GpsLongitude": f"{lon:+.9f}",
+            "AbsoluteAltitude": f"{centre[2]:+.3f}",
+            "RelativeAltitude": f"{centre[2] - GROUND_M:+.3f}",
+            "GimbalYawDegree": f"{yaw:+.9f}",
+            "GimbalPitchDegree": f"{pitch:+.9f}",
+            "GimbalRollDegree": f"{roll:+.9f}",
+            "RtkFlag": str(flag),
+            "RtkStdLon": "0.01000",
+            "RtkStdLat": "0.01000",
+            "RtkStdHgt": "0.02000",
+            "DewarpFlag": "0",
+            "DewarpData": f"2024-05-01;{lens}",
+        } | (changes or {})
+        left = ("RtkFlag", *without) if flag is None else without
+        kept = {key: value for key, value in values.items() if key not in left}
+        write_photo(folder / name, kept, centre[2], film_mm)
+    return folder
+
+
+def write_time_stamps(
+    made: Made, folder: Path, suffixes: bool = True, off_deg: float = 0.0
+) -> Path:
+    """Write a table of time stamps, as a Matrice 4 does."""
+    marks = ("N", "E", "V", "Lat", "Lon", "Ellh", "Q") if suffixes else ("",) * 7
+    n, e, v, la, lo, h, q = (f",{mark}" if mark else "" for mark in marks)
+    lines = [
+        f"{row}\t282401.66{row}089\t[2404]\t   101{n}\t   -17{e}\t   129{v}\t"
+        f"{lat + off_deg:.9f}{la}\t{lon:.9f}{lo}\t{centre[2]:.3f}{h}\t0.012, 0.016, 0.030\t50{q}"
+        for row, ((lon, lat), centre) in enumerate(zip(made.lonlat, made.centres, strict=True), 1)
+    ]
+    path = folder / "DJI_202405_Timestamp.MRK"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def dji_layout(made: Made) -> list[object]:
+    return ["dji", "--source", dji_folder(made), *made.maps]
+
+
+def dji_stamped_layout(made: Made) -> list[object]:
+    """Write photos whose own positions are half a metre off, and time stamps that are not."""
+    folder = dji_folder(made, off_deg=5e-6, flags=(None,) * 5)
+    write_time_stamps(made, folder)
+    return ["dji", "--source", folder, *made.maps]
+
+
+def colmap_model(made: Made, rotation: np.ndarray, centres: np.ndarray) -> Path:
+    """Write a COLMAP model as text; OPENCV has no k3."""
+    folder = made.folder / "sparse" / "0"
+    folder.mkdir(parents=True)
+    lens = [made.lens[key] for key in ("k1", "k2", "p1", "p2")]
+    params = " ".join(map(repr, (FOCAL, FOCAL, *CENTRE, *lens)))
+    (folder / "cameras.txt").write_text(f"# cameras\n1 OPENCV {PHOTO[0]} {PHOTO[1]} {params}\n")
+    xyzw = Rotation.from_matrix(rotation).as_quat()
+    lines = []
+    for row, name in enumerate(NAMES):
+        x, y, z, w = xyzw[row]
+        t = -rotation[row] @ centres[row]
+        numbers = " ".join(repr(float(value)) for value in (w, x, y, z, *t))
+        lines += [f"{row + 1} {numbers} 1 {name}", ""]
+    (folder / "images.txt").write_text("\n".join(lines) + "\n")
+    (folder / "points3D.txt").write_text("# points\n")
+    return folder
+
+
+def _colmap(made: Made, model: Path) -> list[object]:
+    return ["colmap", "--source", model, "--images", made.images, *made.maps]
+
+
+def colmap_aligned_layout(made: Made) -> list[object]:
+    return [*_colmap(made, colmap_model(made, made.rotation, made.centres)), "--crs", CRS]
+
+
+def colmap_matrix_layout(made: Made) -> list[object]:
+    matrix4, rotation, centres = local_frame(made)
+    path = made.folder / "to_utm.txt"
+    np.savetxt(path, matrix4, fmt="%.17g")
+    return [*_colmap(made, colmap_model(made, rotation, centres)), "--georeference", path]
+
+
+def colmap_names_layout(made: Made) -> list[object]:
+    """Write positions by name, as model_aligner takes them, one of them 80 m off."""
+    _, rotation, centres = local_frame(made)
+    path = made.folder / "positions.txt"
+    positions = made.centres.copy()
+    positions[2, 0] += 80.0
+    path.write_text(
+        "".join(
+            f"{n} {x!r} {y!r} {z!r}\n"
+            for n, (x, y, z) in zip(NAMES, positions.tolist(), strict=True)
+        )
+    )
+    return [*_colmap(made, colmap_model(made, rotation, centres)), "--georeference", path]
+
+
+def colmap_exif_layout(made: Made) -> list[object]:
+    _, rotation, centres = local_frame(made)
+    model = colmap_model(made, rotation, centres)
+    images = dji_folder(made)
+    return ["colmap", "--source", model, "--images", images, *made.maps, "--from-exif"]
+
+
+def options_of(arguments: list[object]) -> tuple[Any, Any]:
+    """Return the dataset and its options, without the command line."""
+    dataset = DATASETS.get(str(arguments[0]))
+    given: dict[str, Any] = {}
+    rest = iter(arguments[1:])
+    for key in rest:
+        field = str(key).removeprefix("--").replace("-", "_")
+        given[field] = True if field == "from_exif" else next(rest)
+    return dataset, dataset.options(name="place", **given)
+
+
+def read_scene(arguments: list[object]) -> NativeScene:
+    """Read a scene of a survey, or of own photos."""
+    dataset, options = options_of(arguments)
+    if arguments[0] == "photos":
+        return read_photos(options, "place", silent)
+    (scene,) = dataset.scenes(options)
+    return dataset.read(options, scene, silent)
