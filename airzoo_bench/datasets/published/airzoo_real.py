@@ -94,8 +94,8 @@ class AirZooReal(NativeDataset[AirZooRealOptions]):
             "Orientations of City and Rural are the gimbal's; they place footprints and crops, and "
             "no score rests on them.",
             "RTK heights and the surface model have one vertical datum (--height-offset).",
-            "Cameras of City and Rural are as DJI calibrated them (DewarpData, "
-            "CalibratedFocalLength; --camera).",
+            "Cameras of City and Rural are as DJI calibrated them (DewarpData), else they follow "
+            "from the focal length of 35 mm film, by the diagonal, without distortion (--camera).",
             "Retrieval's map is the raster of 0.3 m a pixel, give or take 15 %, or --satellite; "
             "the paper took Google's, which may not be in the release.",
             "A prior that equals the truth is none: where both are the photos' RTK, matching has "
@@ -150,6 +150,16 @@ class AirZooReal(NativeDataset[AirZooRealOptions]):
         regions = [scene for scene in REGIONS if region_home(home, scene) is not None]
         return regions + ([] if options.prior == "truth" else site_scenes(home))
 
+    def files(self, options: AirZooRealOptions, scene: str) -> list[Path]:
+        """Return the scene's folder, the surface model of the sites, and what options name."""
+        from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS, region_home
+        from airzoo_bench.datasets.published.airzoo_real_sites import site_files
+
+        if scene not in REGIONS:
+            return [*site_files(_home(options), scene), *_clouds(options, scene)]
+        home, said = region_home(_home(options), scene), _said_of(options, scene)
+        return [file for file in (home, *said.files) if file is not None]
+
     def read(self, options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a region or a site."""
         from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS, read_region
@@ -157,10 +167,8 @@ class AirZooReal(NativeDataset[AirZooRealOptions]):
 
         if scene in REGIONS:
             return read_region(_region(options, scene), scene, _said_of(options, scene), progress)
-        clouds = _by_scene(options.cloud, "cloud")
-        cloud = clouds.get(scene, clouds.get(scene.rsplit("-", 2)[0]))
-        named = None if cloud is None else Path(cloud)
-        return read_site(_home(options), scene, named, options.truth_reach, progress)
+        cloud = next(iter(_clouds(options, scene)), None)
+        return read_site(_home(options), scene, cloud, options.truth_reach, progress)
 
 
 def _home(options: AirZooRealOptions) -> Path:
@@ -202,6 +210,13 @@ def _said_of(options: AirZooRealOptions, scene: str) -> RegionOptions:
     except ValueError as error:
         raise UsageError(f"--height-offset {offset[:40]!r} is no number") from error
     return RegionOptions(**files, height_offset_m=metres)
+
+
+def _clouds(options: AirZooRealOptions, scene: str) -> list[Path]:
+    """Return the true cloud that was given for a scene, or for its site at all hours."""
+    given = _by_scene(options.cloud, "cloud")
+    names = (scene, scene.rsplit("-", 2)[0])
+    return [Path(given[name]) for name in names if name in given][:1]
 
 
 def _by_scene(given: list[str] | None, option: str) -> dict[str, str]:

@@ -19,9 +19,10 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses
 from airzoo_bench.datasets.native import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
-from airzoo_bench.datasets.published.dji_rtk import metadata_cameras, true_positions
+from airzoo_bench.datasets.published.dji_rtk import stated_cameras, true_positions
 from airzoo_bench.datasets.published.places import folder_content, sub_folder
 from airzoo_bench.datasets.published.reference_maps import find_maps, only_one, with_georeference
+from airzoo_bench.datasets.surveys.dji_tags import read_tags
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import gsd_m, open_info
 from airzoo_bench.geometry.rotations import rotation_angle_deg
@@ -55,6 +56,12 @@ class RegionOptions:
     priors: Path | None = None
     camera: Path | None = None
     height_offset_m: float = 0.0
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that were named."""
+        named = (self.dom, self.dsm, self.satellite, self.positions, self.priors, self.camera)
+        return tuple(file for file in named if file is not None)
 
 
 @dataclass(frozen=True)
@@ -176,7 +183,8 @@ def read_region(
     stated = metadata
     if options.priors is not None:
         stated = photo_metadata(files.photos, files.home, None, sizes, progress)
-    truth = true_positions(files.home, stated, files.rtk, options.positions)
+    tags = {name: read_tags(files.home / name, size) for name, size in sizes.items()}
+    truth = true_positions(stated, tags, files.rtk, options.positions)
     kept = tuple(name for name in files.photos if name in truth.positions)
     if not kept:
         raise BenchmarkError(
@@ -189,12 +197,14 @@ def read_region(
     raised = poses.centres + np.array((0.0, 0.0, options.height_offset_m))
     poses = Poses(rotation=poses.rotation, centres=raised)
     of_kept = {name: metadata[name] for name in kept}
+    sizes = {name: sizes[name] for name in kept}
+    cameras, of_cameras = stated_cameras(files.home, sizes, tags, options.camera, scene)
     priors, said = _own_priors(of_kept, poses)
     return NativeScene(
         scene=scene,
         images=files.home,
         names=kept,
-        cameras=metadata_cameras(files.home, {n: sizes[n] for n in kept}, options.camera, scene),
+        cameras=cameras,
         poses=poses,
         crs=CRS,
         dom=files.dom,
@@ -203,7 +213,7 @@ def read_region(
         priors=priors,
         metadata=of_kept,
         unposed=tuple(name for name in files.photos if name not in truth.positions),
-        notes=(*files.notes, truth.said, *said),
+        notes=(*files.notes, truth.said, *of_cameras, *said),
         poses_from=truth.path,
     )
 

@@ -39,7 +39,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import pixel_to_world
 
-__all__ = ["SITES", "SITE_SCENES", "read_site", "site_folder", "site_scenes"]
+__all__ = ["SITES", "SITE_SCENES", "read_site", "site_files", "site_scenes"]
 
 SITES: Mapping[str, str] = {
     "school": "xuexiao",
@@ -84,6 +84,17 @@ def site_folder(source: Path, scene: str) -> Path | None:
 def site_scenes(source: Path) -> list[str]:
     """Return the scenes that stand below a folder, in the protocol's order."""
     return [scene for scene in SITE_SCENES if site_folder(source, scene) is not None]
+
+
+def site_files(source: Path, scene: str) -> list[Path]:
+    """Return the folder of a scene, and that of the rasters of all sites."""
+    home = site_folder(source, scene)
+    return [part for part in (home, home and _rasters(source, home)) if part is not None]
+
+
+def _rasters(source: Path, home: Path) -> Path | None:
+    folders = (home.parent.parent, source)
+    return next((found for one in folders if (found := sub_folder(one, "dom")) is not None), None)
 
 
 def _site_and_hours(scene: str) -> tuple[str, str]:
@@ -200,8 +211,7 @@ def surface_cloud(dsm: Path, centres: Floats, reach_m: float, scene: str) -> Pat
 
 def _surface(source: Path, home: Path, needed: bool) -> tuple[Path | None, list[str]]:
     """Find the surface model of all sites; none may be missing where the cloud is made of it."""
-    folders = (home.parent.parent, source)
-    dom = next((found for one in folders if (found := sub_folder(one, "dom")) is not None), None)
+    dom = _rasters(source, home)
     file = None if dom is None else sub_folder(dom, _SURFACE)
     if file is not None:
         return with_georeference(file, data_root() / "made" / "airzoo-real", heights=True)

@@ -233,9 +233,9 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str, list[str]]] = {
         ["holds no photo"],
     ),
     "a table that is none": (
-        _edit("Scene1/DJI_001_Timestamp.MRK", "Ellh", "Height"),
+        _edit("Scene1/DJI_001_Timestamp.MRK", " 190,V", ""),
         "City",
-        ["not a line of DJI's RTK table", "line 1"],
+        ["Timestamp.MRK", "line 1"],
     ),
     "no poses": (
         lambda t: (t / SCHOOL / "poses/poses/t_pose.txt").unlink(),
