@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.api.evaluation import evaluate
 from airzoo_bench.api.prediction_writer import PredictionWriter
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.truth import read_truth
@@ -119,6 +121,26 @@ def test_photos_without_metadata_have_no_prior_but_by_a_table(tree: Path, tmp_pa
     ]
     table.write_text("\n".join(["image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg", *rows]))
     assert run_main(*PREPARE, tree, "--priors", table) == 0
+
+
+def test_the_truth_is_the_same_wherever_the_download_stands(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The surface model is a virtual raster here, whose own bytes are the place of a file."""
+    found = []
+    for place in ("one", "two"):
+        shutil.copytree(tree, tmp_path / place / "set")
+        monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / place / "data"))
+        assert run_main(*PREPARE, tmp_path / place / "set") == 0
+        benchmark = Benchmark.open(tmp_path / place / "data" / "aerialextrematch")
+        assert (benchmark.scene("localization").dsm or "").endswith(".vrt")
+        found.append(read_truth(benchmark, "localization").fingerprint)
+    assert found[0] == found[1]
+    surface = tmp_path / "two" / "set" / "HQref" / "Production_4_DSM_merge.tif"
+    with rasterio.open(surface, "r+") as file:
+        file.write(file.read(1) + 1.0, 1)
+    with pytest.raises(BenchmarkError, match="not the one"):
+        read_truth(benchmark, "localization")
 
 
 def test_the_folder_above_is_taken_too(tree: Path, tmp_path: Path) -> None:
