@@ -54,7 +54,7 @@ class AirZooRealOptions(NativeOptions):
     ] = None
     height_offset: Annotated[
         list[str] | None,
-        Option("height-offset", "SCENE=METRES to add to true heights (default: 0)."),
+        Option("height-offset", "SCENE=METRES to add to heights of truth and priors (default: 0)."),
     ] = None
     cloud: Annotated[
         list[str] | None,

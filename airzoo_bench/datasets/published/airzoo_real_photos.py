@@ -16,7 +16,7 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses
+from airzoo_bench.datasets.dji import priors_to_poses
 from airzoo_bench.datasets.native import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
 from airzoo_bench.datasets.published.dji_rtk import stated_cameras, true_positions
@@ -46,7 +46,7 @@ class RegionOptions:
     ----------
     dom, dsm, satellite, positions, priors, camera : Path or None
     height_offset_m : float
-        Is added to the heights of true positions.
+        Is added to the heights of true positions and priors.
     """
 
     dom: Path | None = None
@@ -129,34 +129,34 @@ def region_files(
             expected="the drone's photos as .JPG",
             fix="download the folder again, and unpack it",
         )
+    maps, notes = _maps(home, scene, options, gsd)
+    rtk = tuple(path for path in every if path.suffix.lower() == ".mrk")
+    return RegionFiles(home, tuple(photos), *maps, rtk, notes)
+
+
+def _maps(
+    home: Path, scene: str, options: RegionOptions, gsd: tuple[float, float]
+) -> tuple[tuple[Path, Path, Path | None], tuple[str, ...]]:
+    """Return DOM, surface model and retrieval's map, each with its georeference, and notes."""
     found, made = find_maps(home), data_root() / "made" / "airzoo-real" / scene
-    placed = {path: with_georeference(path, made) for path in found.maps}
-    fits = [path for path in placed if _has_gsd(placed[path][0], gsd)]
-    doms = [path for path in placed if len(placed) == 1 or path not in fits]
+    fits = [path for path in found.maps if _has_gsd(with_georeference(path, made)[0], gsd)]
+    other = [path for path in found.maps if path not in (*fits, options.satellite)]
+    doms = found.maps if len(found.maps) == 1 else other
     dom = options.dom or only_one(doms, "map (DOM)", home, f"--dom {scene}=FILE")
-    satellite = options.satellite or (
-        only_one(fits, "satellite map", home, f"--satellite {scene}=FILE") if fits else None
-    )
     dsm = options.dsm or only_one(found.surfaces, "surface model", home, f"--dsm {scene}=FILE")
-    parts = [None if p is None else with_georeference(p, made) for p in (dom, satellite)]
-    surface = with_georeference(dsm, made, heights=True)
-    of_retrieval = (
+    satellite = options.satellite
+    if satellite is None and fits:
+        satellite = only_one(fits, "satellite map", home, f"--satellite {scene}=FILE")
+    of_dom, of_dsm = with_georeference(dom, made), with_georeference(dsm, made, heights=True)
+    of_map = None if satellite is None else with_georeference(satellite, made)
+    taken = f"{dom.name} is the DOM, {dsm.name} the surface model; " + (
         f"no map has {gsd[0]:g} m a pixel: without --satellite {scene}=FILE retrieval has no truth"
         if satellite is None
         else f"{satellite.name} is the map of retrieval"
     )
-    return RegionFiles(
-        home,
-        tuple(photos),
-        dom if parts[0] is None else parts[0][0],
-        surface[0],
-        None if parts[1] is None else parts[1][0],
-        tuple(path for path in every if path.suffix.lower() == ".mrk"),
-        (
-            f"{dom.name} is the DOM, {dsm.name} the surface model; {of_retrieval}",
-            *dict.fromkeys(n for part in (*parts, surface) if part is not None for n in part[1]),
-        ),
-    )
+    said = [*of_dom[1], *of_dsm[1], *(of_map[1] if of_map is not None else ())]
+    paths = (of_dom[0], of_dsm[0], None if of_map is None else of_map[0])
+    return paths, (taken, *dict.fromkeys(said))
 
 
 def read_region(
@@ -193,13 +193,13 @@ def read_region(
             expected="photos of a drone with RTK, with DJI's metadata",
             fix=f"give their positions: --positions {scene}=FILE (image, lon, lat, altitude_m)",
         )
-    poses = priors_to_poses({name: truth.positions[name] for name in kept}, CRS)
-    raised = poses.centres + np.array((0.0, 0.0, options.height_offset_m))
-    poses = Poses(rotation=poses.rotation, centres=raised)
     of_kept = {name: metadata[name] for name in kept}
     sizes = {name: sizes[name] for name in kept}
     cameras, of_cameras = stated_cameras(files.home, sizes, tags, options.camera, scene)
-    priors, said = _own_priors(of_kept, poses)
+    offset = options.height_offset_m
+    poses = _raised(priors_to_poses({name: truth.positions[name] for name in kept}, CRS), offset)
+    priors = metadata_priors(of_kept, CRS)
+    priors, said = _unlike_truth(None if priors is None else _raised(priors, offset), poses)
     return NativeScene(
         scene=scene,
         images=files.home,
@@ -218,11 +218,13 @@ def read_region(
     )
 
 
-def _own_priors(
-    metadata: dict[str, PhotoPrior], poses: Poses
-) -> tuple[Poses | None, tuple[str, ...]]:
-    """Return the priors of the metadata, none where they are the truth."""
-    priors = metadata_priors(metadata, CRS)
+def _raised(poses: Poses, offset_m: float) -> Poses:
+    centres = poses.centres + np.array((0.0, 0.0, offset_m))
+    return Poses(rotation=poses.rotation, centres=centres)
+
+
+def _unlike_truth(priors: Poses | None, poses: Poses) -> tuple[Poses | None, tuple[str, ...]]:
+    """Return priors as they are, none where they are the truth."""
     if priors is None:
         return None, ()
     apart = np.linalg.norm(priors.centres - poses.centres, axis=1)

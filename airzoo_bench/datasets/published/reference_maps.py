@@ -16,6 +16,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from airzoo_bench.core.errors import BenchmarkError, RasterError, first_of
+from airzoo_bench.core.files import fingerprint
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.geometry.blocks import survey_heights
 from airzoo_bench.geometry.rasters import opened
@@ -144,7 +145,8 @@ def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple
     if wkt is None and empty is None:
         return path, notes
     home.mkdir(parents=True, exist_ok=True)
-    target = home / f"{path.stem}.vrt"
+    # Files of one name may stand in several folders.
+    target = home / f"{path.stem}-{fingerprint(str(path.resolve()))[:8]}.vrt"
     rasterio.shutil.copy(path.resolve(), target, driver="VRT")
     with rasterio.open(target, "r+") as dataset:
         dataset.crs = rasterio.CRS.from_wkt(wkt) if wkt is not None else crs
