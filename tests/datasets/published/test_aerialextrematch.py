@@ -143,6 +143,21 @@ def test_the_truth_is_the_same_wherever_the_download_stands(
         read_truth(benchmark, "localization")
 
 
+def test_few_digits_of_the_truth_are_said(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [line.split() for line in (tree / "gt_pose.txt").read_text().splitlines()]
+    lines = [" ".join((row[0], *(f"{float(value):.8f}" for value in row[1:]))) for row in rows]
+    (tree / "gt_pose.txt").write_text("\n".join(lines))
+    assert run_main(*PREPARE, tree) == 0
+    assert "gt_pose.txt: its digits fix camera centres to about 0.0" in capsys.readouterr().err
+
+
+def test_a_second_run_finds_all_done(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main(*PREPARE, tree) == 0
+    capsys.readouterr()
+    assert run_main(*PREPARE, tree) == 0
+    assert "its CRS is that of the .prj" not in capsys.readouterr().err
+
+
 def test_the_folder_above_is_taken_too(tree: Path, tmp_path: Path) -> None:
     assert run_main(*PREPARE, tree.parent) == 0
     assert (tmp_path / "data" / "aerialextrematch" / "benchmark.toml").is_file()

@@ -35,6 +35,7 @@ from tests.datasets.published.changsha import CORNER, EPSG, heights, poses_of_sh
 from tests.support import run_main
 
 PREPARE = ("prepare", "airzoo-real", "--source")
+SCHOOL = "airzoo_real_recon/xuexiao/06-08"
 REGIONS = ("--scene", "City", "--scene", "Rural")
 
 
@@ -141,6 +142,16 @@ def test_other_renderings_are_no_photos(tree: Path, tmp_path: Path) -> None:
     assert sorted(pd.read_csv(folder / "queries.csv")["image"]) == [f"{n}_0.png" for n in range(8)]
 
 
+def test_poses_of_other_renderings_are_left_aside(tree: Path, tmp_path: Path) -> None:
+    path = tree / SCHOOL / "poses/poses/t_pose.txt"
+    lines = path.read_text().splitlines()
+    others = [line.replace("_0.png", f"_{kind}.png") for line in lines for kind in (1, 2)]
+    path.write_text("\n".join([*lines, *others]))
+    assert run_main(*PREPARE, tree, "--scene", "school-06-08") == 0
+    folder = tmp_path / "data" / "airzoo-real-partial" / "scenes" / "school-06-08"
+    assert len(pd.read_csv(folder / "queries.csv")) == 8
+
+
 def test_metadata_that_are_the_truth_are_no_prior(
     tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,9 +214,6 @@ def _edit(name: str, old: str, new: str) -> Callable[[Path], object]:
         (tree / name).write_text(text.replace(old, new))
 
     return edit
-
-
-SCHOOL = "airzoo_real_recon/xuexiao/06-08"
 
 
 def _no_photos(tree: Path) -> None:
