@@ -160,6 +160,12 @@ DATASETS = Registry(
         "uavscenes": "airzoo_bench.datasets.published.uavscenes:UAVSCENES",
         "urbanscene3d": "airzoo_bench.datasets.published.urbanscene3d:URBANSCENE3D",
         "airzoo-test": "airzoo_bench.datasets.published.airzoo_test:AIRZOO_TEST",
+        "airzoo-real": "airzoo_bench.datasets.published.airzoo_real:AIRZOO_REAL",
+        "aerialextrematch": "airzoo_bench.datasets.published.aerialextrematch:AERIALEXTREMATCH",
+        "poses": "airzoo_bench.datasets.surveys.poses:POSES",
+        "odm": "airzoo_bench.datasets.surveys.odm:ODM",
+        "dji": "airzoo_bench.datasets.surveys.dji:DJI",
+        "colmap": "airzoo_bench.datasets.surveys.colmap:COLMAP",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

@@ -25,7 +25,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.units import grid_convergence_deg
 
-__all__ = ["PhotoPrior", "priors_to_poses", "read_prior"]
+__all__ = ["PhotoPrior", "priors_to_poses", "read_dji_texts", "read_prior"]
 
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _NAMESPACE = "http://www.dji.com/drone-dji/1.0/"
@@ -112,6 +112,29 @@ def read_prior(path: Path) -> PhotoPrior:
         raise fault.inside(path) from fault
 
 
+def read_dji_texts(path: Path) -> dict[str, str]:
+    """Read all that DJI's XMP of a photo states.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    dict of str to str
+        By the names without their namespace, such as ``"RtkFlag"``; empty where there is none.
+
+    Raises
+    ------
+    BenchmarkError
+        It is not a readable photo, or the XMP is damaged.
+    """
+    try:
+        return _dji_texts(_metadata(path)[1])
+    except BenchmarkError as fault:
+        raise fault if str(path) in str(fault.where) else fault.inside(path) from fault
+
+
 def priors_to_poses(priors: Mapping[str, PhotoPrior], crs: Any) -> Poses:
     """Turn priors into poses in a projected CRS.
 
@@ -169,6 +192,12 @@ def _metadata(path: Path) -> tuple[dict[int, Any], bytes]:
 
 def _dji_values(packet: bytes) -> dict[str, float]:
     """Read the numbers of DJI's namespace, whether attributes or elements."""
+    texts = _dji_texts(packet)
+    return {name: _number(name, texts[name]) for name in _NUMBERS if name in texts}
+
+
+def _dji_texts(packet: bytes) -> dict[str, str]:
+    """Read what DJI's namespace states, by the names without it."""
     if not packet:
         return {}
     texts: dict[str, str] = {}
@@ -176,7 +205,7 @@ def _dji_values(packet: bytes) -> dict[str, float]:
         for name, text in ((element.tag, element.text or ""), *element.attrib.items()):
             if name.startswith("{" + _NAMESPACE + "}") and text.strip():
                 texts.setdefault(name.partition("}")[2], text.strip())
-    return {name: _number(name, texts[name]) for name in _NUMBERS if name in texts}
+    return texts
 
 
 def _parsed(packet: bytes) -> ElementTree.Element:

@@ -15,13 +15,13 @@ from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchm
 from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.benchmark.queries import SceneInputs, write_queries
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import atomic_folder, sha256_of
+from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.map_copies import copy_map
 from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
-from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
+from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, raster_sha256
 from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
@@ -164,7 +164,7 @@ def _entry(scene: SceneContent, title: str, places: Mapping[str, str]) -> SceneF
         title=title,
         crs=scene.inputs.crs,
         plane_height_m=scene.inputs.plane_height_m,
-        dsm_sha256=None if dsm is None else sha256_of(dsm),
+        dsm_sha256=None if dsm is None else raster_sha256(dsm),
         cloud_sha256=None if reconstruction is None else reconstruction.cloud_sha256,
         **places,
     )

@@ -8,6 +8,7 @@ from airzoo_bench.core.errors import BenchmarkError
 
 __all__ = ["read_native_text"]
 
+_LIMIT_BYTES = 64 << 20
 _ENCODINGS = ("utf-8-sig", "gb18030")
 _STARTS = {
     b"\xff\xfe": "UTF-16 text",
@@ -23,7 +24,7 @@ _FIXES = {
 }
 
 
-def read_native_text(path: Path, limit_bytes: int) -> str:
+def read_native_text(path: Path, limit_bytes: int = _LIMIT_BYTES) -> str:
     """Read a text in UTF-8, with or without a byte-order mark, or in GB18030.
 
     Raises

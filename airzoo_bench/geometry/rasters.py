@@ -23,6 +23,7 @@ from pyproj import CRS
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 
 from airzoo_bench.core.errors import RasterError, UserError
+from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat
@@ -33,9 +34,13 @@ __all__ = [
     "open_info",
     "opened",
     "pixel_to_world",
+    "raster_sha256",
     "world_to_pixel",
     "world_to_pixel_steps",
 ]
+
+# What GDAL lists next to a raster, and whose content its grid and CRS show.
+_SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", ".ovr")
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,26 @@ def opened(path: str | Path) -> Iterator[Any]:
             where=path,
             expected="a complete file that GDAL reads, such as GeoTIFF",
         ) from error
+
+
+def raster_sha256(path: Path) -> str:
+    """Return the SHA-256 of a raster's file, the same wherever the file stands.
+
+    Of a virtual raster (VRT), whose own bytes are the places of other files, it is over the bytes
+    of these, its grid and its nodata value.
+
+    Raises
+    ------
+    RasterError
+        It cannot be read.
+    """
+    if path.suffix.lower() != ".vrt":
+        return sha256_of(path)
+    with opened(path) as dataset:
+        grid = [dataset.width, dataset.height, *dataset.transform[:6], str(dataset.nodata)]
+        parts = [Path(name) for name in dataset.files]
+    sources = [one for one in parts if one.suffix.lower() not in (".vrt", *_SIDE_FILES)]
+    return fingerprint([grid, sorted(sha256_of(one) for one in sources)])
 
 
 def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:

@@ -17,8 +17,8 @@ from airzoo_bench.benchmark.queries import (
     with_unposed,
 )
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.arrays import Bools
+from airzoo_bench.geometry.rasters import raster_sha256
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.settings import Crop, Prior
@@ -86,7 +86,7 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         found.windows[kept],
         dom,
         dsm,
-        sha256_of(dsm),
+        raster_sha256(dsm),
         with_unposed(_excluded(inputs, left_out, reasons), inputs),
     )
 

@@ -22,12 +22,12 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import read_text, sha256_of
+from airzoo_bench.core.files import read_text
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, raster_sha256
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -225,4 +225,4 @@ def _dsm_checksum(dsm: Path) -> str:
             expected="the DSM that matches are lifted by",
             fix="put it back where benchmark.toml says, or prepare with --copy",
         )
-    return sha256_of(dsm)
+    return raster_sha256(dsm)

@@ -21,7 +21,6 @@ from airzoo_bench.benchmark.queries import (
     read_queries,
 )
 from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.cloud_checks import check_cloud
@@ -32,7 +31,7 @@ from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_f
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS, describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, raster_sha256
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
@@ -220,7 +219,7 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
             expected="poses and surface model in one CRS",
             fix=_FIX,
         )
-    if scene.dsm_sha256 is not None and sha256_of(dsm) != scene.dsm_sha256:
+    if scene.dsm_sha256 is not None and raster_sha256(dsm) != scene.dsm_sha256:
         raise BenchmarkError(
             "the surface model is not the one that the benchmark was prepared with",
             where=dsm,

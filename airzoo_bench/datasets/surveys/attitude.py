@@ -1,0 +1,96 @@
+"""Rotations from three angles, in the conventions that tables of poses use.
+
+``gimbal``
+    DJI's yaw, pitch, roll of the camera; pitch -90 is nadir (see `geometry.rotations`).
+``airframe``
+    Yaw, pitch, roll of the body, z-y-x in north-east-down, with the camera fixed below it: at 0, 0,
+    0 it looks straight down and the top of the photo is north. Metashape and Pix4D write these.
+``omega-phi-kappa``
+    R = Rx(omega) Ry(phi) Rz(kappa) takes photogrammetric camera axes (x right, y up, z backward) to
+    the grid (x east, y north, z up). At 0, 0, 0 the camera looks straight down with north up, and
+    kappa turns it counter-clockwise. R is the transpose of M = M(kappa) M(phi) M(omega) in Wolf,
+    Dewitt and Wilkinson, Elements of Photogrammetry, 4th edition, 2014, appendix C.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.rotations import angles_to_rotations
+
+__all__ = ["Convention", "attitudes_to_rotations", "omega_phi_kappa_to_rotations"]
+
+Convention = Literal["gimbal", "airframe", "omega-phi-kappa"]
+
+# Rows of a camera that looks ahead, to those of one fixed below the same body: its right stays, its
+# down is the body's tail, its forward the body's down.
+_BELOW = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+
+
+def attitudes_to_rotations(
+    convention: Convention, angles_deg: ArrayLike, *, convergence_deg: ArrayLike
+) -> Floats:
+    """Turn angles into world-to-camera rotations.
+
+    Parameters
+    ----------
+    convention : Convention
+    angles_deg : (N, 3) array
+        Yaw, pitch, roll, or omega, phi, kappa.
+    convergence_deg : (N,) array or scalar
+        See `geometry.units.grid_convergence_deg`; 0 where the angles are relative to the grid's
+        north.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        OpenCV axes, the world in projected coordinates with z up.
+    """
+    first, second, third = np.moveaxis(np.asarray(angles_deg, dtype=np.float64), -1, 0)
+    if convention == "omega-phi-kappa":
+        found = omega_phi_kappa_to_rotations(first, second, third)
+        return found @ _to_true_north(convergence_deg)
+    ahead = angles_to_rotations(first, second, third, convergence_deg=convergence_deg)
+    return ahead if convention == "gimbal" else _BELOW @ ahead
+
+
+def omega_phi_kappa_to_rotations(
+    omega_deg: ArrayLike, phi_deg: ArrayLike, kappa_deg: ArrayLike
+) -> Floats:
+    """Turn photogrammetric angles into world-to-camera rotations.
+
+    Parameters
+    ----------
+    omega_deg, phi_deg, kappa_deg : (...) array or scalar
+        Degrees; the three broadcast.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        OpenCV axes; the rows are the columns of Rx(omega) Ry(phi) Rz(kappa), the second and third
+        with the other sign.
+    """
+    given = np.broadcast_arrays(omega_deg, phi_deg, kappa_deg)
+    omega, phi, kappa = (np.radians(np.asarray(angle, dtype=np.float64)) for angle in given)
+    (so, co), (sp, cp), (sk, ck) = ((np.sin(a), np.cos(a)) for a in (omega, phi, kappa))
+    right = (cp * ck, co * sk + so * sp * ck, so * sk - co * sp * ck)
+    up = (-cp * sk, co * ck - so * sp * sk, so * ck + co * sp * sk)
+    backward = (sp, -so * cp, co * cp)
+    down, forward = (tuple(-part for part in axis) for axis in (up, backward))
+    return np.moveaxis(np.array((right, down, forward)), (0, 1), (-2, -1))
+
+
+def _to_true_north(convergence_deg: ArrayLike) -> Floats:
+    """Return the turn from the grid's axes to true east and north, (..., 3, 3)."""
+    turn = np.radians(np.asarray(convergence_deg, dtype=np.float64))
+    sine, cosine, zero = np.sin(turn), np.cos(turn), np.zeros_like(turn)
+    rows = (
+        (cosine, sine, zero),
+        (-sine, cosine, zero),
+        (zero, zero, np.ones_like(turn)),
+    )
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

@@ -1,0 +1,78 @@
+"""A COLMAP model as a dataset of `prepare`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from airzoo_bench.core.options import Option
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.native import About, NativeScene
+from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, SurveyOptions, given
+
+__all__ = ["COLMAP", "ColmapModels", "ColmapOptions"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColmapOptions(SurveyOptions):
+    """What may be asked of a COLMAP model."""
+
+    source: Annotated[Path, Option("source", "Folder of the model, such as sparse/0.")]
+    georeference: Annotated[
+        Path | None,
+        Option(
+            "georeference",
+            "4 x 4 matrix from the model to the CRS, or lines of name, x, y, z (default: the "
+            "model is in --crs already).",
+        ),
+    ] = None
+    from_exif: Annotated[
+        bool, Option("from-exif", "Bring the model to the positions that its photos state.")
+    ] = False
+    inlier_m: Annotated[
+        float,
+        Option("inlier-m", "Positions that fit to better than this place the model.", least=1e-3),
+    ] = 5.0
+
+
+class ColmapModels(Survey[ColmapOptions]):
+    """Photos registered by COLMAP, in a projected CRS or brought there."""
+
+    about = About(
+        title="COLMAP model",
+        page="https://colmap.github.io/format.html",
+        licence="your own data",
+        assumptions=(
+            "Without --georeference and --from-exif the model is in the CRS of --crs, in metres.",
+            "A similarity fits the model to positions; those farther than --inlier-m count not.",
+        ),
+    )
+    summary = (
+        "Make a benchmark folder out of a COLMAP model.\n\n"
+        "It is in --crs already, or is brought there by a similarity: one that is given, or one "
+        "fitted to positions (--georeference), such as those of the photos (--from-exif)."
+    )
+    example = (
+        "colmap --source sparse/0 --images photos --dom dom.tif --dsm dsm.tif --from-exif "
+        "--name park"
+    )
+    options = ColmapOptions
+    without_truth = WITHOUT_TRUTH
+    needs = ("images", "dom", "dsm")
+
+    def read(self, options: ColmapOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read the model, and place it."""
+        from airzoo_bench.datasets.poses import read_poses
+        from airzoo_bench.datasets.sources import photo_sizes
+        from airzoo_bench.datasets.surveys.georeference import georeferenced
+        from airzoo_bench.datasets.surveys.scenes import FoundSurvey, survey_scene
+
+        images = given(options.images, "images")
+        sizes = photo_sizes(images, progress)
+        photos, notes = georeferenced(options, read_poses(options.source, sizes))
+        found = FoundSurvey(images, sizes, photos, options.source, options.dom, options.dsm, notes)
+        return survey_scene(options, scene, found, progress)
+
+
+COLMAP = ColmapModels()

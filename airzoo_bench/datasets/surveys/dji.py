@@ -1,0 +1,95 @@
+"""A folder of DJI photos with RTK as a dataset of `prepare`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from airzoo_bench.core.options import Option
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.native import About, NativeScene
+from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, given
+
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.truths import BenchmarkProtocols
+
+__all__ = ["DJI", "DjiFolders", "DjiOptions"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DjiOptions(SurveyOptions):
+    """What may be asked of a folder of DJI photos."""
+
+    source: Annotated[Path, Option("source", "Folder of the photos, and of *_Timestamp.MRK.")]
+    priors: Annotated[
+        Path | None,
+        Option("priors", "CSV of positions and angles that are not the RTK's, for matching."),
+    ] = None
+    rtk: Annotated[
+        Literal["fixed", "any"],
+        Option("rtk", "Photos whose position becomes truth: those with an RTK fix, or any."),
+    ] = "fixed"
+    camera: Annotated[
+        Path | None,
+        Option("camera", "Camera of all photos (JSON); default: what the photos say."),
+    ] = None
+
+
+class DjiFolders(Survey[DjiOptions]):
+    """Photos whose own metadata are the truth: RTK position, gimbal angles."""
+
+    about = About(
+        title="DJI photos with RTK",
+        page="docs/benchmarks.md",
+        licence="your own data",
+        assumptions=(
+            "Positions are those of *_Timestamp.MRK where there is one, else the photos' own.",
+            "Orientations are the gimbal's, good to a few degrees: no score of rotations is made.",
+            "The camera is DewarpData's; with DewarpFlag 1 without its distortion; without "
+            "DewarpData it follows from the focal length of 35 mm film, whose diagonal is "
+            "43.27 mm, without distortion.",
+            "Heights are those of the surface model; without one the ground is a plane at the "
+            "place of take-off: absolute less relative altitude.",
+            "Without a map or surface model in a projected CRS, and without --crs, poses are in "
+            "the UTM zone of the photos.",
+        ),
+        unverified=(
+            "Suffix letters of *_Timestamp.MRK: its numbers are read by their order.",
+            "Whether DewarpData's principal point holds for photos with DewarpFlag 1.",
+        ),
+    )
+    summary = (
+        "Make a benchmark folder out of DJI photos with RTK.\n\n"
+        "Their positions and gimbal angles are the truth, so that retrieval is scored; matching "
+        "only with --priors from elsewhere, since a prior must not be the truth."
+    )
+    example = "dji --source DJI_202405 --dom dom.tif --name park --tile-size 256"
+    options = DjiOptions
+    without_truth = MappingProxyType(
+        {
+            "matching": "the photos' metadata are the truth, and cannot be the prior too: give "
+            "--dsm, and --priors of another source",
+            "reconstruction": "no true cloud was given (--cloud)",
+        }
+    )
+    needs = ("dom",)
+
+    def protocols(self, options: DjiOptions, root: Path) -> BenchmarkProtocols:
+        """Return the protocols of own photos; orientations are not trusted."""
+        every = super().protocols(options, root)
+        matching = every.matching
+        if matching is not None:
+            scores = matching.scores.model_copy(update={"orientation_is_trusted": False})
+            matching = matching.model_copy(update={"scores": scores})
+        return replace(every, matching=matching if options.dsm is not None else None)
+
+    def read(self, options: DjiOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read the photos' metadata, and tables of time stamps next to them."""
+        from airzoo_bench.datasets.surveys.dji_folder import read_folder
+
+        return read_folder(options, scene, given(options.dom, "dom"), progress)
+
+
+DJI = DjiFolders()

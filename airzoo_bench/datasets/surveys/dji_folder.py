@@ -1,0 +1,294 @@
+"""A folder of DJI photos as a scene whose truth is what the photos say."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from pyproj import CRS
+
+from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
+from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.photos import metadata_priors
+from airzoo_bench.datasets.priors import read_prior_file
+from airzoo_bench.datasets.sources import photo_sizes
+from airzoo_bench.datasets.surveys.dji import DjiOptions
+from airzoo_bench.datasets.surveys.dji_tags import (
+    FIXED,
+    DjiTags,
+    TimeStamp,
+    read_tags,
+    read_time_stamps,
+)
+from airzoo_bench.datasets.surveys.lenses import lens_of, read_camera_file
+from airzoo_bench.datasets.surveys.scenes import stated_crs
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import horizontal_crs
+from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import open_info
+
+__all__ = ["read_folder"]
+
+_SAME_PLACE_M = 5.0  # between a photo's own position and its time stamp's
+_PHOTO_NUMBER = re.compile(r"(?<!\d)(\d{4})(?!\d)")
+_SAME_PRIOR_M = 0.01
+
+
+def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) -> NativeScene:
+    """Read a folder of photos.
+
+    Raises
+    ------
+    UserError
+        Photos say too little, tables of time stamps belong to others, or priors are the truth.
+    """
+    images = options.images or options.source
+    sizes = photo_sizes(images, progress)
+    shown = list(progress(sorted(sizes), "metadata", len(sizes)))
+    metadata = {name: read_prior(images / name) for name in shown}
+    tags = {name: read_tags(images / name, sizes[name]) for name in shown}
+    stamps, notes = _time_stamps(options.source, images, metadata)
+    placed = {name: _placed(metadata[name], stamps.get(name)) for name in metadata}
+    kept = _kept(options, placed, tags, stamps, notes)
+    names = tuple(kept)
+    crs = _crs(options, dom, kept, notes)
+    poses = priors_to_poses(kept, crs)
+    notes.append(_accuracy(names, tags, stamps))
+    plane = None if options.dsm is not None else _plane(kept, images, notes)
+    priors = _priors(options, images, names, sizes, poses, crs)
+    return NativeScene(
+        scene,
+        images,
+        names,
+        _cameras(options, names, sizes, tags, notes),
+        poses,
+        crs,
+        dom=dom,
+        dsm=options.dsm,
+        cloud=options.cloud,
+        plane_height_m=plane,
+        priors=priors,
+        metadata={name: metadata[name] for name in names},
+        unposed=tuple(name for name in sorted(sizes) if name not in kept),
+        notes=tuple(notes),
+        poses_from=images,
+        crs_from=f"--crs {options.crs}" if options.crs else str(options.dsm or dom),
+    )
+
+
+def _time_stamps(
+    source: Path, images: Path, metadata: dict[str, PhotoPrior]
+) -> tuple[dict[str, TimeStamp], list[str]]:
+    """Return each photo's time stamp: that of its number, from the table in its folder."""
+    tables = sorted(p for p in source.rglob("*") if p.name.lower().endswith("timestamp.mrk"))
+    found: dict[str, TimeStamp] = {}
+    for table in tables:
+        by_number = {stamp.number: stamp for stamp in read_time_stamps(table)}
+        alone = [other for other in tables if other.parent == table.parent] == [table]
+        for name in metadata:
+            numbers = _PHOTO_NUMBER.findall(PurePosixPath(name).stem)
+            ours = (images / name).parent == table.parent
+            same = alone or PurePosixPath(name).name.startswith(_flight(table))
+            if ours and same and numbers and int(numbers[-1]) in by_number:
+                found[name] = by_number[int(numbers[-1])]
+    if not tables:
+        return {}, []
+    _check_stamps(tables, found, metadata)
+    return found, [
+        f"positions of {len(found)} of {len(metadata)} photos are those of "
+        f"{first_of([table.name for table in tables], noun='table')} of time stamps, above the "
+        "ellipsoid"
+    ]
+
+
+def _flight(table: Path) -> str:
+    """Return what names of photos and their table begin with, such as ``100_0001_``."""
+    return re.sub(r"timestamp\.mrk$", "", table.name, flags=re.IGNORECASE)
+
+
+def _check_stamps(
+    tables: list[Path], found: dict[str, TimeStamp], metadata: dict[str, PhotoPrior]
+) -> None:
+    where = tables[0] if len(tables) == 1 else tables[0].parent
+    if not found:
+        raise BenchmarkError(
+            "no photo has the number of a time stamp",
+            where=where,
+            expected=f"photos such as DJI_..._0001_V.JPG next to {tables[0].name}",
+            fix="take the table out of the folder, and positions come from the photos",
+        )
+    own = {n: p for n, p in metadata.items() if n in found and p.lon is not None}
+    stated = np.array([(p.lon, p.lat) for p in own.values()], dtype=np.float64).reshape(-1, 2)
+    stamped = np.array([(found[n].lon, found[n].lat) for n in own]).reshape(-1, 2)
+    away = geodesic_distance_m(stated, stamped)
+    far = [name for name, metres in zip(own, away, strict=True) if metres > _SAME_PLACE_M]
+    if far:
+        raise BenchmarkError(
+            f"time stamps are more than {_SAME_PLACE_M:g} m from the photos of their number: "
+            f"{first_of(far, len(own))}",
+            where=where,
+            expected="the table that belongs to these photos",
+            fix="take the table out of the folder, and positions come from the photos",
+        )
+
+
+def _placed(prior: PhotoPrior, stamp: TimeStamp | None) -> PhotoPrior:
+    if stamp is None:
+        return prior
+    return replace(prior, lon=stamp.lon, lat=stamp.lat, altitude_m=stamp.height_m)
+
+
+def _kept(
+    options: DjiOptions,
+    placed: dict[str, PhotoPrior],
+    tags: dict[str, DjiTags],
+    stamps: dict[str, TimeStamp],
+    notes: list[str],
+) -> dict[str, PhotoPrior]:
+    """Return the photos whose position can be truth, and note the others."""
+    incomplete = [name for name, prior in placed.items() if not prior.is_complete]
+    kept = {name: prior for name, prior in placed.items() if prior.is_complete}
+    if not kept:
+        raise BenchmarkError(
+            "no photo has a position, an altitude and gimbal angles",
+            where=options.source,
+            expected="photos as the drone wrote them, with EXIF GPS and DJI's XMP",
+        )
+    flags = {n: stamps[n].flag if n in stamps else tags[n].rtk_flag for n in kept}
+    unfixed = [name for name, flag in flags.items() if flag not in FIXED]
+    if options.rtk == "fixed":
+        if len(unfixed) == len(kept):
+            seen = Counter("no RtkFlag" if f is None else f"RtkFlag {f}" for f in flags.values())
+            raise BenchmarkError(
+                "no photo has a fixed RTK position: "
+                + ", ".join(f"{count} with {what}" for what, count in sorted(seen.items())),
+                where=options.source,
+                expected="RtkFlag 50",
+                fix="give poses from elsewhere (prepare poses, odm, colmap), or --rtk any if a "
+                "truth that is metres off will do",
+            )
+        kept = {name: prior for name, prior in kept.items() if name not in unfixed}
+    if unfixed:
+        what = "left out" if options.rtk == "fixed" else "taken nevertheless"
+        notes.append(f"photos without an RTK fix, {what}: {first_of(unfixed, len(placed))}")
+    if incomplete:
+        notes.append(
+            f"photos without position, altitude or angles: {first_of(incomplete, len(placed))}"
+        )
+    return kept
+
+
+def _accuracy(
+    names: tuple[str, ...], tags: dict[str, DjiTags], stamps: dict[str, TimeStamp]
+) -> str:
+    known = [stamps[n].std_m if n in stamps else tags[n].std_m for n in names]
+    stds = np.array([std for std in known if std is not None])
+    if not len(stds):
+        return "photos do not state how good their positions are"
+    level = np.median(np.hypot(stds[:, 0], stds[:, 1]))
+    return (
+        f"positions are stated good to {level:.3f} m in plan and {np.median(stds[:, 2]):.3f} m in "
+        f"height (medians of standard deviations of {len(stds)} photos); gimbal angles to no figure"
+    )
+
+
+def _crs(options: DjiOptions, dom: Path, kept: dict[str, PhotoPrior], notes: list[str]) -> str:
+    stated = stated_crs(options)
+    if stated is not None:
+        return stated.to_string()
+    crs = horizontal_crs(open_info(options.dsm or dom).crs)
+    if crs.is_projected:
+        return crs.to_string()
+    if options.dsm is not None:
+        raise UsageError(
+            "the surface model is in degrees", where=options.dsm, fix="warp it to the UTM zone"
+        )
+    lon, lat = np.median([(p.lon, p.lat) for p in kept.values()], axis=0).astype(float)
+    zone = CRS.from_epsg((32600 if lat >= 0 else 32700) + int((lon + 180) // 6) % 60 + 1)
+    notes.append(f"poses are in {zone.name}, the photos' zone")
+    return zone.to_string()
+
+
+def _plane(kept: dict[str, PhotoPrior], images: Path, notes: list[str]) -> float:
+    """Return the height of the place of take-off, in the photos' altitudes."""
+    known = [
+        p.altitude_m - p.relative_altitude_m
+        for p in kept.values()
+        if p.altitude_m is not None and p.relative_altitude_m is not None
+    ]
+    if not known:
+        raise UsageError(
+            "there is no surface model, and photos have no RelativeAltitude",
+            where=images,
+            fix="give --dsm",
+        )
+    height = float(np.median(known))
+    notes.append(
+        f"the ground is a plane at {height:.2f} m, where the drone took off: absolute less "
+        f"relative altitude, {np.ptp(known):.2f} m apart at most (--dsm for a surface)"
+    )
+    return height
+
+
+def _priors(
+    options: DjiOptions,
+    images: Path,
+    names: tuple[str, ...],
+    sizes: dict[str, tuple[int, int]],
+    poses: Poses,
+    crs: str,
+) -> Poses | None:
+    """Return priors of another source than the truth; None where there are none."""
+    if options.priors is None:
+        return None
+    given = read_prior_file(options.priors, sizes)
+    every = {name: PhotoPrior(**given.get(name, {})) for name in names}
+    priors = metadata_priors(every, crs)
+    if priors is None:
+        raise BenchmarkError(
+            "gives no photo with an RTK position a whole prior",
+            where=options.priors,
+            expected="image, lon, lat, altitude_m, yaw_deg, pitch_deg, roll_deg",
+        )
+    away = np.linalg.norm(priors.centres - poses.centres, axis=1)
+    if np.nanmedian(away) < _SAME_PRIOR_M:
+        raise BenchmarkError(
+            f"its positions are the truth: {np.nanmedian(away):.4f} m from the RTK's (median)",
+            where=options.priors,
+            expected="positions of another source, such as the receiver without RTK",
+            fix="leave --priors out: retrieval needs none",
+        )
+    return priors
+
+
+def _cameras(
+    options: DjiOptions,
+    names: tuple[str, ...],
+    sizes: dict[str, tuple[int, int]],
+    tags: dict[str, DjiTags],
+    notes: list[str],
+) -> Cameras:
+    if options.camera is not None:
+        lens = read_camera_file(options.camera)
+        lenses = [lens_of(lens, sizes[name], options.camera) for name in names]
+    else:
+        lacking = [name for name in names if not tags[name].lens]
+        if lacking:
+            raise BenchmarkError(
+                f"photos state no camera: {first_of(lacking, len(names))}",
+                where=options.source,
+                expected="DJI's DewarpData, or EXIF FocalLengthIn35mmFilm",
+                fix="give the camera with --camera",
+            )
+        for what in sorted({tags[name].lens_from for name in names}):
+            notes.append(f"cameras are from {what}")
+        lenses = [lens_of(tags[n].lens, sizes[n], options.source / n) for n in names]
+    width, height = np.array([sizes[name] for name in names]).T
+    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
+    return Cameras.from_matrices(matrices, width, height, distortion, names=names)

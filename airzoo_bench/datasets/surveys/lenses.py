@@ -1,0 +1,122 @@
+"""A camera from what people know of it: pixels, millimetres, or its field of view."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench.core.errors import BenchmarkError, CameraError
+from airzoo_bench.core.files import read_text
+from airzoo_bench.core.validation import nearest
+
+__all__ = ["LENS_KEYS", "lens_of", "read_camera_file"]
+
+_WAYS = (("fx",), ("focal_mm", "sensor_mm"), ("fov_deg",))
+_DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+LENS_KEYS = ("fx", "fy", "cx", "cy", *_DISTORTION, "focal_mm", "sensor_mm", "fov_deg")
+"""What a camera may be told by, in a file or in columns of a table."""
+_SIZE = ("width", "height")
+_EXPECTED = (
+    "one of fx (px); focal_mm and sensor_mm (width of the sensor); fov_deg (across the width)"
+)
+
+
+def read_camera_file(path: Path) -> dict[str, float]:
+    """Read a camera from JSON: an object of numbers.
+
+    Parameters
+    ----------
+    path : Path
+        With keys of `LENS_KEYS`, and perhaps width and height of its photos.
+
+    Raises
+    ------
+    BenchmarkError
+        It is no such file, or has a key that is not known.
+    """
+    text = read_text(path, BenchmarkError, "camera file")
+    try:
+        values: Any = json.loads(text)
+    except ValueError as error:
+        raise BenchmarkError(f"not JSON: {error}", where=path, expected=_EXPECTED) from error
+    known = [*LENS_KEYS, *_SIZE]
+    if not isinstance(values, dict) or not values:
+        raise BenchmarkError("is no object with values", where=path, expected=_EXPECTED)
+    for key, value in values.items():
+        if key not in known:
+            raise BenchmarkError(
+                f"unknown key {key[:40]!r}{nearest(key, known)}",
+                where=path,
+                expected=f"some of {', '.join(known)}",
+            )
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise BenchmarkError(f"{key} is {str(value)[:40]!r}", where=path, expected="a number")
+    return {key: float(value) for key, value in values.items()}
+
+
+def lens_of(
+    values: Mapping[str, float], size: tuple[int, int], where: object
+) -> tuple[list[list[float]], tuple[float, ...]]:
+    """Return a camera's matrix and distortion.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        By `LENS_KEYS`, and perhaps width and height of its photos, which are then held to them.
+        The focal length in one way; fy is fx, and the principal point the middle of the photo, and
+        distortion none, where not given.
+    size : (width, height)
+        Of the photo.
+    where : object
+        The file that the values are from.
+
+    Returns
+    -------
+    K : (3, 3) list
+        In pixels, the image's corner being (0, 0).
+    distortion : tuple
+        k1 k2 p1 p2 k3.
+
+    Raises
+    ------
+    CameraError
+        No focal length or two, or photos of another size.
+    """
+    width, height = size
+    meant = (values.get("width", width), values.get("height", height))
+    if meant != (width, height):
+        raise CameraError(
+            f"the camera is for photos of {meant[0]:g}x{meant[1]:g} px, not {width}x{height}",
+            where=where,
+            fix="give the camera for the photos' own size",
+        )
+    fx = _focal_px(values, width, where)
+    fy = values.get("fy", fx)
+    cx, cy = values.get("cx", width / 2), values.get("cy", height / 2)
+    distortion = tuple(values.get(key, 0.0) for key in _DISTORTION)
+    return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], distortion
+
+
+def _focal_px(values: Mapping[str, float], width: int, where: object) -> float:
+    ways = [way for way in _WAYS if way[0] in values]
+    if len(ways) != 1 or not set(ways[0]) <= set(values):
+        given = ", ".join(key for key in LENS_KEYS if key in values) or "nothing"
+        raise CameraError(
+            f"the focal length does not follow from {given}", where=where, expected=_EXPECTED
+        )
+    way = ways[0][0]
+    first = values[way]
+    if way == "fx":
+        return first
+    if way == "fov_deg":
+        if not 0.0 < first < 180.0:
+            raise CameraError(
+                f"fov_deg is {first:g}", where=where, expected="between 0 and 180 degrees"
+            )
+        return width / 2 / math.tan(math.radians(first) / 2)
+    if not values["sensor_mm"] > 0.0:
+        raise CameraError(f"sensor_mm is {values['sensor_mm']:g}", where=where, expected="above 0")
+    return first / values["sensor_mm"] * width

@@ -1,0 +1,69 @@
+"""An OpenDroneMap project as a dataset of `prepare`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from airzoo_bench.core.options import Option
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.native import About, NativeScene
+from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, SurveyOptions
+
+__all__ = ["ODM", "OdmOptions", "OdmProjects"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdmOptions(SurveyOptions):
+    """What may be asked of an OpenDroneMap project."""
+
+    source: Annotated[Path, Option("source", "The project's folder.")]
+    surface_cell: Annotated[
+        float | None,
+        Option(
+            "surface-cell",
+            "Side in metres of the cells that the cloud is gridded by, where there is no surface "
+            "model (default: what holds four points).",
+            least=0.01,
+        ),
+    ] = None
+
+
+class OdmProjects(Survey[OdmOptions]):
+    """Photos, poses and map of an OpenDroneMap project, or of one split into submodels."""
+
+    about = About(
+        title="OpenDroneMap project",
+        page="https://docs.opendronemap.org/outputs/",
+        licence="your own data",
+        assumptions=(
+            "Without odm_dem/dsm.tif the surface is gridded from the georeferenced clouds: the "
+            "highest point of each cell, whose side holds four points on average (--surface-cell).",
+            "A photo of several submodels has the pose of the first.",
+            "Map, surface and poses come from the same photos: there is no gap between them.",
+        ),
+        unverified=(
+            "Projects with opensfm/reconstruction.topocentric.json (newer versions): read in "
+            "OpenDroneMap's source, not measured.",
+        ),
+    )
+    summary = (
+        "Make a benchmark folder out of an OpenDroneMap project.\n\n"
+        "Orthophoto, surface model (or else the georeferenced clouds), shots, cameras and "
+        "submodels are found in it; --images, --dom and --dsm replace what is found."
+    )
+    example = "odm --source project --name park --tile-size 256"
+    options = OdmOptions
+    without_truth = WITHOUT_TRUTH
+
+    def read(self, options: OdmOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read the project."""
+        from airzoo_bench.datasets.surveys.odm_project import read_project
+        from airzoo_bench.datasets.surveys.scenes import survey_scene
+
+        found = read_project(options, progress)
+        return survey_scene(options, scene, found, progress)
+
+
+ODM = OdmProjects()

@@ -1,0 +1,167 @@
+"""An OpenDroneMap project as a survey: its parts put together, its map and surface found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pyproj import CRS
+
+from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.places import data_root
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.datasets.sources import photo_sizes
+from airzoo_bench.datasets.surveys.names import match_names
+from airzoo_bench.datasets.surveys.odm import OdmOptions
+from airzoo_bench.datasets.surveys.odm_layout import (
+    CLOUDS,
+    ORTHOPHOTO,
+    SURFACE,
+    find_parts,
+    find_project,
+    part_crs,
+)
+from airzoo_bench.datasets.surveys.odm_lens import lens_of_camera
+from airzoo_bench.datasets.surveys.odm_shots import OdmPart, read_part
+from airzoo_bench.datasets.surveys.scenes import FoundSurvey
+from airzoo_bench.datasets.surveys.surface import grid_surface
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import describe_crs, same_plane
+from airzoo_bench.geometry.poses import Poses
+
+__all__ = ["read_project"]
+
+
+def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
+    """Read a project, and grid its clouds where it has no surface model.
+
+    Raises
+    ------
+    UserError
+        It is no project, a file is missing or damaged, or submodels differ in CRS.
+    """
+    project = find_project(options.source)
+    folders = find_parts(project)
+    crs = _crs(folders)
+    images = options.images or project / "images"
+    sizes = photo_sizes(images, progress)
+    parts = [read_part(folder) for folder in folders]
+    photos, notes = _joined(parts, sizes, crs)
+    if project != options.source:
+        notes.insert(0, f"the project is {project}")
+    dom = options.dom or _orthophoto(project)
+    dsm = options.dsm
+    if dsm is None and (project / SURFACE).is_file():
+        dsm = project / SURFACE
+    if dsm is None:
+        dsm, said = _gridded(options, project, folders, crs)
+        notes += said
+    return FoundSurvey(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes))
+
+
+def _crs(folders: list[Path]) -> CRS:
+    every = {folder.name: part_crs(folder) for folder in folders}
+    first = next(iter(every.values()))
+    if not all(same_plane(first, crs) for crs in every.values()):
+        each = "; ".join(f"{name}: {describe_crs(crs)}" for name, crs in every.items())
+        raise BenchmarkError(
+            f"submodels are in different CRS: {each}",
+            where=folders[0].parent,
+            fix="make a benchmark of each submodel",
+        )
+    return first
+
+
+def _orthophoto(project: Path) -> Path:
+    path = project / ORTHOPHOTO
+    if not path.is_file():
+        raise BenchmarkError(
+            f"has no {ORTHOPHOTO}", where=project, fix="give --dom, or let OpenDroneMap make it"
+        )
+    return path
+
+
+def _gridded(
+    options: OdmOptions, project: Path, folders: list[Path], crs: CRS
+) -> tuple[Path, list[str]]:
+    """Grid the project's cloud, or else its submodels' clouds."""
+    places = ([project], sorted((project / "submodels").glob("submodel_*")), folders)
+    found = [
+        [path for path in (next(filter(Path.is_file, _clouds(f)), None) for f in place) if path]
+        for place in places
+    ]
+    clouds = next((paths for paths in found if paths), None)
+    if clouds is None:
+        raise BenchmarkError(
+            f"has no surface: neither {SURFACE} nor {CLOUDS[0]}",
+            where=project,
+            fix="give --dsm, or run OpenDroneMap with --dsm",
+        )
+    made = grid_surface(clouds, crs, data_root() / "surfaces", options.surface_cell)
+    notes = [
+        f"the surface is the highest point of each {made.cell_m:g} m cell of "
+        f"{counted(len(clouds), 'cloud')}, in {made.path}"
+    ]
+    if made.disagreement_m is not None:
+        notes.append(
+            f"where clouds of submodels overlap, their heights differ by "
+            f"{made.disagreement_m:.2f} m in the median: no truth is better than that"
+        )
+    return made.path, notes
+
+
+def _clouds(folder: Path) -> list[Path]:
+    return [folder / cloud for cloud in CLOUDS]
+
+
+def _joined(
+    parts: list[OdmPart], sizes: dict[str, tuple[int, int]], crs: CRS
+) -> tuple[PosedPhotos, list[str]]:
+    """Put the parts' photos together; one of several parts has the pose of the first."""
+    first: dict[str, tuple[OdmPart, int]] = {}
+    twice: list[np.ndarray] = []
+    for part in parts:
+        for row, name in enumerate(part.names):
+            if name in first:
+                other, place = first[name]
+                twice.append(part.poses.centres[row] - other.poses.centres[place])
+            else:
+                first[name] = part, row
+    where = parts[0].poses_from
+    meant = match_names(first, sizes, where)
+    chosen = sorted((photo, *first[name]) for name, photo in meant.items())
+    notes = _overlap_notes(twice, parts)
+    absent = [name for name in first if name not in meant]
+    if absent:
+        notes.append(f"shots whose photo is not there: {first_of(absent, len(first))}")
+    names = tuple(photo for photo, _, _ in chosen)
+    lenses = [
+        lens_of_camera(part.cameras[row], sizes[photo], part.poses_from)
+        for photo, part, row in chosen
+    ]
+    width, height = np.array([sizes[name] for name in names]).T
+    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
+    cameras = Cameras.from_matrices(matrices, width, height, distortion, names=names)
+    poses = Poses.from_centres(
+        np.array([part.poses.rotation[row] for _, part, row in chosen]),
+        np.array([part.poses.centres[row] for _, part, row in chosen]),
+        names,
+    )
+    return PosedPhotos(names, cameras, poses, crs.to_string()), notes
+
+
+def _overlap_notes(differences: list[np.ndarray], parts: list[OdmPart]) -> list[str]:
+    if len(parts) == 1:
+        return []
+    notes = [f"its {len(parts)} submodels are one scene"]
+    if differences:
+        away = np.abs(np.array(differences))
+        level, up = np.median(np.hypot(away[:, 0], away[:, 1])), np.median(away[:, 2])
+        notes.append(
+            f"{counted(len(away), 'photo')} of two submodels: their two poses differ by "
+            f"{level:.2f} m in plan and {up:.2f} m in height (medians), and the first submodel's "
+            "is taken: no truth is better than that"
+        )
+    return notes

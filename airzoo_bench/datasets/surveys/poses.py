@@ -1,0 +1,101 @@
+"""A table of poses as a dataset of `prepare`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from airzoo_bench.core.options import Option
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.native import About, NativeScene
+from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, SurveyOptions, given
+
+__all__ = ["POSES", "PoseTableOptions", "PoseTables"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseTableOptions(SurveyOptions):
+    """What a table of poses leaves open."""
+
+    source: Annotated[
+        Path, Option("source", "Table of the photos' positions and angles, a row a photo.")
+    ]
+    camera: Annotated[
+        Path | None,
+        Option("camera", "Camera of all photos (JSON: fx, or focal_mm and sensor_mm, or fov_deg)."),
+    ] = None
+    angles: Annotated[
+        Literal["gimbal", "airframe", "omega-phi-kappa"] | None,
+        Option("angles", "What the angles mean (default: what the columns' names tell)."),
+    ] = None
+    angle_unit: Annotated[
+        Literal["degrees", "radians"] | None, Option("angle-unit", "Default: degrees.")
+    ] = None
+    north: Annotated[
+        Literal["true", "grid"] | None,
+        Option("north", "What angles are relative to (default: yaw true north, kappa the grid's)."),
+    ] = None
+
+
+class PoseTables(Survey[PoseTableOptions]):
+    """Photos whose poses stand in a table."""
+
+    about = About(
+        title="Table of poses",
+        page="docs/benchmarks.md",
+        licence="your own data",
+        assumptions=(
+            "Yaw is relative to true north, kappa to the grid's (--north).",
+            "Tables with the column Label (Metashape) or imagename (Pix4D) have yaw, pitch, roll "
+            "of a camera that looks straight down at 0, 0, 0 (--angles).",
+            "Without cx, cy the principal point is the middle of the photo; without k1 ... there "
+            "is no lens distortion.",
+            "Heights are those of the surface model.",
+        ),
+        unverified=("Whether Metashape's angles are relative to true north in every version.",),
+    )
+    summary = (
+        "Make a benchmark folder out of photos and a table of their poses.\n\n"
+        "Columns go by their names, as Metashape, Pix4D and DJI Terra write them: image, latitude, "
+        "longitude (or easting, northing and --crs), height, and yaw, pitch, roll or omega, phi, "
+        "kappa."
+    )
+    example = (
+        "poses --source poses.csv --images photos --dom dom.tif --dsm dsm.tif --camera camera.json "
+        "--angles gimbal"
+    )
+    options = PoseTableOptions
+    without_truth = WITHOUT_TRUTH
+    needs = ("images", "dom", "dsm")
+
+    def read(self, options: PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read the table, and what the photos' metadata say."""
+        from airzoo_bench.datasets.sources import photo_sizes
+        from airzoo_bench.datasets.surveys.scenes import (
+            FoundSurvey,
+            map_crs,
+            stated_crs,
+            survey_scene,
+        )
+        from airzoo_bench.datasets.surveys.table_poses import AngleSettings, read_table_poses
+
+        images = given(options.images, "images")
+        sizes = photo_sizes(images, progress)
+        stated = stated_crs(options)
+        angles = AngleSettings(options.angles, options.angle_unit, options.north)
+        crs = map_crs(options) if stated is None else stated
+        read = read_table_poses(options.source, sizes, crs, stated, angles, options.camera)
+        found = FoundSurvey(
+            images,
+            sizes,
+            read.photos,
+            options.source,
+            options.dom,
+            options.dsm,
+            read.notes,
+        )
+        return survey_scene(options, scene, found, progress)
+
+
+POSES = PoseTables()

@@ -1,0 +1,111 @@
+"""What all own surveys have in common: options and protocols."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.options import Option
+from airzoo_bench.datasets.native import NativeDataset, NativeOptions
+from airzoo_bench.datasets.photo_options import ProtocolOptions
+
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.truths import BenchmarkProtocols
+
+__all__ = ["WITHOUT_TRUTH", "Survey", "SurveyOptions", "given"]
+
+WITHOUT_TRUTH = MappingProxyType(
+    {
+        "matching": "no photo has GPS position and gimbal angles (--priors)",
+        "reconstruction": "no true cloud was given (--cloud)",
+    }
+)
+"""Why a track may have no truth in a survey."""
+
+_LONGEST_NAME = 48  # of which more names are made
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurveyOptions(ProtocolOptions, NativeOptions):
+    """What every own survey asks for."""
+
+    source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
+    name: Annotated[
+        str | None, Option("name", "Of the benchmark and its scene (default: the source's).")
+    ] = None
+    images: Annotated[
+        Path | None, Option("images", "Folder of the photos (default: where the source has them).")
+    ] = None
+    dom: Annotated[
+        Path | None, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")
+    ] = None
+    dsm: Annotated[
+        Path | None, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")
+    ] = None
+    cloud: Annotated[
+        Path | None, Option("cloud", "True cloud in the CRS of the poses, if any.")
+    ] = None
+    priors: Annotated[
+        Path | None,
+        Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
+    ] = None
+    crs: Annotated[str | None, Option("crs", "Projected CRS of the poses.")] = None
+
+
+OptionsT = TypeVar("OptionsT", bound=SurveyOptions)
+
+
+class Survey(NativeDataset[OptionsT]):
+    """One scene of own photos, whose protocols start from those of `prepare photos`.
+
+    Attributes
+    ----------
+    needs : tuple of str
+        Options that must be given, by their fields.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    def benchmark(self, options: OptionsT) -> str:
+        """Return the name that was given, or the source's."""
+        from airzoo_bench.core.validation import SAFE_NAME
+
+        name = options.name or options.source.resolve().stem
+        if not re.fullmatch(SAFE_NAME, name) or len(name) > _LONGEST_NAME:
+            raise UsageError(
+                f"{name[:80]!r} cannot be the name of a benchmark",
+                where="--name" if options.name else options.source,
+                expected="letters, digits, '.', '_' and '-', beginning with a letter or digit, at "
+                f"most {_LONGEST_NAME} characters",
+                fix="name it with --name",
+            )
+        return name
+
+    def scenes(self, options: OptionsT) -> list[str]:
+        """Return the one scene, called like the benchmark, if all that it needs was given."""
+        for field in self.needs:
+            given(getattr(options, field), field)
+        return [self.benchmark(options)]
+
+    def protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:
+        """Return the protocols of own photos, as changed by the options."""
+        from airzoo_bench.datasets.photos_dataset import photo_protocols
+
+        return photo_protocols(options, self.benchmark(options), root)
+
+
+def given(path: Path | None, field: str) -> Path:
+    """Return a path that the user must give.
+
+    Raises
+    ------
+    UsageError
+        It was not given.
+    """
+    if path is None:
+        raise UsageError(f"--{field} must be given")
+    return path

@@ -1,0 +1,238 @@
+"""Folders of DJI photos: RTK quality, time stamps, lenses, and why there is no matching."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.datasets.surveys.dji_tags import read_tags, read_time_stamps
+from tests.datasets.surveys.layouts import (
+    CORNER,
+    GROUND_M,
+    NAMES,
+    PHOTO,
+    Made,
+    dji_folder,
+    options_of,
+    read_scene,
+    write_time_stamps,
+)
+from tests.support import files_below, run_main
+
+
+def scene(made: Made, folder: Path, *more: object):
+    return read_scene(["dji", "--source", folder, *made.maps, *more])
+
+
+def test_photos_without_a_fix_are_left_out_and_named(made: Made) -> None:
+    found = scene(made, dji_folder(made, flags=(50, 34, 50, 16, 50)))
+
+    assert found.names == (NAMES[0], NAMES[2], NAMES[4])
+    assert found.unposed == (NAMES[1], NAMES[3])
+    said = " ".join(found.notes)
+    assert "without an RTK fix, left out: 2 of 5 (DJI_0002.JPG, DJI_0004.JPG)" in said
+    assert "good to 0.014 m in plan and 0.020 m in height" in said
+
+
+def test_any_position_will_do_by_name(made: Made) -> None:
+    found = scene(made, dji_folder(made, flags=(None,) * 5), "--rtk", "any")
+
+    assert found.names == NAMES
+    assert "without an RTK fix, taken nevertheless: 5 of 5" in " ".join(found.notes)
+
+
+def test_no_prior_is_the_truth(made: Made) -> None:
+    found = scene(made, dji_folder(made))
+    dataset, options = options_of(["dji", "--source", found.images, *made.maps])
+
+    assert found.priors is None
+    assert dataset.protocols(options, made.folder).matching.scores.orientation_is_trusted is False
+    assert "cannot be the prior too" in dataset.without_truth["matching"]
+
+
+def prior_file(made: Made, east_deg: float) -> Path:
+    path = made.folder / "priors.csv"
+    rows = zip(NAMES, made.lonlat, made.centres[:, 2], made.gimbal(), strict=True)
+    lines = [
+        f"{name},{lon + east_deg:.10f},{lat:.10f},{z},{','.join(map(str, angles))}"
+        for name, (lon, lat), z, angles in rows
+    ]
+    header = "image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg"
+    path.write_text("\n".join([header, *lines]))
+    return path
+
+
+def test_priors_of_another_source_serve_matching(made: Made) -> None:
+    found = scene(made, dji_folder(made), "--priors", prior_file(made, 5e-5))
+
+    away = np.linalg.norm(found.priors.centres - found.poses.centres, axis=1)
+    np.testing.assert_allclose(away, 3.8, atol=0.1)
+
+
+def test_without_a_surface_the_ground_is_where_the_drone_took_off(made: Made) -> None:
+    arguments = ["dji", "--source", dji_folder(made), "--dom", made.dom]
+
+    found = read_scene(arguments)
+
+    assert found.dsm is None
+    assert found.plane_height_m == pytest.approx(GROUND_M)
+    assert any("a plane at 100.00 m, where the drone took off" in note for note in found.notes)
+    dataset, options = options_of(arguments)
+    assert dataset.protocols(options, made.folder).matching is None
+
+
+def test_it_prepares_without_a_surface(
+    made: Made, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sources = ("--source", dji_folder(made), "--dom", made.dom)
+
+    assert run_main("prepare", "dji", *sources, "--tile-size", 64, "--name", "place") == 0
+
+    said = capsys.readouterr()
+    assert "5 queries" in said.out
+    assert "the photos' metadata are the truth" in said.out
+    assert "where the drone took off" in said.err
+
+
+@pytest.mark.parametrize("suffixes", [True, False])
+def test_time_stamps_are_read_by_order(made: Made, suffixes: bool) -> None:
+    folder = dji_folder(made)
+    first, *_ = stamps = read_time_stamps(write_time_stamps(made, folder, suffixes))
+
+    assert [stamp.number for stamp in stamps] == [1, 2, 3, 4, 5]
+    assert (first.lat, first.lon) == pytest.approx(tuple(made.lonlat[0][::-1]), abs=1e-9)
+    assert (first.height_m, first.std_m, first.flag) == (180.0, (0.016, 0.012, 0.03), 50)
+
+
+@pytest.mark.parametrize(
+    ("changes", "without", "film_mm", "lens", "named"),
+    [
+        ({"DewarpFlag": "1"}, (), None, {"fx": 42.0, "k1": 0.0}, "without distortion"),
+        (
+            {},
+            (),
+            None,
+            {"fx": 42.0, "cx": 20.5, "cy": 14.25, "k1": 0.02, "k3": 0.003},
+            "DewarpData",
+        ),
+        # The diagonal is 50 px, and that of the film 43.27 mm.
+        ({}, ("DewarpData",), 24, {"fx": 24 / np.hypot(36, 24) * 50}, "35 mm film (24 mm)"),
+        ({}, ("DewarpData",), None, {}, ""),
+    ],
+)
+def test_lenses(
+    made: Made,
+    changes: dict[str, str],
+    without: tuple[str, ...],
+    film_mm: int | None,
+    lens: dict[str, float],
+    named: str,
+) -> None:
+    folder = dji_folder(made, changes=changes, without=without, film_mm=film_mm)
+
+    found = read_tags(folder / NAMES[0], PHOTO)
+
+    assert {key: found.lens[key] for key in lens} == pytest.approx(lens)
+    assert bool(found.lens) == bool(lens)
+    assert named in found.lens_from
+
+
+def stamps_of_others(made: Made) -> Path:
+    folder = dji_folder(made)
+    write_time_stamps(made, folder, off_deg=1e-3)
+    return folder
+
+
+def stamps_unlike(made: Made) -> Path:
+    folder = dji_folder(made)
+    (folder / "a_Timestamp.MRK").write_text("1\t282401.66\t[2404]\t22.77,Lat\t114.1,Lon\n")
+    return folder
+
+
+def stamps_unnumbered(made: Made) -> Path:
+    folder = dji_folder(made)
+    write_time_stamps(made, folder)
+    for name in NAMES:
+        (folder / name).rename(folder / name.replace("000", "900"))
+    return folder
+
+
+def stripped(made: Made) -> Path:
+    return dji_folder(made, without=("GimbalYawDegree",))
+
+
+WRONG: dict[str, tuple[Callable[[Made], Path], list[str]]] = {
+    "no RTK": (
+        lambda made: dji_folder(made, flags=(None, None, 34, 34, 16)),
+        ["1 with RtkFlag 16, 2 with RtkFlag 34, 2 with no RtkFlag", "--rtk any"],
+    ),
+    "no angles": (stripped, ["no photo has a position, an altitude and gimbal angles"]),
+    "time stamps of others": (stamps_of_others, ["more than 5 m from the photos of their number"]),
+    "unlike time stamps": (stamps_unlike, ["a_Timestamp.MRK, line 1: holds 5 numbers: '1 282401"]),
+    "no such numbers": (stamps_unnumbered, ["no photo has the number of a time stamp"]),
+    "no lens": (
+        lambda made: dji_folder(made, without=("DewarpData",)),
+        ["photos state no camera: 5 of 5", "--camera"],
+    ),
+    "a broken lens": (
+        lambda made: dji_folder(made, changes={"DewarpData": "2024-05-01;1,2,3"}),
+        ["DJI_0001.JPG: DJI's DewarpData is '1,2,3'", "9 numbers"],
+    ),
+    "a lens in mm": (
+        lambda made: dji_folder(made, changes={"DewarpData": "d;3.6,3.6,0,0,0,0,0,0,0"}),
+        ["fx = 3.6 px in a photo 40 px wide"],
+    ),
+    "no take-off": (
+        lambda made: dji_folder(made, without=("RelativeAltitude",)),
+        ["no surface model, and photos have no RelativeAltitude", "--dsm"],
+    ),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_one_message_and_nothing_written(
+    what: str, made: Made, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make, expected = WRONG[what]
+    folder = make(made)
+    maps = ("--dom", made.dom) if what == "no take-off" else made.maps
+
+    assert run_main("prepare", "dji", "--source", folder, *maps, "--name", "place") == 2
+
+    said = capsys.readouterr().err
+    for text in expected:
+        assert text in said
+    assert not data.exists() or files_below(data) == set()
+
+
+def test_priors_that_are_the_truth_are_refused(
+    made: Made, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sources = ("--source", dji_folder(made), *made.maps, "--priors", prior_file(made, 0.0))
+
+    assert run_main("prepare", "dji", *sources, "--name", "place") == 2
+
+    assert "its positions are the truth" in capsys.readouterr().err
+
+
+def test_a_map_in_degrees_gets_the_photos_zone(made: Made) -> None:
+    from rasterio import Affine
+
+    from airzoo_bench.geometry.frames import to_lonlat
+    from tests.support import write_raster
+
+    west, north = to_lonlat("EPSG:32633", CORNER).tolist()
+    dom = write_raster(
+        made.folder / "degrees.tif",
+        np.zeros((3, 200, 240), np.uint8),
+        crs="EPSG:4326",
+        transform=Affine(1.3e-5, 0, west, 0, -9e-6, north),
+    )
+
+    found = read_scene(["dji", "--source", dji_folder(made), "--dom", dom])
+
+    assert found.crs == "EPSG:32633"
+    assert any("UTM zone 33N, the photos' zone" in note for note in found.notes)

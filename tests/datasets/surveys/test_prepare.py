@@ -1,0 +1,66 @@
+"""Surveys through the command line: exact predictions score perfect, wrong ones nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench import evaluate
+from airzoo_bench.geometry.frames import to_lonlat
+from tests.datasets.surveys import layouts
+from tests.datasets.surveys.layouts import CENTRE, CRS, FOCAL, NAMES, PHOTO, Made, make_survey
+from tests.support import run_main
+
+LAYOUTS = {
+    "poses": layouts.gimbal_table,
+    "odm": layouts.odm_layout,
+    "dji": layouts.dji_layout,
+    "colmap": layouts.colmap_matrix_layout,
+}
+
+
+def prepared(arguments: list[object], out: Path) -> Path:
+    named = ["--name", "place", "--tile-size", 64, "--out", out]
+    assert run_main("prepare", *arguments, *named) == 0
+    return out
+
+
+def anchors(made: Made, row: int) -> np.ndarray:
+    """Return the four anchor points on the ground in degrees, by a pinhole worked out here."""
+    share = np.array([(1, 1), (15, 1), (15, 15), (1, 15)]) / 16
+    pixels = share * PHOTO - CENTRE
+    rays = np.column_stack((pixels / FOCAL, np.ones(4))) @ made.rotation[row]
+    heights = 100.5 - made.centres[row, 2]
+    ground = made.centres[row] + rays * (heights / rays[:, 2:])
+    return to_lonlat(CRS, ground[:, :2])
+
+
+def predictions(path: Path, folder: Path, made: Made, *, turned: bool = False) -> Path:
+    """Rank the tiles that hold an anchor, first those that hold fewest; or those that hold none."""
+    tiles = pd.read_parquet(folder / "scenes/place/retrieval/tiles.parquet")
+    boxes = tiles[["lon_min", "lat_min", "lon_max", "lat_max"]].to_numpy()
+    ids, rows = [], []
+    for row, name in enumerate(NAMES):
+        lon, lat = anchors(made, row).T[:, :, None]
+        held = (lon >= boxes[:, 0]) & (lon <= boxes[:, 2]) & (lat >= boxes[:, 1])
+        count = (held & (lat <= boxes[:, 3])).sum(axis=0)
+        answers = tiles["id"][count == 0 if turned else count > 0].tolist()
+        ids.append(f"place/{Path(name).stem}")
+        rows.append((answers + [""] * 5)[:5])
+    np.savez(path, protocol="place-retrieval", query_ids=ids, ranked_ids=np.array(rows))
+    return path
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_exact_predictions_score_perfect(layout: str, tmp_path: Path) -> None:
+    made = make_survey(tmp_path / "a b 测区", layouts.PINHOLE)
+    folder = prepared(LAYOUTS[layout](made), tmp_path / "out")
+
+    scores = evaluate(predictions(tmp_path / "p.npz", folder, made), data=folder).overall
+    wrong = predictions(tmp_path / "w.npz", folder, made, turned=True)
+
+    assert {scores[key] for key in ("recall@1", "recall@5", "ap@5")} == {1.0}
+    assert evaluate(wrong, data=folder).overall["recall@5"] == 0.0
