@@ -86,10 +86,10 @@ def lens_of(
         No focal length or two, or photos of another size.
     """
     width, height = size
-    meant = (values.get("width", width), values.get("height", height))
-    if meant != (width, height):
+    of_width, of_height = values.get("width", width), values.get("height", height)
+    if of_width != width or of_height != height:
         raise CameraError(
-            f"the camera is for photos of {meant[0]:g}x{meant[1]:g} px, not {width}x{height}",
+            f"the camera is for photos of {of_width:g}x{of_height:g} px, not {width}x{height}",
             where=where,
             fix="give the camera for the photos' own size",
         )
