@@ -31,6 +31,7 @@ from tests.support import (
     make_place,
     photo_protocols,
     run_main,
+    write_raster,
 )
 
 SCENES = ("one", "two", "three")
@@ -355,3 +356,59 @@ def test_records_of_another_kind_are_left_aside(
         record.write_text(text)
         assert prepare(source) == 2
         assert "--force" in capsys.readouterr().err
+
+
+def test_protocols_say_where_the_data_are(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert prepare(source, "--scene", "one") == 0
+    capsys.readouterr()
+    assert run_main("protocols", "--format", "json") == 0
+    said = capsys.readouterr().out
+    for text in ("https://example.org", "CC BY 4.0", "North is up.", "flights-retrieval-partial"):
+        assert text in said
+    assert run_main("protocols", "flights-retrieval-partial") == 0
+    text = capsys.readouterr().out
+    assert text.startswith("# Flights: https://example.org\n# licence: CC BY 4.0\n# assumed: North")
+    again = data / "again.toml"
+    again.write_text(text)
+    assert load_protocol(again).benchmark == "flights-partial"
+
+
+def test_tiles_of_so_many_metres(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "a")
+    assert run_main(*place.arguments(tile_size=None, tile_size_m=64)) == 0
+    assert "tiles of 64 m are 64 px of the map" in capsys.readouterr().err
+    tracks = Benchmark.open(data / "park").file.tracks
+    assert tracks["retrieval"]["gallery"]["tile_sizes_px"] == [64]
+    for changes in ({"tile_size_m": 64}, {"tile_size": None, "tile_size_m": 0.1}):
+        assert run_main(*place.arguments(**changes), "--force") == 2
+        assert "--tile-size-m" in capsys.readouterr().err
+
+
+def test_own_photos_over_a_plane(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "a")
+    assert run_main(*place.arguments(dsm=None)) == 2
+    assert "--plane-height" in capsys.readouterr().err
+    assert run_main(*place.arguments()) == 0
+    whole = everything(data / "park" / "scenes" / "park" / "retrieval")
+    assert run_main(*place.arguments(dsm=None, plane_height=100), "--force") == 0
+    assert "taken as a plane at 100.0 m" in capsys.readouterr().out
+    assert everything(data / "park" / "scenes" / "park" / "retrieval") == whole
+    assert run_main(*place.arguments(dsm=None, plane_height=100, rule="dsm"), "--force") == 2
+    assert "scene park has no surface model" in capsys.readouterr().err
+
+
+def test_a_surface_model_in_another_crs_is_refused_with_the_command(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "a")
+    level = np.full((1, 256, 256), 100, np.float32)
+    write_raster(place.dsm, level, crs="EPSG:32634")
+    assert run_main(*place.arguments()) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"gdalwarp -t_srs 'EPSG:32633' -r bilinear '{place.dsm}'" in said
