@@ -60,7 +60,9 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     crs = _crs(options, dom, kept, notes)
     poses = priors_to_poses(kept, crs)
     notes.append(_accuracy(names, tags, stamps))
-    plane = None if options.dsm is not None else _plane(kept, images, notes)
+    plane = options.plane_height
+    if plane is None and options.dsm is None:
+        plane = _plane(kept, images, notes)
     priors = _priors(options, images, names, sizes, poses, crs)
     return NativeScene(
         scene,
@@ -226,7 +228,7 @@ def _plane(kept: dict[str, PhotoPrior], images: Path, notes: list[str]) -> float
         raise UsageError(
             "there is no surface model, and photos have no RelativeAltitude",
             where=images,
-            fix="give --dsm",
+            fix="give --dsm or --plane-height",
         )
     height = float(np.median(known))
     notes.append(

@@ -55,7 +55,7 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
     dsm = options.dsm
     if dsm is None and (project / SURFACE).is_file():
         dsm = project / SURFACE
-    if dsm is None:
+    if dsm is None and options.plane_height is None:
         dsm, said = _gridded(options, project, folders, crs)
         notes += said
     return FoundSurvey(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes))
@@ -97,7 +97,7 @@ def _gridded(
         raise BenchmarkError(
             f"has no surface: neither {SURFACE} nor {CLOUDS[0]}",
             where=project,
-            fix="give --dsm, or run OpenDroneMap with --dsm",
+            fix="give --dsm or --plane-height, or run OpenDroneMap with --dsm",
         )
     made = grid_surface(clouds, crs, data_root() / "surfaces", options.surface_cell)
     notes = [

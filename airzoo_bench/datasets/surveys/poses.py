@@ -67,7 +67,8 @@ class PoseTables(Survey[PoseTableOptions]):
     )
     options = PoseTableOptions
     without_truth = WITHOUT_TRUTH
-    needs = ("images", "dom", "dsm")
+    needs = ("images", "dom")
+    needs_ground = True
 
     def read(self, options: PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the table, and what the photos' metadata say."""

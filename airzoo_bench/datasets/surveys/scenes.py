@@ -104,6 +104,7 @@ def survey_scene(
         dom=found.dom,
         dsm=found.dsm,
         cloud=options.cloud,
+        plane_height_m=options.plane_height,
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
         conditions=found.conditions,

@@ -104,3 +104,21 @@ def test_it_is_named_after_the_source(tmp_path: Path, data: Path) -> None:
 
     assert (data / "project" / "protocols" / "project-retrieval.toml").is_file()
     assert (data / "project" / "benchmark.toml").is_file()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_plane_may_be_the_ground(layout: str, tmp_path: Path) -> None:
+    made = make_survey(tmp_path / "place", layouts.PINHOLE)
+    arguments = LAYOUTS[layout](made)
+    if "--dsm" in arguments:
+        place = arguments.index("--dsm")
+        arguments = [*arguments[:place], *arguments[place + 2 :]]
+    else:
+        (made.folder / "project/odm_dem/dsm.tif").unlink()
+
+    folder = prepared([*arguments, "--plane-height", 100.5], tmp_path / "out")
+
+    assert (folder / "scenes/place/retrieval").is_dir()
+    assert not (folder / "scenes/place/matching").exists()
+    scores = evaluate(predictions(tmp_path / "p.npz", folder, made), data=folder).overall
+    assert {scores[key] for key in ("recall@1", "recall@5", "ap@5")} == {1.0}
