@@ -22,6 +22,7 @@ from airzoo_bench.datasets.surveys.odm_layout import (
     find_parts,
     find_project,
     part_crs,
+    submodels_of,
 )
 from airzoo_bench.datasets.surveys.odm_lens import lens_of_camera
 from airzoo_bench.datasets.surveys.odm_shots import OdmPart, read_part
@@ -51,6 +52,9 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
     photos, notes = _joined(parts, sizes, crs)
     if project != options.source:
         notes.insert(0, f"the project is {project}")
+    without = [folder.name for folder in submodels_of(project) if folder not in folders]
+    if without and folders != [project]:
+        notes.append(f"submodels without shots: {first_of(without)}")
     dom = options.dom or _orthophoto(project)
     dsm = options.dsm
     if dsm is None and (project / SURFACE).is_file():
@@ -87,7 +91,7 @@ def _gridded(
     options: OdmOptions, project: Path, folders: list[Path], crs: CRS
 ) -> tuple[Path, list[str]]:
     """Grid the project's cloud, or else its submodels' clouds."""
-    places = ([project], sorted((project / "submodels").glob("submodel_*")), folders)
+    places = ([project], submodels_of(project), folders)
     found = [
         [path for path in (next(filter(Path.is_file, _clouds(f)), None) for f in place) if path]
         for place in places
