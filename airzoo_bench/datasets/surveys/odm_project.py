@@ -13,6 +13,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.datasets.sources import photo_sizes
+from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses
 from airzoo_bench.datasets.surveys.names import match_names
 from airzoo_bench.datasets.surveys.odm import OdmOptions
 from airzoo_bench.datasets.surveys.odm_layout import (
@@ -28,7 +29,6 @@ from airzoo_bench.datasets.surveys.odm_lens import lens_of_camera
 from airzoo_bench.datasets.surveys.odm_shots import OdmPart, read_part
 from airzoo_bench.datasets.surveys.scenes import FoundSurvey
 from airzoo_bench.datasets.surveys.surface import grid_surface
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 
@@ -145,9 +145,7 @@ def _joined(
         lens_of_camera(part.cameras[row], sizes[photo], part.poses_from)
         for photo, part, row in chosen
     ]
-    width, height = np.array([sizes[name] for name in names]).T
-    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
-    cameras = Cameras.from_matrices(matrices, width, height, distortion, names=names)
+    cameras = cameras_of_lenses(lenses, names, sizes)
     poses = Poses.from_centres(
         np.array([part.poses.rotation[row] for _, part, row in chosen]),
         np.array([part.poses.centres[row] for _, part, row in chosen]),

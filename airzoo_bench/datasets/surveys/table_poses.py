@@ -14,7 +14,12 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.datasets.surveys.attitude import Convention, attitudes_to_rotations
-from airzoo_bench.datasets.surveys.lenses import LENS_KEYS, lens_of, read_camera_file
+from airzoo_bench.datasets.surveys.lenses import (
+    LENS_KEYS,
+    cameras_of_lenses,
+    lens_of,
+    read_camera_file,
+)
 from airzoo_bench.datasets.surveys.names import match_names
 from airzoo_bench.datasets.surveys.pose_table import PoseTable, read_pose_table
 from airzoo_bench.geometry.arrays import Floats
@@ -177,9 +182,11 @@ def _positions(
             )
         xy = np.stack((first, second), axis=-1)
         lonlat = to_lonlat(crs, xy)
-    if not np.isfinite(xy).all():
+    beyond = ~np.isfinite(np.column_stack((xy, lonlat))).all(axis=1)
+    if beyond.any():
+        names = [given.table.texts("image")[rows[i]] for i in np.flatnonzero(beyond)]
         raise BenchmarkError(
-            f"positions beyond {describe_crs(crs)}: {first_of([header[0]], None)}",
+            f"positions beyond {describe_crs(crs)}: {first_of(names, len(rows))}",
             where=given.table.path,
         )
     return lonlat, np.column_stack((xy, height))
@@ -308,6 +315,4 @@ def _cameras(
             for row in rowwise
         ]
     lenses = [lens_of(v, sizes[name], where) for v, name in zip(values, names, strict=True)]
-    width, height = np.array([sizes[name] for name in names]).T
-    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
-    return Cameras.from_matrices(matrices, width, height, distortion, names=names)
+    return cameras_of_lenses(lenses, names, sizes)
