@@ -79,7 +79,8 @@ class PoseTables(Survey[PoseTableOptions]):
             stated_crs,
             survey_scene,
         )
-        from airzoo_bench.datasets.surveys.table_poses import AngleSettings, read_table_poses
+        from airzoo_bench.datasets.surveys.table_angles import AngleSettings
+        from airzoo_bench.datasets.surveys.table_poses import read_table_poses
 
         images = given(options.images, "images")
         sizes = photo_sizes(images, progress)
