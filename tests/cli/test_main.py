@@ -138,7 +138,7 @@ def test_an_interrupted_prepare_leaves_nothing(tmp_path: Path) -> None:
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()
     )
     deadline = time.monotonic() + 60
-    while not list(tmp_path.glob("out/.park.*/scenes/park/retrieval/tiles/*.png")):
+    while not list(tmp_path.glob("out/.park.prepare/.park.*/scenes/park/retrieval/tiles/*.png")):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline
         time.sleep(0.01)

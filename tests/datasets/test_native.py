@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,9 +16,11 @@ from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.options import Option
-from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.datasets.facts_lines import fact_lines, plausibility_warnings
 from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.scene_content import scene_content
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.protocol.lookup import load_protocol
@@ -99,8 +101,8 @@ class Flights(NativeDataset[FlightOptions]):
             scene,
             home / "photos",
             NAMES,
-            cameras if "poses" not in parts else None,
-            poses if "poses" not in parts else None,
+            cameras,
+            poses,
             LOCAL_CRS if "local" in parts else PLACE_CRS,
             dom=home / "dom.tif" if "dom" in parts else None,
             dsm=home / "dsm.tif" if "dsm" in parts else None,
@@ -412,3 +414,29 @@ def test_a_surface_model_in_another_crs_is_refused_with_the_command(
     assert run_main(*place.arguments()) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert f"gdalwarp -t_srs 'EPSG:32633' -r bilinear '{place.dsm}'" in said
+
+
+def test_photos_without_poses_and_place(flights: Flights, source: Path) -> None:
+    read = flights.read(FlightOptions(source, parts=""), "one", silent)
+    nowhere = replace(read, cameras=None, poses=None, crs=None)
+    content = scene_content(nowhere, BenchmarkProtocols())
+    assert list(content.truths.photos) == ["id", "image", "weather"]
+    assert content.facts is not None
+    assert fact_lines(content.facts) == ["photos          4"]
+    assert plausibility_warnings(content.facts) == []
+    assert json.dumps(content.facts.values(), allow_nan=False)
+
+
+def test_a_local_frame_has_no_map(flights: Flights, source: Path) -> None:
+    read = flights.read(FlightOptions(source, parts="dom dsm local"), "one", silent)
+    with pytest.raises(BenchmarkError, match="in a local frame, and there is a map"):
+        scene_content(read, BenchmarkProtocols())
+
+
+def test_photos_that_are_missing_are_named(flights: Flights, source: Path) -> None:
+    (source / "one" / "photos" / NAMES[1]).unlink()
+    read = flights.read(FlightOptions(source), "one", silent)
+    with pytest.raises(
+        BenchmarkError, match=f"photos of scene one are missing: 1 of 4.*{NAMES[1]}"
+    ):
+        scene_content(read, BenchmarkProtocols())
