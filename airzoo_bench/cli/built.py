@@ -28,6 +28,7 @@ class BuiltGroup(TyperGroup):
 
     registry: Registry
     panels: ClassVar[Mapping[str, Sequence[str]]] = {}
+    own_panel: ClassVar[str | None] = None
 
     @abstractmethod
     def command_of(self, thing: Any) -> tuple[Callable[..., None], str]:
@@ -55,7 +56,7 @@ class BuiltGroup(TyperGroup):
             return None
         function, example = self.command_of(self.registry.get(cmd_name))
         app = typer.Typer(add_completion=False)
-        grouped = in_panels(self.panels)
+        grouped = in_panels(self.panels, self.own_panel)
         app.command(name=cmd_name, cls=grouped, epilog=examples(example))(function)
         return typer.main.get_command(app)
 

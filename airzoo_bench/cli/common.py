@@ -114,18 +114,28 @@ def examples(*calls: str) -> str:
     return "\n\n".join(f"Example: airzoo-bench {call}" for call in calls)
 
 
-def in_panels(panels: Mapping[str, Sequence[str]]) -> type[TyperCommand]:
-    """Return a command class whose help shows options in panels, each a list of parameters."""
+def in_panels(panels: Mapping[str, Sequence[str]], rest: str | None = None) -> type[TyperCommand]:
+    """Return a command class whose help shows options in panels, each a list of parameters.
+
+    Those of no panel stand in the panel `rest`, the second, where it has a name.
+    """
     panel_of = {name: panel for panel, names in panels.items() for name in names}
+    order = list(panel_of)
+    second = len(next(iter(panels.values()), ())) - 0.5
+
+    def place(name: str) -> float:
+        if name in panel_of:
+            return order.index(name)
+        return -1 if rest is None or name == "help" else second
 
     class Grouped(TyperCommand):
         def __init__(self, *args: Any, **settings: Any) -> None:
             super().__init__(*args, **settings)
             for parameter in self.params:
-                if parameter.name in panel_of:
-                    parameter.rich_help_panel = panel_of[parameter.name]  # type: ignore[attr-defined]
-            order = list(panel_of)
-            self.params.sort(key=lambda one: order.index(one.name) if one.name in order else -1)
+                panel = panel_of.get(parameter.name, None if parameter.name == "help" else rest)
+                if panel is not None:
+                    parameter.rich_help_panel = panel  # type: ignore[attr-defined]
+            self.params.sort(key=lambda one: place(one.name))
 
     return Grouped
 

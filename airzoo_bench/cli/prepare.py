@@ -53,6 +53,7 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Replace the folder."
 
 class _PrepareGroup(BuiltGroup):
     registry = DATASETS
+    own_panel = "How it is read"
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Sources": (
             *("source", "scene", "keep_going", "name", "images", "poses"),

@@ -59,7 +59,8 @@ class ColmapModels(Survey[ColmapOptions]):
     )
     options = ColmapOptions
     without_truth = WITHOUT_TRUTH
-    needs = ("images", "dom", "dsm")
+    needs = ("images", "dom")
+    needs_ground = True
 
     def read(self, options: ColmapOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the model, and place it."""

@@ -25,7 +25,7 @@ from airzoo_bench.datasets.surveys.dji_tags import (
     read_tags,
     read_time_stamps,
 )
-from airzoo_bench.datasets.surveys.lenses import lens_of, read_camera_file
+from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses, lens_of, read_camera_file
 from airzoo_bench.datasets.surveys.scenes import stated_crs
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import horizontal_crs
@@ -60,7 +60,9 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     crs = _crs(options, dom, kept, notes)
     poses = priors_to_poses(kept, crs)
     notes.append(_accuracy(names, tags, stamps))
-    plane = None if options.dsm is not None else _plane(kept, images, notes)
+    plane = options.plane_height
+    if plane is None and options.dsm is None:
+        plane = _plane(kept, images, notes)
     priors = _priors(options, images, names, sizes, poses, crs)
     return NativeScene(
         scene,
@@ -226,7 +228,7 @@ def _plane(kept: dict[str, PhotoPrior], images: Path, notes: list[str]) -> float
         raise UsageError(
             "there is no surface model, and photos have no RelativeAltitude",
             where=images,
-            fix="give --dsm",
+            fix="give --dsm or --plane-height",
         )
     height = float(np.median(known))
     notes.append(
@@ -289,6 +291,4 @@ def _cameras(
         for what in sorted({tags[name].lens_from for name in names}):
             notes.append(f"cameras are from {what}")
         lenses = [lens_of(tags[n].lens, sizes[n], options.source / n) for n in names]
-    width, height = np.array([sizes[name] for name in names]).T
-    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
-    return Cameras.from_matrices(matrices, width, height, distortion, names=names)
+    return cameras_of_lenses(lenses, names, sizes)

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import nearest
+from airzoo_bench.geometry.cameras import Cameras
 
-__all__ = ["LENS_KEYS", "lens_of", "read_camera_file"]
+__all__ = ["LENS_KEYS", "Lens", "cameras_of_lenses", "lens_of", "read_camera_file"]
+
+Lens = tuple[list[list[float]], tuple[float, ...]]
+"""A camera's matrix in pixels, and k1 k2 p1 p2 k3."""
 
 _WAYS = (("fx",), ("focal_mm", "sensor_mm"), ("fov_deg",))
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
@@ -57,9 +63,7 @@ def read_camera_file(path: Path) -> dict[str, float]:
     return {key: float(value) for key, value in values.items()}
 
 
-def lens_of(
-    values: Mapping[str, float], size: tuple[int, int], where: object
-) -> tuple[list[list[float]], tuple[float, ...]]:
+def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -> Lens:
     """Return a camera's matrix and distortion.
 
     Parameters
@@ -86,10 +90,10 @@ def lens_of(
         No focal length or two, or photos of another size.
     """
     width, height = size
-    meant = (values.get("width", width), values.get("height", height))
-    if meant != (width, height):
+    of_width, of_height = values.get("width", width), values.get("height", height)
+    if of_width != width or of_height != height:
         raise CameraError(
-            f"the camera is for photos of {meant[0]:g}x{meant[1]:g} px, not {width}x{height}",
+            f"the camera is for photos of {of_width:g}x{of_height:g} px, not {width}x{height}",
             where=where,
             fix="give the camera for the photos' own size",
         )
@@ -98,6 +102,28 @@ def lens_of(
     cx, cy = values.get("cx", width / 2), values.get("cy", height / 2)
     distortion = tuple(values.get(key, 0.0) for key in _DISTORTION)
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], distortion
+
+
+def cameras_of_lenses(
+    lenses: Sequence[Lens], names: Sequence[str], sizes: Mapping[str, tuple[int, int]]
+) -> Cameras:
+    """Return the cameras of photos, each with its lens.
+
+    Parameters
+    ----------
+    lenses : sequence of N (K, distortion)
+        See `lens_of`.
+    names : sequence of N str
+    sizes : mapping of str to (width, height)
+
+    Raises
+    ------
+    CameraError
+        A matrix is none of a camera.
+    """
+    width, height = np.array([sizes[name] for name in names]).T
+    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
+    return Cameras.from_matrices(matrices, width, height, distortion, names=names)
 
 
 def _focal_px(values: Mapping[str, float], width: int, where: object) -> float:

@@ -12,7 +12,7 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
 from airzoo_bench.geometry.rasters import open_info
 
-__all__ = ["find_parts", "find_project", "odm_text", "part_crs"]
+__all__ = ["find_parts", "find_project", "odm_text", "part_crs", "submodels_of"]
 
 ORTHOPHOTO = Path("odm_orthophoto/odm_orthophoto.tif")
 SURFACE = Path("odm_dem/dsm.tif")
@@ -54,14 +54,22 @@ def find_project(source: Path) -> Path:
 
 
 def find_parts(project: Path) -> list[Path]:
-    """Return the folders that hold shots: the project's, or those of its submodels."""
-    submodels = sorted((project / "submodels").glob("submodel_*"))
-    for needed in (RECONSTRUCTION, SHOTS):
-        for folders in ([project], submodels):
-            found = [folder for folder in folders if (folder / needed).is_file()]
-            if found:
-                return found
-    return []
+    """Return the folders that hold shots: the project's own, or those of its submodels."""
+    submodels = [folder for folder in submodels_of(project) if _has(folder, RECONSTRUCTION, SHOTS)]
+    if _has(project, RECONSTRUCTION):
+        return [project]
+    if any(_has(folder, RECONSTRUCTION) for folder in submodels):
+        return submodels
+    return [project] if _has(project, SHOTS) else submodels
+
+
+def submodels_of(project: Path) -> list[Path]:
+    """Return the folders of a project's submodels, by name."""
+    return sorted(path for path in (project / "submodels").glob("submodel_*") if path.is_dir())
+
+
+def _has(folder: Path, *files: Path) -> bool:
+    return any((folder / file).is_file() for file in files)
 
 
 def part_crs(folder: Path) -> CRS:

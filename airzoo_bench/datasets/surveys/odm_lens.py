@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from airzoo_bench.core.errors import CameraError
+from airzoo_bench.datasets.surveys.lenses import Lens
 
 __all__ = ["lens_of_camera"]
 
 
-def lens_of_camera(
-    camera: Mapping[str, Any], size: tuple[int, int], where: object
-) -> tuple[list[list[float]], tuple[float, ...]]:
+def lens_of_camera(camera: Mapping[str, Any], size: tuple[int, int], where: object) -> Lens:
     """Return matrix and distortion of an OpenSfM camera for a photo.
 
     With m the longer side: fx = focal_x m, cx = c_x m + W / 2, the image's corner being (0, 0).

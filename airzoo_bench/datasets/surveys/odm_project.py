@@ -13,6 +13,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.datasets.sources import photo_sizes
+from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses
 from airzoo_bench.datasets.surveys.names import match_names
 from airzoo_bench.datasets.surveys.odm import OdmOptions
 from airzoo_bench.datasets.surveys.odm_layout import (
@@ -22,12 +23,12 @@ from airzoo_bench.datasets.surveys.odm_layout import (
     find_parts,
     find_project,
     part_crs,
+    submodels_of,
 )
 from airzoo_bench.datasets.surveys.odm_lens import lens_of_camera
 from airzoo_bench.datasets.surveys.odm_shots import OdmPart, read_part
 from airzoo_bench.datasets.surveys.scenes import FoundSurvey
 from airzoo_bench.datasets.surveys.surface import grid_surface
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 
@@ -51,11 +52,14 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
     photos, notes = _joined(parts, sizes, crs)
     if project != options.source:
         notes.insert(0, f"the project is {project}")
+    without = [folder.name for folder in submodels_of(project) if folder not in folders]
+    if without and folders != [project]:
+        notes.append(f"submodels without shots: {first_of(without)}")
     dom = options.dom or _orthophoto(project)
     dsm = options.dsm
     if dsm is None and (project / SURFACE).is_file():
         dsm = project / SURFACE
-    if dsm is None:
+    if dsm is None and options.plane_height is None:
         dsm, said = _gridded(options, project, folders, crs)
         notes += said
     return FoundSurvey(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes))
@@ -87,7 +91,7 @@ def _gridded(
     options: OdmOptions, project: Path, folders: list[Path], crs: CRS
 ) -> tuple[Path, list[str]]:
     """Grid the project's cloud, or else its submodels' clouds."""
-    places = ([project], sorted((project / "submodels").glob("submodel_*")), folders)
+    places = ([project], submodels_of(project), folders)
     found = [
         [path for path in (next(filter(Path.is_file, _clouds(f)), None) for f in place) if path]
         for place in places
@@ -97,7 +101,7 @@ def _gridded(
         raise BenchmarkError(
             f"has no surface: neither {SURFACE} nor {CLOUDS[0]}",
             where=project,
-            fix="give --dsm, or run OpenDroneMap with --dsm",
+            fix="give --dsm or --plane-height, or run OpenDroneMap with --dsm",
         )
     made = grid_surface(clouds, crs, data_root() / "surfaces", options.surface_cell)
     notes = [
@@ -141,9 +145,7 @@ def _joined(
         lens_of_camera(part.cameras[row], sizes[photo], part.poses_from)
         for photo, part, row in chosen
     ]
-    width, height = np.array([sizes[name] for name in names]).T
-    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
-    cameras = Cameras.from_matrices(matrices, width, height, distortion, names=names)
+    cameras = cameras_of_lenses(lenses, names, sizes)
     poses = Poses.from_centres(
         np.array([part.poses.rotation[row] for _, part, row in chosen]),
         np.array([part.poses.centres[row] for _, part, row in chosen]),

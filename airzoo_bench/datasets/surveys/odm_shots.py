@@ -106,19 +106,25 @@ def read_part(folder: Path) -> OdmPart:
     UserError
         A file is missing or not as OpenDroneMap writes it, or two files disagree.
     """
-    shots = _from_shots(folder) if (folder / SHOTS).is_file() else None
     found = _from_reconstruction(folder)
-    if found is None and shots is None:
-        there = [str(path) for path in _EVERY if (folder / path).is_file()]
-        raise BenchmarkError(
-            f"its shots cannot be placed by {', '.join(there) or 'what is there'}",
-            where=folder,
-            expected=f"{RECONSTRUCTION} and {TRANSFORMATION}, or {SHOTS}",
-        )
-    if found is None or shots is None:
-        return found or _with_cameras(folder, shots)
+    if not (folder / SHOTS).is_file():
+        if found is None:
+            raise _not_placed(folder)
+        return found
+    shots = _from_shots(folder)
+    if found is None:
+        return _with_cameras(folder, shots)
     _check_agreement(folder, found, shots)
     return found
+
+
+def _not_placed(folder: Path) -> BenchmarkError:
+    there = [str(path) for path in _EVERY if (folder / path).is_file()]
+    return BenchmarkError(
+        f"its shots cannot be placed by {', '.join(there) or 'what is there'}",
+        where=folder,
+        expected=f"{RECONSTRUCTION} and {TRANSFORMATION}, or {SHOTS}",
+    )
 
 
 def _from_reconstruction(folder: Path) -> OdmPart | None:
@@ -175,9 +181,8 @@ def _from_shots(folder: Path) -> OdmPart:
     return OdmPart(tuple(given), poses, cameras, path)
 
 
-def _with_cameras(folder: Path, part: OdmPart | None) -> OdmPart:
+def _with_cameras(folder: Path, part: OdmPart) -> OdmPart:
     """Find the cameras of shots that have a camera's name at the most."""
-    assert part is not None
     path = next((folder / p for p in CAMERAS if (folder / p).is_file()), None)
     if path is None:
         raise CameraError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.native_tables import NativeTable
 from airzoo_bench.datasets.native_text import read_native_text
+from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["PoseTable", "read_pose_table"]
 
@@ -75,6 +77,10 @@ class PoseTable:
     def has(self, *columns: str) -> bool:
         """Whether all these columns are there."""
         return set(columns) <= set(self.header)
+
+    def numbers(self, column: str, rows: list[int], most: float = math.inf) -> Floats:
+        """Return the numbers of a column in some rows; NaN where a cell is empty."""
+        return self.table.numbers(column, -most, most, empty=True)[rows]
 
 
 def read_pose_table(path: Path) -> PoseTable:

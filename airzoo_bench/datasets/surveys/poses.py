@@ -67,7 +67,8 @@ class PoseTables(Survey[PoseTableOptions]):
     )
     options = PoseTableOptions
     without_truth = WITHOUT_TRUTH
-    needs = ("images", "dom", "dsm")
+    needs = ("images", "dom")
+    needs_ground = True
 
     def read(self, options: PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the table, and what the photos' metadata say."""
@@ -78,7 +79,8 @@ class PoseTables(Survey[PoseTableOptions]):
             stated_crs,
             survey_scene,
         )
-        from airzoo_bench.datasets.surveys.table_poses import AngleSettings, read_table_poses
+        from airzoo_bench.datasets.surveys.table_angles import AngleSettings
+        from airzoo_bench.datasets.surveys.table_poses import read_table_poses
 
         images = given(options.images, "images")
         sizes = photo_sizes(images, progress)

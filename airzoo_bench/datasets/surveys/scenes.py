@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from pyproj import CRS
 
@@ -37,8 +36,6 @@ class FoundSurvey:
         For messages.
     dom, dsm : Path or None
     notes : tuple of str
-    conditions : mapping of str to sequence of N
-        See `NativeScene`.
     """
 
     images: Path
@@ -48,7 +45,6 @@ class FoundSurvey:
     dom: Path | None
     dsm: Path | None
     notes: tuple[str, ...] = ()
-    conditions: Mapping[str, Sequence[Any]] = field(default_factory=dict)
 
 
 def stated_crs(options: SurveyOptions) -> CRS | None:
@@ -104,9 +100,9 @@ def survey_scene(
         dom=found.dom,
         dsm=found.dsm,
         cloud=options.cloud,
+        plane_height_m=options.plane_height,
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
-        conditions=found.conditions,
         unposed=tuple(sorted(set(found.sizes) - set(photos.names))),
         notes=found.notes,
         poses_from=found.poses_from,

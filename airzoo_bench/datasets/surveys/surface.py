@@ -72,20 +72,18 @@ def grid_surface(
     boxes = [_box(cloud) for cloud in opened]
     cell = cell_m or max(map(_cell, opened, boxes))
     origin, shape = _grid(np.array(boxes), cell, clouds[0])
-    grids = None
+    surface = np.full(shape, np.nan, np.float32)
     shared: list[NDArray[np.float32]] = []
     for cloud in opened:
         grid = _highest(cloud, origin, shape, cell)
-        if grids is not None:
-            both = np.isfinite(grid) & np.isfinite(grids)
-            shared.append(np.abs(grid[both] - grids[both]))
-        grids = grid if grids is None else np.fmax(grids, grid)
+        both = np.isfinite(grid) & np.isfinite(surface)
+        shared.append(np.abs(grid[both] - surface[both]))
+        surface = np.fmax(surface, grid)
     sums = [sha256_of(path) for path in clouds]
     key = fingerprint([sums, cell, crs.to_wkt(), _VERSION])[:16]
     path = folder / f"surface-{key}.tif"
-    assert grids is not None
-    _write(path, grids, Affine(cell, 0, origin[0], 0, -cell, origin[1]), crs)
-    differences = np.concatenate(shared) if shared else np.empty(0, np.float32)
+    _write(path, surface, Affine(cell, 0, origin[0], 0, -cell, origin[1]), crs)
+    differences = np.concatenate(shared)
     return GriddedSurface(path, cell, float(np.median(differences)) if differences.size else None)
 
 

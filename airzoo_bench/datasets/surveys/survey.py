@@ -54,6 +54,14 @@ class SurveyOptions(ProtocolOptions, NativeOptions):
         Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
     ] = None
     crs: Annotated[str | None, Option("crs", "Projected CRS of the poses.")] = None
+    plane_height: Annotated[
+        float | None,
+        Option(
+            "plane-height",
+            "Height of the ground as a plane, in the poses' vertical datum (default: the median "
+            "of the surface model).",
+        ),
+    ] = None
 
 
 OptionsT = TypeVar("OptionsT", bound=SurveyOptions)
@@ -66,9 +74,12 @@ class Survey(NativeDataset[OptionsT]):
     ----------
     needs : tuple of str
         Options that must be given, by their fields.
+    needs_ground : bool
+        Whether a surface model or a plane must be given as well.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
+    needs_ground: ClassVar[bool] = False
 
     def benchmark(self, options: OptionsT) -> str:
         """Return the name that was given, or the source's."""
@@ -89,6 +100,8 @@ class Survey(NativeDataset[OptionsT]):
         """Return the one scene, called like the benchmark, if all that it needs was given."""
         for field in self.needs:
             given(getattr(options, field), field)
+        if self.needs_ground and options.dsm is None and options.plane_height is None:
+            raise UsageError("--dsm or --plane-height must be given", where=options.source)
         return [self.benchmark(options)]
 
     def protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:

@@ -83,7 +83,7 @@ class Made:
 def make_survey(folder: Path, lens: dict[str, float] = LENS) -> Made:
     """Write photos, map and surface model."""
     east, south, up = np.array(_AT, dtype=float).T
-    centres = np.stack((CORNER[0] + east, CORNER[1] - south, up), axis=-1)
+    centres = np.stack((CORNER[0] + east + 0.1372, CORNER[1] - south - 0.2913, up), axis=-1)
     lonlat = to_lonlat(CRS, centres[:, :2])
     convergence = grid_convergence_deg(CRS, lonlat)
     rotation = angles_to_rotations(*np.array(_ANGLES, float).T, convergence_deg=convergence)
@@ -363,6 +363,19 @@ def write_time_stamps(
     ]
     path = folder / "DJI_202405_Timestamp.MRK"
     path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def prior_file(made: Made, east_deg: float) -> Path:
+    """Write the truth as priors, some way east of it."""
+    path = made.folder / "priors.csv"
+    rows = zip(NAMES, made.lonlat, made.centres[:, 2], made.gimbal(), strict=True)
+    lines = [
+        f"{name},{lon + east_deg:.10f},{lat:.10f},{z},{','.join(map(str, angles))}"
+        for name, (lon, lat), z, angles in rows
+    ]
+    header = "image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg"
+    path.write_text("\n".join([header, *lines]))
     return path
 
 

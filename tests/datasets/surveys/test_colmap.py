@@ -91,7 +91,7 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
     ),
     "a shear": (
         georeference("1 0.5 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"),
-        ["rotation is not orthonormal: 1 of 1 (the matrix"],
+        ["rotation is not orthonormal in 1 of 1 (the matrix"],
     ),
     "no GPS": (no_gps, ["no photo has a GPS position"]),
     "no model": (

@@ -17,6 +17,7 @@ from tests.datasets.surveys.layouts import (
     Made,
     dji_folder,
     options_of,
+    prior_file,
     read_scene,
     write_time_stamps,
 )
@@ -51,18 +52,6 @@ def test_no_prior_is_the_truth(made: Made) -> None:
     assert found.priors is None
     assert dataset.protocols(options, made.folder).matching.scores.orientation_is_trusted is False
     assert "cannot be the prior too" in dataset.without_truth["matching"]
-
-
-def prior_file(made: Made, east_deg: float) -> Path:
-    path = made.folder / "priors.csv"
-    rows = zip(NAMES, made.lonlat, made.centres[:, 2], made.gimbal(), strict=True)
-    lines = [
-        f"{name},{lon + east_deg:.10f},{lat:.10f},{z},{','.join(map(str, angles))}"
-        for name, (lon, lat), z, angles in rows
-    ]
-    header = "image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg"
-    path.write_text("\n".join([header, *lines]))
-    return path
 
 
 def test_priors_of_another_source_serve_matching(made: Made) -> None:

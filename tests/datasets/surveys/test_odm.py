@@ -68,6 +68,19 @@ def test_submodels_are_one_scene(made: Made) -> None:
     assert any("2 photos of two submodels" in n and "0.50 m in height" in n for n in found.notes)
 
 
+def test_submodels_may_have_either_file_of_shots(made: Made) -> None:
+    project = split(made)
+    second = project / "submodels/submodel_0001"
+    shutil.rmtree(second)
+    write_odm_part(made, second, [1, 2, 3, 4], shots=True)
+    (project / "submodels/submodel_0002").mkdir()
+
+    found = read_scene(["odm", "--source", project])
+
+    assert len(found.names) == 5
+    assert "submodels without shots: 1 (submodel_0002)" in found.notes
+
+
 def test_clouds_become_a_surface_with_holes(made: Made) -> None:
     found = read_scene(["odm", "--source", split(made, up=0.4, clouds=True)])
 

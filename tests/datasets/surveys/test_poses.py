@@ -225,6 +225,7 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
     "which CRS": (without("--crs"), ["the CRS of the columns X and Y", "--crs EPSG:32633"]),
     "no camera": (without("--camera"), ["no camera is given", "focal_mm and sensor_mm"]),
     "no map": (without("--dom"), ["--dom must be given"]),
+    "no ground": (without("--dsm"), ["--dsm or --plane-height must be given"]),
     "swapped": (swapped, ["no longitude and latitude", "the wrong way round"]),
     "no header": (header("1,2,3,4,5,6,7"), ["has no line that names its columns"]),
     "no height": (

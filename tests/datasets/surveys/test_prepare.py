@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from airzoo_bench import evaluate
 from airzoo_bench.geometry.frames import to_lonlat
@@ -64,3 +66,59 @@ def test_exact_predictions_score_perfect(layout: str, tmp_path: Path) -> None:
 
     assert {scores[key] for key in ("recall@1", "recall@5", "ap@5")} == {1.0}
     assert evaluate(wrong, data=folder).overall["recall@5"] == 0.0
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_exact_poses_score_perfect_in_matching(layout: str, tmp_path: Path) -> None:
+    """Priors are 4 m off; poses off by 7 m and 1.5 degrees score what they should."""
+    made = make_survey(tmp_path / "place", layouts.PINHOLE)
+    arguments = [*LAYOUTS[layout](made), "--priors", layouts.prior_file(made, 5e-5)]
+    folder = prepared(arguments, tmp_path / "out")
+
+    exact = matching(tmp_path / "p.npz", folder, made.rotation, made.centres)
+    turn = Rotation.from_euler("z", 1.5, degrees=True).as_matrix()
+    off = matching(
+        tmp_path / "w.npz", folder, turn @ made.rotation, made.centres + np.array((0, 7, 0))
+    )
+
+    rotations = layout != "dji"  # a gimbal's are not trusted
+    assert (exact["within_1m"], exact.get("within_1m_1deg")) == (1.0, 1.0 if rotations else None)
+    assert (off["within_5m"], off["within_10m"]) == (0.0, 1.0)
+    assert off["error_m"] == pytest.approx(7.0, abs=0.01)
+    if rotations:
+        assert (off["within_10m_1deg"], off["within_20m_2deg"]) == (0.0, 1.0)
+
+
+def matching(
+    path: Path, folder: Path, rotations: np.ndarray, centres: np.ndarray
+) -> Mapping[str, float]:
+    ids = [f"place/{Path(name).stem}" for name in NAMES]
+    np.savez(path, protocol="place-matching", query_ids=ids, rotations=rotations, centres=centres)
+    return evaluate(path, data=folder).overall
+
+
+def test_it_is_named_after_the_source(tmp_path: Path, data: Path) -> None:
+    made = make_survey(tmp_path / "made")
+
+    assert run_main("prepare", *layouts.odm_layout(made), "--tile-size", 64) == 0
+
+    assert (data / "project" / "protocols" / "project-retrieval.toml").is_file()
+    assert (data / "project" / "benchmark.toml").is_file()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_plane_may_be_the_ground(layout: str, tmp_path: Path) -> None:
+    made = make_survey(tmp_path / "place", layouts.PINHOLE)
+    arguments = LAYOUTS[layout](made)
+    if "--dsm" in arguments:
+        place = arguments.index("--dsm")
+        arguments = [*arguments[:place], *arguments[place + 2 :]]
+    else:
+        (made.folder / "project/odm_dem/dsm.tif").unlink()
+
+    folder = prepared([*arguments, "--plane-height", 100.5], tmp_path / "out")
+
+    assert (folder / "scenes/place/retrieval").is_dir()
+    assert not (folder / "scenes/place/matching").exists()
+    scores = evaluate(predictions(tmp_path / "p.npz", folder, made), data=folder).overall
+    assert {scores[key] for key in ("recall@1", "recall@5", "ap@5")} == {1.0}

@@ -1,0 +1,157 @@
+"""Rotations out of the angles of a table: what they mean, in which unit, from which north."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.datasets.surveys.attitude import Convention, attitudes_to_rotations
+from airzoo_bench.datasets.surveys.pose_table import PoseTable
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = ["AngleSettings", "angle_columns", "table_rotations"]
+
+_YAW = ("yaw", "pitch", "roll")
+_OMEGA = ("omega", "phi", "kappa")
+_MOST_OFF_NADIR_DEG = 65.0
+_MOST_AWAY = 0.5  # of the photos
+
+
+@dataclass(frozen=True)
+class AngleSettings:
+    """What a table of poses may leave open.
+
+    Attributes
+    ----------
+    convention : Convention or None
+        None for what the columns' names say.
+    unit : str or None
+        None for degrees, unless all look like radians, which is refused.
+    north : str or None
+        What angles are relative to. None for true north with yaw, and the grid's with kappa.
+    """
+
+    convention: Convention | None = None
+    unit: Literal["degrees", "radians"] | None = None
+    north: Literal["true", "grid"] | None = None
+
+
+def table_rotations(
+    given: PoseTable, rows: list[int], angles: AngleSettings, convergence_deg: Floats
+) -> tuple[Floats, str]:
+    """Return the rotations of some rows of a table, and a sentence on how they were read.
+
+    Parameters
+    ----------
+    given : PoseTable
+    rows : list of N int
+    angles : AngleSettings
+    convergence_deg : (N,) array
+        See `geometry.units.grid_convergence_deg`.
+
+    Returns
+    -------
+    rotations : (N, 3, 3) array
+        World-to-camera, in the grid's axes.
+    note : str
+
+    Raises
+    ------
+    UserError
+        What the angles mean is not known, they look like radians, or the cameras do not look at
+        the ground.
+    """
+    convention = _convention(given, angles.convention)
+    degrees = _degrees(given, rows, convention, angles.unit)
+    north = angles.north or ("grid" if convention == "omega-phi-kappa" else "true")
+    convergence = convergence_deg if north == "true" else 0.0
+    rotations = attitudes_to_rotations(convention, degrees, convergence_deg=convergence)
+    if angles.convention is None:
+        _check_down(rotations, degrees, convention, given.table.path)
+    return rotations, f"angles are read as {convention}, relative to {north} north"
+
+
+def angle_columns(given: PoseTable) -> tuple[str, ...]:
+    """Return the three columns of angles that a table has."""
+    return _OMEGA if given.has(*_OMEGA) else _YAW
+
+
+def _convention(given: PoseTable, wanted: Convention | None) -> Convention:
+    """Return the convention that was asked for, or that the columns' names tell."""
+    columns = angle_columns(given)
+    by_name = _named_convention(given)
+    if wanted is None and by_name is None:
+        raise UsageError(
+            "what yaw, pitch and roll mean is not known",
+            where=given.table.path,
+            expected="columns such as GimbalYawDegree (gimbal), or a table as Metashape or Pix4D "
+            "write it",
+            fix="--angles gimbal if pitch is -90 where a camera looks straight down, --angles "
+            "airframe if it is 0 there; pitch is "
+            f"{np.nanmedian(given.table.numbers('pitch', empty=True)):.6g} in the median",
+        )
+    if wanted is not None and (wanted == "omega-phi-kappa") != (columns == _OMEGA):
+        raise UsageError(
+            f"--angles {wanted} does not go with the columns {', '.join(columns)}",
+            where=given.table.path,
+        )
+    return wanted or by_name or "gimbal"
+
+
+def _named_convention(given: PoseTable) -> Convention | None:
+    if angle_columns(given) == _OMEGA:
+        return "omega-phi-kappa"
+    if "gimbal" in given.header["yaw"].casefold():
+        return "gimbal"
+    title = given.header["image"].casefold()
+    return "airframe" if title in ("label", "imagename") else None
+
+
+def _degrees(given: PoseTable, rows: list[int], convention: Convention, unit: str | None) -> Floats:
+    columns = angle_columns(given)
+    values = np.column_stack([given.numbers(column, rows, 1e4) for column in columns])
+    if unit == "radians":
+        return np.degrees(values)
+    if unit is None and _look_like_radians(values, convention):
+        low, high = values.min(), values.max()
+        raise BenchmarkError(
+            f"all of {', '.join(given.header[c] for c in columns)} are within {low:.4g} and "
+            f"{high:.4g}: they look like radians",
+            where=given.table.path,
+            expected="degrees",
+            fix="--angle-unit radians, or --angle-unit degrees if they are",
+        )
+    return values
+
+
+def _look_like_radians(values: Floats, convention: Convention) -> bool:
+    """Whether angles of a survey in degrees would hardly be so small."""
+    if (np.abs(values) > 2.0 * math.pi).any():
+        return False
+    if convention == "gimbal":
+        return bool(np.abs(values[:, 1]).max() > 0.5)  # a camera 0.5 to 6 degrees off the horizon
+    heading = values[:, 2] if convention == "omega-phi-kappa" else values[:, 0]
+    return bool(np.abs(heading).max() > 1.0)
+
+
+def _check_down(rotations: Floats, degrees: Floats, convention: str, path: Path) -> None:
+    """Refuse what turns most cameras away from the ground, where the convention is by names only.
+
+    Gimbal angles of photos straight down, read as airframe, look back at the horizon.
+    """
+    away = -rotations[:, 2, 2] < math.cos(math.radians(_MOST_OFF_NADIR_DEG))
+    if away.mean() > _MOST_AWAY:
+        raise BenchmarkError(
+            f"read as {convention}, {counted(int(away.sum()), 'camera')} of {len(away)} look more "
+            f"than {_MOST_OFF_NADIR_DEG:g} degrees away from straight down; the second angle is "
+            f"{np.median(degrees[:, 1]):.6g} degrees in the median",
+            where=path,
+            expected="photos of the ground: gimbal pitch is -90 straight down, airframe pitch 0",
+            fix="name the convention with --angles gimbal, airframe or omega-phi-kappa",
+        )
