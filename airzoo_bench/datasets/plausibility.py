@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from enum import Enum
 
+from airzoo_bench.datasets.mistakes import height_cause
 from airzoo_bench.datasets.photo_facts import OUTLIER_M
 from airzoo_bench.datasets.raster_checks import LOWEST_SHARE, often_lowest
 from airzoo_bench.datasets.scene_facts import SceneFacts
@@ -59,7 +60,7 @@ class Kind(Enum):
     TURNED = (
         "priors turned by more than 45 degrees that one mistake explains: yaw off by 180 or 90 "
         "degrees or with the wrong sign, pitch with the wrong sign or counted from nadir, roll off "
-        "by 180 degrees"
+        "by 180 degrees, or all three in radians"
     )
     ROTATION = f"priors turned by more than {LARGE_ROTATION_DEG:g} degrees (median), unexplained"
     FLAT = "a surface model all of whose heights are the same"
@@ -127,7 +128,8 @@ def _of_cloud(facts: SceneFacts) -> Found:
         yield (
             Kind.CLOUD,
             f"the true cloud is {above_m:+.1f} m from the surface model in height (median): they "
-            "may have different vertical datums (ellipsoid and geoid) or units",
+            "may have different vertical datums (ellipsoid and geoid) or units; "
+            + height_cause(above_m, facts.lonlat, "the cloud", "the surface model"),
         )
 
 

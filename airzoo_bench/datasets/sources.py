@@ -20,9 +20,10 @@ from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import check_same_crs, describe_crs, horizontal_crs
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.geometry.frames import change_of_plane, to_lonlat
+from airzoo_bench.geometry.rasters import open_info, world_to_pixel
 from airzoo_bench.geometry.units import check_true_metres, vertical_m
 
 __all__ = [
@@ -109,7 +110,14 @@ def metric_crs(sources: PhotoOptions, photos: PosedPhotos) -> CRS:
             fix="add the key 'crs' to the file, or give --crs EPSG:...",
         )
     crs = _in_metres(named, sources)
-    check_true_metres(crs, to_lonlat(crs, photos.poses.centres[:, :2]), _place_of_crs(sources))
+    xy = photos.poses.centres[:, :2]
+    try:
+        check_true_metres(crs, to_lonlat(crs, xy), _place_of_crs(sources))
+    except CameraError as error:
+        if _lie_on(xy[:, ::-1], crs, sources.dsm):
+            error.fix = "swap x and y of the camera centres: these then lie on the surface model"
+            raise error.inside(sources.poses) from error
+        raise
     dsm = open_info(sources.dsm)
     check_same_crs(crs, dsm.crs, f"the poses ({sources.poses}) and the DSM ({sources.dsm})")
     if dsm.bands > _MOST_DSM_BANDS:
@@ -120,6 +128,14 @@ def metric_crs(sources: PhotoOptions, photos: PosedPhotos) -> CRS:
             fix="look whether --dom and --dsm are the wrong way round",
         )
     return crs
+
+
+def _lie_on(xy: Floats, crs: CRS, dsm: Path) -> bool:
+    """Whether most places lie within the rectangle of the surface model."""
+    info = open_info(dsm)
+    pixels = world_to_pixel(info.transform, change_of_plane(crs, info.crs)(xy))
+    within = ((pixels >= 0.0) & (pixels <= (info.width, info.height))).all(axis=1)
+    return bool(within.mean() > 0.5)
 
 
 def _in_metres(named: str, sources: PhotoOptions) -> CRS:
