@@ -50,7 +50,10 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Replace the folder."
 class _PrepareGroup(BuiltGroup):
     registry = DATASETS
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Sources": ("name", "images", "poses", "dom", "dsm", "cloud", "priors", "crs"),
+        "Sources": (
+            *("name", "images", "poses", "dom", "dsm", "cloud", "priors", "crs"),
+            *("vertical_crs", "priors_vertical_crs", "dsm_vertical_crs"),
+        ),
         "What is measured": (
             *("protocol", "matching_protocol", "reconstruction_protocol"),
             *("tile_size", "rule", "iou_above"),

@@ -36,6 +36,22 @@ class PhotoOptions:
     crs: Annotated[
         str | None, Option("crs", "CRS of the poses (default: what their file says).")
     ] = None
+    vertical_crs: Annotated[
+        str | None,
+        Option(
+            "vertical-crs",
+            "Vertical CRS of the poses, to convert heights to the DSM's, such as EPSG:4979 "
+            "(ellipsoid) or EPSG:5773 (EGM96).",
+        ),
+    ] = None
+    priors_vertical_crs: Annotated[
+        str | None,
+        Option("priors-vertical-crs", "Vertical CRS of altitudes in metadata and --priors."),
+    ] = None
+    dsm_vertical_crs: Annotated[
+        str | None,
+        Option("dsm-vertical-crs", "Vertical CRS of the DSM (default: what its file says)."),
+    ] = None
     protocol: Annotated[
         str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
     ] = "photos-retrieval"
