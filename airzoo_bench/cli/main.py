@@ -20,6 +20,7 @@ from airzoo_bench.cli import (
     check_geometry,
     compare,
     demo,
+    download,
     evaluate,
     mini,
     plot,
@@ -63,6 +64,7 @@ app.command(
 app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(breakdown.breakdown)
 app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
+app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download.download)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)

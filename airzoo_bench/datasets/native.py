@@ -44,6 +44,9 @@ class About:
         A sentence for each value that the truth rests on and that the benchmark does not state.
     unverified : tuple of str
         A sentence for each part of the layout that nobody of us has seen.
+    scene_files : mapping of str to tuple of str
+        Patterns (`fnmatch`) of the paths in the repository that are of one scene alone, by its id,
+        for `download --scene`; empty where scenes cannot be fetched by themselves.
     """
 
     title: str
@@ -53,6 +56,7 @@ class About:
     links: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
+    scene_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
