@@ -8,10 +8,11 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.chinese_maps import wgs84_to_bd09, wgs84_to_gcj02
+from airzoo_bench.geometry.datums import DatumChange
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.geometry.vertical import geoid_at, how_to_install
 
-__all__ = ["LEFT_M", "UNDULATION_M", "height_cause", "position_cause"]
+__all__ = ["LEFT_M", "UNDULATION_M", "datum_cause", "height_cause", "position_cause"]
 
 LEFT_M = 30.0
 """What a mistake may leave: two receivers, and where in the scene the photos are."""
@@ -109,3 +110,14 @@ def height_cause(off_m: float, lonlat: Floats, first: str, second: str) -> str:
                 f"like heights above the ellipsoid, {low} like heights above sea level"
             )
     return f"that is not the geoid's undulation here ({above})"
+
+
+def datum_cause(change: DatumChange) -> str:
+    """Say how well PROJ gets from a datum to WGS84, and what would do better."""
+    found = (
+        f"PROJ knows no way from {change.datum} to WGS84 and takes one for the other, which may be "
+        "off by hundreds of metres"
+        if change.accuracy_m is None
+        else f"PROJ gets from {change.datum} to WGS84 to {change.accuracy_m:g} m only"
+    )
+    return f"{found}; better with {how_to_install(change.grid)}" if change.grid else found
