@@ -52,7 +52,7 @@ class _PrepareGroup(BuiltGroup):
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Sources": (
             *("name", "images", "poses", "dom", "dsm", "cloud", "priors", "crs"),
-            *("vertical_crs", "priors_vertical_crs", "dsm_vertical_crs"),
+            *("vertical_crs", "priors_vertical_crs", "dsm_vertical_crs", "truth_accuracy"),
         ),
         "What is measured": (
             *("protocol", "matching_protocol", "reconstruction_protocol"),

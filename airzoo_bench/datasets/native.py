@@ -97,6 +97,8 @@ class NativeScene:
         The file of the poses, for messages.
     crs_from : str
         Where the CRS is stated, for messages.
+    truth_accuracy_m : float or None
+        Standard error of the true positions, where it is stated.
     """
 
     scene: str
@@ -117,6 +119,7 @@ class NativeScene:
     notes: tuple[str, ...] = ()
     poses_from: Path | None = None
     crs_from: str = ""
+    truth_accuracy_m: float | None = None
 
     @property
     def files(self) -> dict[str, Path]:

@@ -52,6 +52,13 @@ class PhotoOptions:
         str | None,
         Option("dsm-vertical-crs", "Vertical CRS of the DSM (default: what its file says)."),
     ] = None
+    truth_accuracy: Annotated[
+        float | None,
+        Option(
+            "truth-accuracy",
+            "Standard error of the poses' positions in metres, such as the residuals of GCPs.",
+        ),
+    ] = None
     protocol: Annotated[
         str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
     ] = "photos-retrieval"

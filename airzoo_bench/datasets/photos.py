@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -24,6 +25,7 @@ from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes, vertical_unit_m
 from airzoo_bench.datasets.truths import BenchmarkProtocols
+from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
@@ -45,10 +47,21 @@ def prepare_photos(
     UserError
         A source is missing or wrong, or no photo can be answered.
     """
+    if sources.truth_accuracy is not None and not 0.0 < sources.truth_accuracy < math.inf:
+        raise UsageError(
+            f"--truth-accuracy {sources.truth_accuracy:g} is no accuracy",
+            expected="metres, greater than 0",
+        )
     check_target((sources.poses, *sources.files.values()), settings.folder)
     scenes = [scene.id for scene in protocols.every[0].scenes]
     read = partial(read_photos, sources, progress=settings.progress)
-    return prepare_scenes(scenes, read, protocols, settings)
+    prepared = prepare_scenes(scenes, read, protocols, settings)
+    accuracy = dict.fromkeys(scenes, sources.truth_accuracy)
+    for protocol in protocols.every:
+        if protocol.name in prepared.protocols:
+            for sentence in accuracy_notes(protocol, accuracy):
+                settings.note(f"warning: {sentence}")
+    return prepared
 
 
 def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
@@ -94,6 +107,7 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         metadata=metadata,
         unposed=tuple(sorted(set(sizes) - set(photos.names))),
         notes=notes,
+        truth_accuracy_m=sources.truth_accuracy,
         poses_from=sources.poses,
         crs_from=place,
     )

@@ -59,7 +59,7 @@ def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneCo
         raise _nothing_to_ask(retrieval, native, scene)
     dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
     facts = scene_facts(scene, retrieval, truths.matching, above, dropped)
-    return SceneContent(inputs, truths, native.files, facts)
+    return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
 
 
 def _measured(native: NativeScene) -> MeasuredScene:
