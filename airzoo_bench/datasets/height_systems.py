@@ -14,6 +14,8 @@ from airzoo_bench.geometry.vertical import changed_heights, heights_crs, stated_
 
 __all__ = ["heights_of_surface", "named_heights_crs", "surface_heights_crs"]
 
+_SAME_M = 1e-6  # one datum in two units
+
 
 def surface_heights_crs(dsm: Path, named: str | None) -> CRS | None:
     """Return the vertical CRS of a surface model: the one named, else its own compound CRS's.
@@ -84,8 +86,9 @@ def heights_of_surface(
         raise error.inside(option) from error
     by = changed.heights_m - heights_m
     by = by[np.isfinite(by)]
+    if not (np.abs(by) > _SAME_M).any():
+        return heights_m, ""
     accuracy = f", good to {changed.accuracy_m:g} m" if changed.accuracy_m is not None else ""
     return changed.heights_m, (
-        f"{float(np.median(by)) if by.size else 0.0:+.2f} m (median; PROJ: {changed.operation}"
-        f"{accuracy})"
+        f"{float(np.median(by)):+.2f} m (median; PROJ: {changed.operation}{accuracy})"
     )

@@ -39,7 +39,7 @@ def position_cause(gps: Floats, poses: Floats) -> str:
     most = min(LEFT_M, _LEFT * _apart_m(gps, poses))
     for cause, places in _corrected(gps, poses).items():
         left = _apart_m(*places)
-        if left <= most:
+        if left < most:
             return f"{cause} ({left:.0f} m would be left)"
     return ""
 

@@ -64,6 +64,10 @@ def test_the_mistake_is_named(gps: Floats, poses: Floats, said: str) -> None:
     assert bool(found) == bool(said)
 
 
+def test_positions_that_agree_to_the_last_digit_have_no_mistake() -> None:
+    assert position_cause(EUROPE, EUROPE) == ""
+
+
 @pytest.mark.parametrize("turn", [45, 90, 135, 270])
 def test_a_shift_as_large_elsewhere_is_not_a_chinese_map(turn: int) -> None:
     shift = wgs84_to_gcj02(XIAN) - XIAN
