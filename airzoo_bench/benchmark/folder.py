@@ -97,6 +97,8 @@ class SceneFile(_Model):
         The map that tiles are cut from, where it is another than `dom`.
     cloud : str, optional
         The true cloud of the reconstruction track.
+    truth_accuracy_m : float, optional
+        Standard error of the true positions, as whoever made the folder states it.
     """
 
     id: Annotated[str, Field(pattern=SAFE_NAME)]
@@ -110,6 +112,7 @@ class SceneFile(_Model):
     gallery: str | None = None
     cloud: str | None = None
     cloud_sha256: str | None = None
+    truth_accuracy_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
 class BenchmarkFile(_Model):

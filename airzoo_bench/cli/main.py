@@ -20,6 +20,7 @@ from airzoo_bench.cli import (
     check_geometry,
     compare,
     demo,
+    download,
     evaluate,
     mini,
     plot,
@@ -73,6 +74,7 @@ app.command(
     rich_help_panel=RESULTS,
 )(sensitivity.sensitivity)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
+app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download.download)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
     seal_folder.seal_folder

@@ -58,6 +58,7 @@ class _PrepareGroup(BuiltGroup):
         "Sources": (
             *("source", "scene", "keep_going", "name", "images", "poses"),
             *("dom", "dsm", "cloud", "priors", "crs"),
+            *("vertical_crs", "priors_vertical_crs", "dsm_vertical_crs", "truth_accuracy"),
         ),
         "What is measured": (
             *("protocol", "matching_protocol", "reconstruction_protocol"),

@@ -238,6 +238,9 @@ def _position(gps: dict[int, Any], dji: dict[str, float]) -> tuple[float | None,
         raise BenchmarkError(
             f"no position on the earth: longitude {lon}, latitude {lat}",
             expected="at most 180 and 90 degrees",
+            fix="swap longitude and latitude: one is beyond 90 degrees, the other is not"
+            if abs(lat) <= 180.0 and abs(lon) <= 90.0
+            else None,
         )
     return lon, lat
 

@@ -59,12 +59,15 @@ class SceneContent:
         ``images`` is a folder.
     facts : SceneFacts, optional
         What the parts say of each other.
+    truth_accuracy_m : float, optional
+        Standard error of the true positions, where it is stated.
     """
 
     inputs: SceneInputs
     truths: SceneTruths
     files: Mapping[str, Path]
     facts: SceneFacts | None = None
+    truth_accuracy_m: float | None = None
 
 
 def write_benchmark(
@@ -166,6 +169,7 @@ def _entry(scene: SceneContent, title: str, places: Mapping[str, str]) -> SceneF
         plane_height_m=scene.inputs.plane_height_m,
         dsm_sha256=None if dsm is None else raster_sha256(dsm),
         cloud_sha256=None if reconstruction is None else reconstruction.cloud_sha256,
+        truth_accuracy_m=scene.truth_accuracy_m,
         **places,
     )
 

@@ -47,6 +47,9 @@ class About:
         A sentence for each part of the layout that nobody of us has seen.
     ranges : mapping of str to float
         How far assumed values may be off, see `retrieval.sensitivity.AssumedRanges`.
+    scene_files : mapping of str to tuple of str
+        Patterns (`fnmatch`) of the paths in the repository that are of one scene alone, by its id,
+        for `download --scene`; empty where scenes cannot be fetched by themselves.
     """
 
     title: str
@@ -57,6 +60,7 @@ class About:
     assumptions: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
     ranges: Mapping[str, float] = field(default_factory=dict)
+    scene_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +101,8 @@ class NativeScene:
         The file of the poses, for messages.
     crs_from : str
         Where the CRS is stated, for messages.
+    truth_accuracy_m : float or None
+        Standard error of the true positions, where it is stated.
     """
 
     scene: str
@@ -117,6 +123,7 @@ class NativeScene:
     notes: tuple[str, ...] = ()
     poses_from: Path | None = None
     crs_from: str = ""
+    truth_accuracy_m: float | None = None
 
     @property
     def files(self) -> dict[str, Path]:

@@ -32,6 +32,7 @@ from airzoo_bench.datasets.scene_parts import (
 )
 from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols
+from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.protocol.model import Protocol
 
@@ -132,6 +133,10 @@ def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
         write_records(staged, parts.values())
         write_folder_files(staged, served, [part.entry for part in parts.values()])
     run.made = True
+    accuracy = {scene: part.entry.truth_accuracy_m for scene, part in parts.items()}
+    for protocol in served:
+        for sentence in accuracy_notes(protocol, accuracy):
+            settings.note(f"warning: {sentence}")
     return Prepared(
         folder,
         {protocol.name: protocol.track for protocol in served},

@@ -15,11 +15,12 @@ import numpy as np
 from airzoo_bench.benchmark.queries import SceneInputs, poses_of
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.datasets.dji import PhotoPrior
+from airzoo_bench.datasets.mistakes import position_cause
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.crs import LOCAL_CRS
-from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.frames import from_lonlat, geodesic_distance_m, to_lonlat
 from airzoo_bench.geometry.missing_heights import nearest_heights
 
 if TYPE_CHECKING:
@@ -92,6 +93,8 @@ class GpsFacts:
     apart : dict of str to float
         Ids of photos whose pose is far from GPS (plan and height) though the median's is not,
         and how far; the median offset is taken off.
+    cause : str
+        The mistake that explains the distance, see `mistakes.position_cause`.
     """
 
     photos: int
@@ -99,6 +102,7 @@ class GpsFacts:
     height_m: float
     offset_m: tuple[float, float]
     apart: dict[str, float]
+    cause: str
 
 
 def camera_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> Cameras3D:
@@ -141,18 +145,23 @@ def gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFac
     if not placed.any():
         return None
     lonlat = np.array([[row.lon, row.lat] for row in rows], np.float64)
-    apart = poses_of(inputs.photos).centres.copy()
+    centres = poses_of(inputs.photos).centres
+    true_lonlat, apart = to_lonlat(inputs.crs, centres[:, :2]), centres.copy()
     apart[:, :2] -= from_lonlat(inputs.crs, lonlat)
     apart[:, 2] -= np.array([row.altitude_m for row in rows], np.float64)
     middle = np.array([median(apart[placed, axis]) for axis in range(3)])
     away = np.linalg.norm(np.nan_to_num(apart - middle), axis=1)
+    # A position beyond the projection is far, not unknown.
+    metres = np.hypot(apart[:, 0], apart[:, 1])
+    metres = np.where(np.isnan(metres), geodesic_distance_m(lonlat, true_lonlat), metres)
     far = placed & (away > OUTLIER_M) & (away > _OUTLIER * median(away[placed]))
     return GpsFacts(
         int(placed.sum()),
-        median(np.hypot(apart[placed, 0], apart[placed, 1])),
+        median(metres[placed]),
         float(middle[2]),
         (float(middle[0]), float(middle[1])),
         dict(zip(inputs.photos["id"][far], away[far].tolist(), strict=True)),
+        position_cause(lonlat[placed], true_lonlat[placed]),
     )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from airzoo_bench.core.options import Option
 
-__all__ = ["PhotoOptions", "ProtocolOptions", "Rule"]
+__all__ = ["HeightOptions", "PhotoOptions", "ProtocolOptions", "Rule"]
 
 Rule = Literal["plane", "dsm", "iou"]
 
@@ -44,8 +44,37 @@ class ProtocolOptions:
     iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class HeightOptions:
+    """What heights are above, and how well the truth is known."""
+
+    vertical_crs: Annotated[
+        str | None,
+        Option(
+            "vertical-crs",
+            "Vertical CRS of the poses, to convert heights to the DSM's, such as EPSG:4979 "
+            "(ellipsoid) or EPSG:5773 (EGM96).",
+        ),
+    ] = None
+    priors_vertical_crs: Annotated[
+        str | None,
+        Option("priors-vertical-crs", "Vertical CRS of altitudes in metadata and --priors."),
+    ] = None
+    dsm_vertical_crs: Annotated[
+        str | None,
+        Option("dsm-vertical-crs", "Vertical CRS of the DSM (default: what its file says)."),
+    ] = None
+    truth_accuracy: Annotated[
+        float | None,
+        Option(
+            "truth-accuracy",
+            "Standard error of the poses' positions in metres, such as the residuals of GCPs.",
+        ),
+    ] = None
+
+
 @dataclass(frozen=True)
-class PhotoOptions(ProtocolOptions):
+class PhotoOptions(ProtocolOptions, HeightOptions):
     """Where the parts of a scene lie, and what differs from the protocols to start from."""
 
     name: Annotated[str, Option("name", "Of the benchmark and its scene.")]

@@ -9,7 +9,8 @@ import numpy as np
 from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, poses_of
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.datasets.photo_facts import Cameras3D, GpsFacts, PhotoFiles
+from airzoo_bench.datasets.mistakes import height_cause
+from airzoo_bench.datasets.photo_facts import GpsFacts, PhotoFiles
 from airzoo_bench.datasets.plausibility import (
     DAYS_APART,
     FAR_M,
@@ -23,6 +24,7 @@ from airzoo_bench.datasets.plausibility import (
 from airzoo_bench.datasets.priors import PriorFacts, WithoutPrior
 from airzoo_bench.datasets.raster_checks import FOOT_M
 from airzoo_bench.datasets.scene_facts import SceneFacts
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 
 __all__ = ["photo_warnings"]
@@ -41,11 +43,11 @@ def photo_warnings(facts: SceneFacts) -> Found:
     yield from _of_poses(facts)
     yield from _of_centres(facts)
     if facts.survey is not None:
-        yield from _of_heights(facts.cameras, facts.gps)
+        yield from _of_heights(facts)
     elif facts.cameras.below:
         yield _below_plane(facts)
     if facts.gps is not None:
-        yield from _of_gps(facts.gps)
+        yield from _of_gps(facts.gps, facts.lonlat)
     yield from _of_missing_priors(facts.without_prior)
     if facts.priors is not None:
         yield from _of_priors(facts.priors)
@@ -156,7 +158,8 @@ def _of_centres(facts: SceneFacts) -> Found:
         )
 
 
-def _of_heights(cameras: Cameras3D, gps: GpsFacts | None) -> Found:
+def _of_heights(facts: SceneFacts) -> Found:
+    cameras = facts.cameras
     nowhere = int(np.isnan(cameras.heights_m).sum())
     if nowhere:
         yield (
@@ -181,7 +184,7 @@ def _of_heights(cameras: Cameras3D, gps: GpsFacts | None) -> Found:
             Kind.HEIGHT,
             f"cameras are {cameras.height_m:.1f} m above the surface model, their own photos say "
             f"{cameras.relative_height_m:.1f} m above take-off ({off:+.1f} m): "
-            + _height_cause(cameras, off, gps),
+            + _height_cause(facts, off),
         )
 
 
@@ -195,7 +198,8 @@ def _below_plane(facts: SceneFacts) -> tuple[Kind, str]:
     )
 
 
-def _height_cause(cameras: Cameras3D, off: float, gps: GpsFacts | None) -> str:
+def _height_cause(facts: SceneFacts, off: float) -> str:
+    cameras, gps = facts.cameras, facts.gps
     in_feet = cameras.heights_m + cameras.surface_m * (1.0 - FOOT_M) - cameras.relative_m
     left = float(np.nanmedian(in_feet))
     if abs(left) < FAR_SHARE * abs(off):
@@ -204,15 +208,16 @@ def _height_cause(cameras: Cameras3D, off: float, gps: GpsFacts | None) -> str:
         return "poses are off in height from GPS by as much; look at their vertical datum"
     return (
         "poses and surface model may have different vertical datums (ellipsoid and geoid), unless "
-        "the ground lies so much from the place of take-off"
+        "the ground lies so much from the place of take-off; "
+        + height_cause(off, facts.lonlat, "poses", "the surface model")
     )
 
 
-def _of_gps(gps: GpsFacts) -> Found:
+def _of_gps(gps: GpsFacts, lonlat: Floats) -> Found:
     if gps.distance_m > FAR_M:
         east, north = gps.offset_m
         shifted = math.hypot(east, north) > gps.distance_m / 2
-        cause = (
+        cause = gps.cause or (
             f"all to one side ({east:+.1f} m east, {north:+.1f} m north); look at the CRS, the "
             "datum and any offset that the poses were reduced by"
             if shifted
@@ -226,7 +231,8 @@ def _of_gps(gps: GpsFacts) -> Found:
         yield (
             Kind.GPS_HEIGHT,
             f"poses are {gps.height_m:+.1f} m from their own photos' GPS in height (median): they "
-            "may have different vertical datums (ellipsoid and geoid), and priors are so far off",
+            "may have different vertical datums (ellipsoid and geoid), and priors are so far off; "
+            + height_cause(gps.height_m, lonlat, "poses", "GPS"),
         )
     if gps.apart:
         named = [f"{one} by {metres:,.0f} m" for one, metres in gps.apart.items()]

@@ -13,13 +13,14 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
+from airzoo_bench.datasets.height_systems import check_accuracy, surface_altitudes, surface_centres
 from airzoo_bench.datasets.native import NativeScene, paths_among
 from airzoo_bench.datasets.native_prepare import prepare_scenes
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.scene_parts import SceneSource
-from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes, vertical_unit_m
+from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.poses import Poses
 
@@ -77,8 +78,10 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
             fix="add the key 'crs' to the file, or give --crs EPSG:...",
         )
     crs = metric_crs(named, place).to_string()
-    centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(named))
+    check_accuracy(sources)
+    centres, notes = surface_centres(photos.poses.centres, named, crs, sources, sources.dsm, place)
     metadata = photo_metadata(photos.names, sources.images, sources.priors, sizes, progress)
+    metadata, more = surface_altitudes(metadata, sources, sources.dsm)
     return NativeScene(
         scene,
         sources.images,
@@ -93,6 +96,8 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
         unposed=tuple(sorted(set(sizes) - set(photos.names))),
+        notes=(*notes, *more),
+        truth_accuracy_m=sources.truth_accuracy,
         poses_from=sources.poses,
         crs_from=place,
     )

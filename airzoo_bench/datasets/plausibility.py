@@ -6,10 +6,13 @@ import math
 from collections.abc import Iterator
 from enum import Enum
 
+from airzoo_bench.datasets.mistakes import datum_cause, height_cause
 from airzoo_bench.datasets.photo_facts import OUTLIER_M
 from airzoo_bench.datasets.raster_checks import LOWEST_SHARE, often_lowest
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.blocks import HeightSurvey
+from airzoo_bench.geometry.crs import LOCAL_CRS
+from airzoo_bench.geometry.datums import datum_change, same_datum
 
 __all__ = ["Found", "Kind", "height_warnings", "map_warnings"]
 
@@ -18,6 +21,9 @@ FAR_M = 10.0
 FAR_SHARE = 0.1
 """Of the height above take-off: ground is not level."""
 LARGE_ROTATION_DEG = 20.0
+MAP_DATUM_M = 1.0
+GPS_DATUM_M = 5.0
+"""Receivers are no better themselves."""
 LARGE_CROP = 0.5
 LIKELY_CHANCE = 0.5
 FEW_PIXELS = 32
@@ -60,9 +66,13 @@ class Kind(Enum):
     TURNED = (
         "priors turned by more than 45 degrees that one mistake explains: yaw off by 180 or 90 "
         "degrees or with the wrong sign, pitch with the wrong sign or counted from nadir, roll off "
-        "by 180 degrees"
+        "by 180 degrees, or all three in radians"
     )
     ROTATION = f"priors turned by more than {LARGE_ROTATION_DEG:g} degrees (median), unexplained"
+    DATUM = (
+        "a map in another datum than the poses, or poses in another than GPS, that PROJ cannot "
+        f"convert to {MAP_DATUM_M:g} m and {GPS_DATUM_M:g} m"
+    )
     FLAT = "a surface model all of whose heights are the same"
     LOWEST = (
         f"a lowest height that more than {LOWEST_SHARE:.0%} of the surface model has: perhaps an "
@@ -97,6 +107,7 @@ def height_warnings(facts: SceneFacts) -> Found:
     if facts.survey is not None:
         yield from _of_surface(facts.survey)
     yield from _of_cloud(facts)
+    yield from _of_datums(facts)
 
 
 def map_warnings(facts: SceneFacts) -> Found:
@@ -131,8 +142,22 @@ def _of_cloud(facts: SceneFacts) -> Found:
         yield (
             Kind.CLOUD,
             f"the true cloud is {above_m:+.1f} m from the surface model in height (median): they "
-            "may have different vertical datums (ellipsoid and geoid) or units",
+            "may have different vertical datums (ellipsoid and geoid) or units; "
+            + height_cause(above_m, facts.lonlat, "the cloud", "the surface model"),
         )
+
+
+def _of_datums(facts: SceneFacts) -> Found:
+    crs, dom = facts.inputs.crs, facts.inputs.dom
+    if crs is None or crs == LOCAL_CRS:
+        return
+    own = datum_change(crs, facts.lonlat)
+    if dom is not None and not same_datum(crs, dom.crs):
+        for change in (own, datum_change(dom.crs, facts.lonlat)):
+            if change.worse_than(MAP_DATUM_M):
+                yield Kind.DATUM, f"map and poses have different datums, and {datum_cause(change)}"
+    elif facts.gps is not None and own.worse_than(GPS_DATUM_M):
+        yield Kind.DATUM, f"poses and GPS have different datums, and {datum_cause(own)}"
 
 
 def _of_map(facts: SceneFacts) -> Found:

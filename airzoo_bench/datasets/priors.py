@@ -100,6 +100,7 @@ def _values(row: dict[str, str], line: int, path: Path) -> dict[str, float]:
                 expected=f"a number, at most {_LIMITS[name]:g} either way"
                 if name in _LIMITS
                 else "a number",
+                fix="look whether lon and lat are swapped" if name == "lat" else None,
             )
         found[name] = value
     return found
@@ -252,6 +253,7 @@ def _corrected(priors: Poses) -> dict[str, Floats]:
     """Return the rotations of the priors with each mistake corrected, by the mistake."""
     yaw, pitch, roll = rotations_to_angles(priors.rotation, convergence_deg=0.0).T
     angles = {
+        "angles are in radians": tuple(np.degrees((yaw, pitch, roll))),
         "yaw is 180 degrees off": (yaw + 180.0, pitch, roll),
         "yaw is 90 degrees too large": (yaw - 90.0, pitch, roll),
         "yaw is 90 degrees too small": (yaw + 90.0, pitch, roll),

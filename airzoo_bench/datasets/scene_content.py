@@ -17,13 +17,11 @@ from airzoo_bench.datasets.raster_checks import (
     surveyed,
 )
 from airzoo_bench.datasets.scene_facts import MeasuredScene, scene_facts
-from airzoo_bench.datasets.sources import check_dsm_crs, check_names, metric_crs
+from airzoo_bench.datasets.sources import check_dsm_crs, check_metres, check_names, metric_crs
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.crs import LOCAL_CRS
-from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.units import check_true_metres
 from airzoo_bench.retrieval.prepare import grouped_reasons
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -61,7 +59,7 @@ def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneCo
         raise _nothing_to_ask(retrieval, native, scene)
     dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
     facts = scene_facts(scene, retrieval, truths.matching, above, dropped)
-    return SceneContent(inputs, truths, native.files, facts)
+    return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
 
 
 def _measured(native: NativeScene) -> MeasuredScene:
@@ -109,7 +107,8 @@ def _checked_crs(native: NativeScene) -> str | None:
             )
         return LOCAL_CRS
     crs = metric_crs(native.crs, native.crs_place)
-    check_true_metres(crs, to_lonlat(crs, native.poses.centres[:, :2]), native.crs_place)
+    xy = native.poses.centres[:, :2]
+    check_metres(crs, xy, native.crs_place, native.pose_source, native.dsm)
     if native.dsm is not None:
         check_dsm_crs(crs, native.dsm, native.pose_source)
     return crs.to_string()

@@ -31,7 +31,7 @@ from airzoo_bench.datasets.priors import (
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
-from airzoo_bench.geometry.frames import change_of_plane
+from airzoo_bench.geometry.frames import change_of_plane, to_lonlat
 from airzoo_bench.geometry.poses import rays_to_world
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, world_to_pixel
 from airzoo_bench.geometry.rays import intersect_plane
@@ -129,6 +129,12 @@ class SceneFacts(MeasuredScene):
     shift: MapShift | None
     dropped_tiles: int
     dropped: str
+
+    @property
+    def lonlat(self) -> Floats:
+        """Longitude and latitude (2,) in the midst of the cameras."""
+        centres = poses_of(self.inputs.photos).centres
+        return to_lonlat(self.inputs.crs, np.median(centres[:, :2], axis=0))
 
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""

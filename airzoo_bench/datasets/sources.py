@@ -19,12 +19,15 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
-from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.units import vertical_m
+from airzoo_bench.geometry.frames import change_of_plane, to_lonlat
+from airzoo_bench.geometry.rasters import open_info, world_to_pixel
+from airzoo_bench.geometry.units import check_true_metres, vertical_m
 
 __all__ = [
     "check_dsm_crs",
+    "check_metres",
     "check_names",
     "check_target",
     "metric_crs",
@@ -117,6 +120,31 @@ def metric_crs(named: str, where: str) -> CRS:
             fix="transform the camera centres, rotations and the DSM to one",
         )
     return crs
+
+
+def check_metres(crs: CRS, xy: Floats, where: str, poses: Path, dsm: Path | None) -> None:
+    """Refuse poses at which their CRS is not true to scale, or that have x and y swapped.
+
+    Raises
+    ------
+    CameraError
+        It is so.
+    """
+    try:
+        check_true_metres(crs, to_lonlat(crs, xy), where)
+    except CameraError as error:
+        if dsm is None or not _lie_on(xy[:, ::-1], crs, dsm):
+            raise
+        error.fix = "swap x and y of the camera centres: these then lie on the surface model"
+        raise error.inside(poses) from error
+
+
+def _lie_on(xy: Floats, crs: CRS, dsm: Path) -> bool:
+    """Whether most places lie within the rectangle of the surface model."""
+    info = open_info(dsm)
+    pixels = world_to_pixel(info.transform, change_of_plane(crs, info.crs)(xy))
+    within = ((pixels >= 0.0) & (pixels <= (info.width, info.height))).all(axis=1)
+    return bool(within.mean() > 0.5)
 
 
 def check_dsm_crs(crs: CRS, path: Path, poses: Path) -> None:

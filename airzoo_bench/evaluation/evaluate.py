@@ -14,6 +14,7 @@ from airzoo_bench.core.files import fingerprint, sha256_of_tree
 from airzoo_bench.core.version import __version__
 from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
+from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
@@ -158,6 +159,9 @@ def _result(
         notes=(
             *namesake_notes(protocol, benchmark.folder),
             *counts_apart(protocol, counts),
+            *accuracy_notes(
+                protocol, {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
+            ),
             *notes,
         ),
         **asdict(summarise(records, scores, [scene.id for scene in protocol.scenes])),

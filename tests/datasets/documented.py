@@ -22,6 +22,7 @@ REFUSING = {
         *("datasets/poses", "geometry/cameras", "geometry/rotations", "geometry/poses"),
         "geometry/units",
     ],
+    "Heights": ["geometry/vertical", "datasets/height_systems"],
     "Priors": ["datasets/priors", "matching/prepare"],
     "Map and surface model": [
         *("geometry/rasters", "geometry/colours", "datasets/raster_checks", "datasets/map_facts"),

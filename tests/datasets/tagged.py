@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 
 import numpy as np
 from PIL import Image
 
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import to_lonlat
 from tests.datasets.test_dji import packet
 from tests.support import (
@@ -35,10 +37,13 @@ def tag(
     relative: float | None = 100.0,
     camera: str | None = None,
     day: str = "",
+    crs: str = PLACE_CRS,
+    lonlat: Callable[[Floats], Floats] = lambda true: true,
 ) -> None:
-    """Write GPS, 2 m off the pose, and gimbal angles into a photo."""
+    """Write GPS, 2 m off the pose, and gimbal angles into a photo; `lonlat` changes its place."""
     x, y = place.centres[name]
-    lon, lat = to_lonlat(PLACE_CRS, (NORTH_WEST[0] + x + 1.5, NORTH_WEST[1] - y - 1.5)).tolist()
+    true = to_lonlat(crs, (NORTH_WEST[0] + x + 1.5, NORTH_WEST[1] - y - 1.5))
+    lon, lat = lonlat(true).tolist()
     exif = Image.Exif()
     exif.get_ifd(0x8825).update(
         {1: "N", 2: (lat, 0.0, 0.0), 3: "E", 4: (lon, 0.0, 0.0), 5: b"\0", 6: 200.0 + up}

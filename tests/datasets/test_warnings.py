@@ -225,6 +225,15 @@ def cut_surface(side: int) -> Callable[[Place], None]:
     return lambda place: write_raster(place.dsm, LEVEL[:, :side, :side]) and None
 
 
+def in_beijing_1954(place: Place) -> None:
+    ground = np.random.default_rng(0).integers(0, 256, (3, MAP_SIZE_M, MAP_SIZE_M), np.uint8)
+    write_raster(place.dom, ground, crs="EPSG:2437")
+    write_raster(place.dsm, LEVEL, crs="EPSG:2437")
+    place.change_poses(crs="EPSG:2437")
+    for name in NAMES:
+        tag(place, name, crs="EPSG:2437")
+
+
 SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str], set[Kind]]] = {
     "poses 40 m away": (
         moved,
@@ -409,6 +418,11 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str], set[Kind]]] = {
         small_map,
         ["only 12% of the photos' corners lie on the map", "1 of 1 all of it", "more than half"],
         {Kind.OFF_MAP, Kind.CROPS},
+    ),
+    "a datum that PROJ cannot convert": (
+        in_beijing_1954,
+        ["poses and GPS have different datums, and PROJ knows no way from Beijing 1954 to WGS84"],
+        {Kind.DATUM},
     ),
     "a coarse map": (coarse, ["a photo sees 12 pixels of the map"], {Kind.COARSE}),
 }

@@ -10,10 +10,11 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import CameraError, UsageError
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.height_systems import check_accuracy, surface_altitudes, surface_centres
 from airzoo_bench.datasets.native import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
 from airzoo_bench.datasets.poses import PosedPhotos
-from airzoo_bench.datasets.sources import check_names, metric_crs, vertical_unit_m
+from airzoo_bench.datasets.sources import check_names, metric_crs
 from airzoo_bench.datasets.surveys.survey import SurveyOptions
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.rasters import open_info
@@ -88,8 +89,10 @@ def survey_scene(
     stated = options.crs or photos.crs or ""
     place = f"--crs {options.crs}" if options.crs else str(found.poses_from)
     crs = metric_crs(stated, place).to_string()
-    centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(stated))
+    check_accuracy(options)
+    centres, notes = surface_centres(photos.poses.centres, stated, crs, options, found.dsm, place)
     metadata = photo_metadata(photos.names, found.images, options.priors, found.sizes, progress)
+    metadata, more = surface_altitudes(metadata, options, found.dsm)
     return NativeScene(
         scene,
         found.images,
@@ -104,7 +107,8 @@ def survey_scene(
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
         unposed=tuple(sorted(set(found.sizes) - set(photos.names))),
-        notes=found.notes,
+        notes=(*found.notes, *notes, *more),
+        truth_accuracy_m=options.truth_accuracy,
         poses_from=found.poses_from,
         crs_from=place,
     )

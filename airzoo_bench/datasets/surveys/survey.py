@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.options import Option
 from airzoo_bench.datasets.native import NativeDataset, NativeOptions
-from airzoo_bench.datasets.photo_options import ProtocolOptions
+from airzoo_bench.datasets.photo_options import HeightOptions, ProtocolOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -30,7 +30,7 @@ _LONGEST_NAME = 48  # of which more names are made
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurveyOptions(ProtocolOptions, NativeOptions):
+class SurveyOptions(ProtocolOptions, HeightOptions, NativeOptions):
     """What every own survey asks for."""
 
     source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]

@@ -1,0 +1,110 @@
+"""``airzoo-bench download``: published benchmarks as they are published."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from airzoo_bench.cli.common import examples, progress, put, say
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.registry import DATASETS
+
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.downloads import Plan
+    from airzoo_bench.datasets.native import About
+
+__all__ = ["EXAMPLES", "download"]
+
+EXAMPLES = examples("download NAME", "download NAME --to /data/NAME --scene 01 --yes")
+
+
+def download(
+    benchmark: Annotated[str, typer.Argument(help="As `prepare` names it.", show_default=False)],
+    to: Annotated[
+        Path | None,
+        typer.Option("--to", help="Folder to put it in (default: its name).", show_default=False),
+    ] = None,
+    scene: Annotated[
+        list[str] | None, typer.Option(help="Only this scene; repeat it (default: all).")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing.")] = False,
+) -> None:
+    """Fetch a published benchmark from Hugging Face, or list where it is to be had.
+
+    Run it again to go on after an interruption; files that are there and whole are not fetched
+    again.
+    """
+    about, folder = _about(benchmark), to or Path(benchmark)
+    say(f"{about.title}, licence: {about.licence}")
+    if about.repository is None:
+        raise _by_hand(benchmark, about)
+    from airzoo_bench.datasets.downloads import download as fetch
+    from airzoo_bench.datasets.downloads import of_scenes, planned
+    from airzoo_bench.datasets.hub import HubDataset
+
+    source = HubDataset(about.repository)
+    files = source.files()
+    if scene:
+        files = of_scenes(files, about.scene_files, scene)
+    plan = planned(folder, files, progress)
+    _ask(plan, yes=yes)
+    fetch(plan, source, progress)
+    put(f"{folder}\n")
+    say(f"{counted(len(plan.files), 'file')} verified, {len(plan.lacking)} of them fetched now")
+    say(f"next: airzoo-bench prepare {benchmark} --source {folder}")
+
+
+def _about(benchmark: str) -> About:
+    offered: dict[str, Any] = {name: DATASETS.get(name) for name in DATASETS.names()}
+    published: dict[str, About] = {
+        name: dataset.about for name, dataset in offered.items() if hasattr(dataset, "about")
+    }
+    if benchmark not in published:
+        raise UsageError(
+            f"there is no published benchmark {benchmark[:80]!r}",
+            expected=", ".join(published) or "none is known yet",
+        )
+    return published[benchmark]
+
+
+def _by_hand(benchmark: str, about: About) -> UsageError:
+    """Print the links, one a line, and return what to do with them."""
+    put("".join(f"{link}\n" for link in about.links or (about.page,)))
+    return UsageError(
+        f"{about.title} is not on Hugging Face: fetch it by hand",
+        where=about.page,
+        expected="the links that are printed, fetched in a browser or with wget -c"
+        if about.links
+        else "what the page says",
+        fix=f"unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER",
+    )
+
+
+def _ask(plan: Plan, *, yes: bool) -> None:
+    text = (
+        f"{counted(len(plan.lacking), 'file')} of {len(plan.files)} to fetch, "
+        f"{_bytes(plan.needed)}; {_bytes(plan.free)} are free for {plan.folder}"
+    )
+    say(text)
+    if yes or not plan.lacking:
+        return
+    if plan.needed > plan.free:
+        raise UsageError(
+            f"not enough room: {_bytes(plan.needed)} needed, {_bytes(plan.free)} free",
+            where=plan.folder,
+            fix="make room, name another folder with --to, or fetch single scenes with --scene; "
+            "--yes tries all the same",
+        )
+    if sys.stdin.isatty():
+        typer.confirm("Go on?", default=True, abort=True, err=True)
+
+
+def _bytes(count: int) -> str:
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{count / size:.3g} {unit}"
+    return f"{count} bytes"

@@ -1,0 +1,199 @@
+"""Heights of poses and priors in the vertical CRS of the surface model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pyproj import CRS
+
+from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.datasets.dji import PhotoPrior
+from airzoo_bench.datasets.photo_options import HeightOptions
+from airzoo_bench.datasets.sources import vertical_unit_m
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.geometry.vertical import changed_heights, heights_crs, stated_heights_crs
+
+__all__ = [
+    "check_accuracy",
+    "heights_of_surface",
+    "named_heights_crs",
+    "surface_altitudes",
+    "surface_centres",
+    "surface_heights_crs",
+]
+
+_SAME_M = 1e-6  # one datum in two units
+
+
+def surface_heights_crs(dsm: Path | None, named: str | None) -> CRS | None:
+    """Return the vertical CRS of a surface model: the one named, else its own compound CRS's.
+
+    Raises
+    ------
+    UserError
+        PROJ does not know the one that is named, or it has no heights.
+    """
+    if named is None:
+        return None if dsm is None else stated_heights_crs(open_info(dsm).crs)
+    return named_heights_crs(named, f"--dsm-vertical-crs {named}")
+
+
+def named_heights_crs(named: str, option: str) -> CRS:
+    """Return the vertical CRS that an option names, see `geometry.vertical.heights_crs`.
+
+    Raises
+    ------
+    UserError
+        There is none; the message says which option.
+    """
+    try:
+        return heights_crs(named)
+    except UserError as error:
+        raise error.inside(option) from error
+
+
+def heights_of_surface(
+    heights_m: Floats, lonlat: Floats, source: CRS, surface: CRS | None, option: str
+) -> tuple[Floats, str]:
+    """Take heights to the vertical CRS of the surface model.
+
+    Parameters
+    ----------
+    heights_m : (N,) array
+    lonlat : (N, 2) array
+    source : CRS
+        The heights', see `geometry.vertical.heights_crs`.
+    surface : CRS or None
+        See `surface_heights_crs`.
+    option : str
+        Where the source is stated, for messages.
+
+    Returns
+    -------
+    heights_m : (N,) array
+    note : str
+        What was done; empty where both are one.
+
+    Raises
+    ------
+    UserError
+        The surface model's is not known, or PROJ cannot do it exactly.
+    """
+    if surface is None:
+        raise UsageError(
+            "the vertical CRS of the surface model is not known",
+            where=option,
+            expected="what heights are to be converted to",
+            fix="give --dsm-vertical-crs, such as EPSG:5773 (EGM96), or leave this option out",
+        )
+    if source.equals(surface):
+        return heights_m, ""
+    try:
+        changed = changed_heights(heights_m, lonlat, source, surface)
+    except UserError as error:
+        raise error.inside(option) from error
+    by = changed.heights_m - heights_m
+    by = by[np.isfinite(by)]
+    if not (np.abs(by) > _SAME_M).any():
+        return heights_m, ""
+    accuracy = f", good to {changed.accuracy_m:g} m" if changed.accuracy_m is not None else ""
+    return changed.heights_m, (
+        f"{float(np.median(by)):+.2f} m (median; PROJ: {changed.operation}{accuracy})"
+    )
+
+
+def check_accuracy(options: HeightOptions) -> None:
+    """Refuse a stated accuracy of the truth that is none.
+
+    Raises
+    ------
+    UsageError
+        It is not a finite number of metres above 0.
+    """
+    accuracy = options.truth_accuracy
+    if accuracy is not None and not 0.0 < accuracy < math.inf:
+        raise UsageError(
+            f"--truth-accuracy {accuracy:g} is no accuracy", expected="metres, greater than 0"
+        )
+
+
+def surface_centres(
+    centres: Floats,
+    named: str,
+    crs: str,
+    options: HeightOptions,
+    dsm: Path | None,
+    place: str,
+) -> tuple[Floats, tuple[str, ...]]:
+    """Return camera centres in metres, with heights as the surface model has them.
+
+    Parameters
+    ----------
+    centres : (N, 3) array
+        In the CRS `named`, which may be compound.
+    named, crs : str
+        The CRS as it is stated, and its horizontal part.
+    options : HeightOptions
+    dsm : Path or None
+    place : str
+        Where the CRS is stated, for messages.
+
+    Returns
+    -------
+    centres : (N, 3) array
+    notes : tuple of str
+        What was done, if anything was.
+
+    Raises
+    ------
+    UserError
+        See `heights_of_surface`.
+    """
+    own = options.vertical_crs
+    where = f"--vertical-crs {own}" if own else f"{place}, heights of {named}"
+    stated = named_heights_crs(own, where) if own else stated_heights_crs(CRS(named))
+    in_metres: Floats = centres * (1.0, 1.0, vertical_unit_m(own or named))
+    surface = surface_heights_crs(dsm, options.dsm_vertical_crs)
+    if stated is None or (own is None and surface is None):
+        return in_metres, ()
+    lonlat = to_lonlat(crs, in_metres[:, :2])
+    heights, by = heights_of_surface(in_metres[:, 2], lonlat, stated, surface, where)
+    notes = (f"heights of the poses are converted to the surface model's, by {by}",) if by else ()
+    return np.column_stack((in_metres[:, :2], heights)), notes
+
+
+def surface_altitudes(
+    metadata: dict[str, PhotoPrior], options: HeightOptions, dsm: Path | None
+) -> tuple[dict[str, PhotoPrior], tuple[str, ...]]:
+    """Return priors with altitudes as the surface model has heights, and what was done.
+
+    Parameters
+    ----------
+    metadata : dict of str to PhotoPrior
+    options : HeightOptions
+    dsm : Path or None
+
+    Raises
+    ------
+    UserError
+        See `heights_of_surface`.
+    """
+    own = options.priors_vertical_crs
+    if own is None:
+        return metadata, ()
+    rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]
+    values = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    surface = surface_heights_crs(dsm, options.dsm_vertical_crs)
+    place = f"--priors-vertical-crs {own}"
+    source = named_heights_crs(own, place)
+    heights, by = heights_of_surface(values[:, 2], values[:, :2], source, surface, place)
+    found = {
+        name: prior if prior.altitude_m is None else replace(prior, altitude_m=float(height))
+        for (name, prior), height in zip(metadata.items(), heights, strict=True)
+    }
+    return found, (f"altitudes of the photos are converted likewise, by {by}",) if by else ()
