@@ -64,7 +64,7 @@ def prepare_photos(
     check_overlap(inputs.dom, open_info(sources.dsm))
     check_map_scale(inputs)
     if protocols.retrieval is not None:
-        check_tile_count(inputs.dom, protocols.retrieval.gallery)
+        check_tile_count(inputs.dom, protocols.retrieval.map_rules()[0])
     above = check_cloud(sources.cloud, inputs) if sources.cloud is not None else None
     truths = build_truths(inputs, protocols, sources.cloud)
     retrieval = None if truths.retrieval is None else truths.retrieval.truth

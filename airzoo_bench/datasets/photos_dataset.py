@@ -63,7 +63,7 @@ class Photos(Dataset[PhotoOptions]):
         reconstruction = protocol_of_track(
             options.reconstruction_protocol, root, ReconstructionProtocol
         )
-        truth = base.ground_truth
+        _, truth = base.map_rules()
         changes: dict[str, dict[str, Any]] = {
             "gallery": {"tile_sizes_px": tuple(options.tile_size)} if options.tile_size else {},
             "ground_truth": {

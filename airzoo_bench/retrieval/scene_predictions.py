@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,10 @@ from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.retrieval.pairs import Positives, hit_matrix
+from airzoo_bench.retrieval.pairs import Positives, hit_matrix, offsets_of
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
-from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -50,8 +51,15 @@ class ScenePredictions:
         return lengths
 
     def shorter(self, depth: int) -> int:
-        """Count the lists that end before a rank, and not all of whose positives they hold."""
+        """Count the lists that end before a rank, and not all of whose positives they hold.
+
+        Where scores read whole lists, the rank is the gallery's size.
+        """
         positives = self.truth.positives
+        if self.ranking.hit_ranks is not None:
+            lacking = np.zeros(positives.n_queries, np.bool_)
+            lacking[positives.queries[self.ranking.hit_ranks == 0]] = True
+            return int((lacking & (self.lengths > 0)).sum())
         hits = hit_matrix(
             self.ranking.tiles, positives.offsets, positives.tiles, len(self.truth.tiles)
         )
@@ -78,7 +86,7 @@ def match_scene(
     predictions: RetrievalPredictions,
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
-    settings: RetrievalScores,
+    settings: RetrievalScores | ImageScores,
     resources: Resources,
 ) -> ScenePredictions:
     """Rank the gallery of one scene for each of its queries, as predicted.
@@ -90,7 +98,7 @@ def match_scene(
         With Q queries.
     rows : (Q,) int
         The row of the predictions for each query, -1 where there is none.
-    settings : RetrievalScores
+    settings : RetrievalScores or ImageScores
     resources : Resources
 
     Raises
@@ -102,31 +110,31 @@ def match_scene(
     content, there = predictions.content, np.flatnonzero(rows >= 0)
     names = predictions.query_ids[rows[there]]
     asked = _Asked(rows[there], names, truth.positives.take(there))
+    n_tiles = len(truth.tiles)
+    whole = isinstance(settings, ImageScores)
+    kept = n_tiles if whole else min(settings.ranks_kept, n_tiles)
+    depth = n_tiles if whole else settings.depth
     try:
         match content:
             case RankedIds() as ranked:
-                ranking = _rank_ids(ranked, truth, asked, settings)
+                step = max(1, _CELLS // max(1, ranked.ids.shape[1]))
+                rank = partial(_rank_some, ranked, truth, kept, depth)
             case Descriptors() as described:
+                step = max(1, _CELLS // n_tiles) if whole else max(1, len(there))
                 gallery = _scene_gallery(described, truth, resources.memory_bytes)
-                ranking = rank_by_descriptors(
-                    described.queries[asked.rows],
-                    gallery,
-                    k=min(settings.ranks_kept, len(truth.tiles)),
-                    metric=settings.descriptor_metric,
-                    positives=asked.positives,
-                    depth=settings.depth,
-                    memory_bytes=resources.memory_bytes,
-                    jobs=resources.jobs,
-                    names=names,
-                    tile_names=truth.tiles["id"].to_numpy(),
+                rank = partial(
+                    _rank_described, described, gallery, truth, kept, depth, resources, settings
                 )
+        ranking = _rank_by_parts(rank, asked, step, settings.ranks_kept if whole else None, n_tiles)
     except PredictionError as error:
         raise error.inside(predictions.path) from error
     given = rows >= 0
     answered = given
     if isinstance(content, RankedIds):
         answered = given & (content.ids[rows] != "").any(axis=1)
-    return ScenePredictions(truth, _with_all_queries(ranking, given), answered, given)
+    return ScenePredictions(
+        truth, _with_all_queries(ranking, given, truth.positives.counts), answered, given
+    )
 
 
 def strange_tiles(
@@ -154,25 +162,63 @@ class _Asked:
         return _Asked(self.rows[some], self.names[some], self.positives.take(order))
 
 
-def _rank_ids(
-    ranked: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
+def _rank_by_parts(
+    rank: Callable[[_Asked], Ranking], asked: _Asked, step: int, cut: int | None, n_tiles: int
 ) -> Ranking:
-    step = max(1, _CELLS // max(1, ranked.ids.shape[1]))
-    parts = [
-        _rank_some(ranked, truth, asked.part(slice(start, start + step)), settings)
-        for start in range(0, max(1, len(asked.rows)), step)
-    ]
+    """Rank the gallery for some queries at a time; whole lists are then cut to `cut` ranks."""
+    parts = []
+    for start in range(0, max(1, len(asked.rows)), step):
+        some = asked.part(slice(start, start + step))
+        ranking = rank(some)
+        parts.append(ranking if cut is None else _without_lists(ranking, some, cut, n_tiles))
     return Ranking(
         np.concatenate([part.tiles for part in parts]),
         np.concatenate([part.tie_dependent for part in parts]),
+        None
+        if cut is None
+        else np.concatenate([part.hit_ranks for part in parts if part.hit_ranks is not None]),
+    )
+
+
+def _without_lists(ranking: Ranking, asked: _Asked, cut: int, n_tiles: int) -> Ranking:
+    """Keep the first ranks of whole lists, and the ranks of positives."""
+    positives = asked.positives
+    hits = hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
+    query, column = np.nonzero(hits)
+    first = offsets_of(np.bincount(query, minlength=positives.n_queries))[query]
+    ranks = np.zeros(len(positives.tiles), np.int64)
+    ranks[positives.offsets[query] + np.arange(len(query)) - first] = column + 1
+    tiles = ranking.tiles[:, : min(cut, n_tiles)].copy()  # or the whole lists would stay
+    return Ranking(tiles, ranking.tie_dependent, ranks)
+
+
+def _rank_described(
+    described: Descriptors,
+    gallery: NDArray[np.floating[Any]],
+    truth: RetrievalTruth,
+    kept: int,
+    depth: int,
+    resources: Resources,
+    settings: RetrievalScores | ImageScores,
+    asked: _Asked,
+) -> Ranking:
+    return rank_by_descriptors(
+        described.queries[asked.rows],
+        gallery,
+        k=kept,
+        metric=settings.descriptor_metric,
+        positives=asked.positives,
+        depth=depth,
+        memory_bytes=resources.memory_bytes,
+        jobs=resources.jobs,
+        names=asked.names,
+        tile_names=truth.tiles["id"].to_numpy(),
     )
 
 
 def _rank_some(
-    ranked: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
+    ranked: RankedIds, truth: RetrievalTruth, kept: int, depth: int, asked: _Asked
 ) -> Ranking:
-    n_tiles = len(truth.tiles)
-    kept = min(settings.ranks_kept, n_tiles)
     ids = ranked.ids[asked.rows]
     scores = None if ranked.scores is None else ranked.scores[asked.rows]
     width = _ranks_that_matter(ids, scores, kept)
@@ -180,9 +226,9 @@ def _rank_some(
         _tile_indices(truth, ids[:, :width], asked.names),
         None if scores is None else scores[:, :width],
         asked.positives,
-        n_tiles=n_tiles,
+        n_tiles=len(truth.tiles),
         k=kept,
-        depth=settings.depth,
+        depth=depth,
         names=asked.names,
     )
 
@@ -199,12 +245,16 @@ def _ranks_that_matter(ids: NDArray[np.str_], scores: Floats | None, kept: int) 
     return kept + int(tied.max(initial=0)) + 1
 
 
-def _with_all_queries(ranking: Ranking, given: Bools) -> Ranking:
-    """Add the rows of queries that the predictions lack."""
+def _with_all_queries(ranking: Ranking, given: Bools, counts: Ints) -> Ranking:
+    """Add the rows of queries that the predictions lack; `counts` of positives is of all."""
     tiles = np.full((len(given), ranking.tiles.shape[1]), -1, np.int32)
     tied = np.zeros(len(given), np.bool_)
     tiles[given], tied[given] = ranking.tiles, ranking.tie_dependent
-    return Ranking(tiles, tied)
+    if ranking.hit_ranks is None:
+        return Ranking(tiles, tied)
+    ranks = np.zeros(counts.sum(), np.int64)
+    ranks[np.repeat(given, counts)] = ranking.hit_ranks
+    return Ranking(tiles, tied, ranks)
 
 
 def _tile_indices(
