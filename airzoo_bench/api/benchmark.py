@@ -10,7 +10,7 @@ import numpy as np
 from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
-from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
+from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark, needed
 from airzoo_bench.benchmark.queries import read_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
@@ -185,13 +185,16 @@ class BlindScene:
         return self._source.scene(self.id).title
 
     @property
-    def crs(self) -> str:
-        """The projected CRS of poses, surface model and clouds, in metres."""
+    def crs(self) -> str | None:
+        """The projected CRS of poses, surface model and clouds, in metres.
+
+        "local" for a frame in metres that has no place on the earth; None without poses.
+        """
         return self._source.scene(self.id).crs
 
     @property
-    def plane_height_m(self) -> float:
-        """Median height of the surface model, in metres."""
+    def plane_height_m(self) -> float | None:
+        """Median height of the surface model, or of the ground by the dataset's word, in metres."""
         return self._source.scene(self.id).plane_height_m
 
     def queries(self) -> Items[Photo]:
@@ -215,7 +218,7 @@ class BlindScene:
         """
         tiles = read_tiles(self._home("retrieval"))
         entry = self._source.scene(self.id)
-        gallery = self._source.resolve(entry.gallery or entry.dom)
+        gallery = self._source.resolve(needed(entry.gallery or entry.dom, "map", self.id))
         ids, sizes = tiles["id"].tolist(), tiles["size_m"].to_numpy(np.float64)
         boxes, windows = boxes_of(tiles), tiles[_WINDOW].to_numpy(np.int64)
 

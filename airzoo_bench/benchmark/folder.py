@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol, TypeVar
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
@@ -37,9 +37,39 @@ __all__ = [
     "benchmark_folders",
     "data_root",
     "find_benchmark",
+    "needed",
     "verify",
     "write_benchmark_file",
 ]
+
+
+PartT = TypeVar("PartT")
+
+
+def needed(part: PartT | None, what: str, scene: str) -> PartT:
+    """Return a part that a scene may lack, where a track cannot do without.
+
+    Parameters
+    ----------
+    part : object or None
+    what : str
+        Such as "surface model".
+    scene : str
+        The scene's id.
+
+    Raises
+    ------
+    BenchmarkError
+        It is None.
+    """
+    if part is None:
+        raise BenchmarkError(
+            f"scene {scene} has no {what}",
+            expected=f"a scene with a {what}, for what was asked",
+            fix="choose a track or a rule of ground truth that does without, or prepare it with "
+            "one",
+        )
+    return part
 
 
 class _Model(BaseModel):
@@ -53,9 +83,14 @@ class SceneFile(_Model):
 
     Attributes
     ----------
+    crs : str, optional
+        Projected CRS of poses, surface model and cloud, in metres; "local" for a frame in metres
+        that has no place on the earth; none where photos have no poses.
+    plane_height_m : float, optional
+        z0, which altitudes are above.
     images : str
         Folder of the photos.
-    dom, dsm : str
+    dom, dsm : str, optional
         The map that photos are matched to, and the surface model.
     gallery : str, optional
         The map that tiles are cut from, where it is another than `dom`.
@@ -65,10 +100,10 @@ class SceneFile(_Model):
 
     id: Annotated[str, Field(pattern=SAFE_NAME)]
     title: str
-    crs: str
-    plane_height_m: Annotated[float, Field(allow_inf_nan=False)]
+    crs: str | None = None
+    plane_height_m: Annotated[float, Field(allow_inf_nan=False)] | None = None
     images: str
-    dom: str
+    dom: str | None = None
     dsm: str | None = None
     dsm_sha256: str | None = None
     gallery: str | None = None

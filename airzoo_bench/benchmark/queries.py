@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
@@ -177,7 +178,7 @@ def _named(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArr
 
 @dataclass(frozen=True, eq=False)
 class SceneInputs:
-    """Photos with poses, a map and a surface model.
+    """Photos with what is known of their place; what a track needs is asked of `needed`.
 
     Attributes
     ----------
@@ -185,14 +186,15 @@ class SceneInputs:
         The scene's id.
     photos : DataFrame
         A row a photo, sorted by id, as `photo_table` makes it.
-    crs : str
-        Projected CRS of poses and surface model, in metres.
-    dom : RasterInfo
+    crs : str or None
+        Projected CRS of poses and surface model, in metres, or `geometry.crs.LOCAL_CRS`; None
+        where photos have no poses.
+    dom : RasterInfo or None
         The map, in any CRS.
-    dsm : Path
+    dsm : Path or None
         The surface model.
-    plane_height_m : float
-        z0, the median of the valid heights.
+    plane_height_m : float or None
+        z0: the median of the valid heights, or what the dataset states.
     unposed : tuple of str
         File names of photos without a pose, which no track can ask.
     gallery : RasterInfo, optional
@@ -201,17 +203,23 @@ class SceneInputs:
 
     scene: str
     photos: pd.DataFrame
-    crs: str
-    dom: RasterInfo
-    dsm: Path
-    plane_height_m: float
+    crs: str | None
+    dom: RasterInfo | None
+    dsm: Path | None
+    plane_height_m: float | None
     unposed: tuple[str, ...] = ()
     gallery: RasterInfo | None = None
 
     @property
     def gallery_map(self) -> RasterInfo:
-        """The map that tiles are cut from."""
-        return self.gallery or self.dom
+        """The map that tiles are cut from.
+
+        Raises
+        ------
+        BenchmarkError
+            There is none.
+        """
+        return needed(self.gallery or self.dom, "map", self.scene)
 
 
 def photo_id(scene: str, image: str) -> str:
@@ -222,12 +230,14 @@ def photo_id(scene: str, image: str) -> str:
 def photo_table(
     scene: str,
     images: tuple[str, ...],
-    cameras: Cameras,
-    poses: Poses,
+    cameras: Cameras | None,
+    poses: Poses | None,
     priors: Poses | None,
-    plane_height_m: float,
+    plane_height_m: float | None,
 ) -> pd.DataFrame:
     """Lay out a scene's photos, sorted by id, with altitude and pitch as conditions.
+
+    Photos without cameras or poses have the columns `IDENTITY_COLUMNS` alone.
 
     Poses and priors are those of the truth from here on, see `Poses.rounded`.
 
@@ -236,20 +246,25 @@ def photo_table(
     scene : str
     images : tuple of N str
         File names, relative to the photos' folder; without their endings they become ids.
-    cameras, poses : Cameras, Poses
+    cameras, poses : Cameras, Poses, optional
     priors : Poses, optional
         Poses from metadata; NaN where a photo has none.
-    plane_height_m : float
-        Altitudes are above it.
+    plane_height_m : float, optional
+        Altitudes are above it; without it they are not known.
     """
+    import pandas as pd
+
     ids = [photo_id(scene, name) for name in images]
+    if cameras is None or poses is None:
+        table = pd.DataFrame({"id": ids, "image": list(images)})
+        return table.sort_values("id", kind="stable", ignore_index=True)
     poses, priors = poses.rounded(), None if priors is None else priors.rounded()
     axis_z = poses.rotation[:, 2, 2]
     below_horizon = np.degrees(np.arcsin(np.clip(-axis_z, -1, 1)))
-    table = query_table(ids, images, cameras, poses, priors).assign(
-        altitude_m=np.round(poses.centres[:, 2] - plane_height_m, 3),
-        pitch_deg=np.round(below_horizon, 3),
-    )
+    table = query_table(ids, images, cameras, poses, priors)
+    if plane_height_m is not None:
+        table["altitude_m"] = np.round(poses.centres[:, 2] - plane_height_m, 3)
+    table["pitch_deg"] = np.round(below_horizon, 3)
     return table.sort_values("id", kind="stable", ignore_index=True)
 
 

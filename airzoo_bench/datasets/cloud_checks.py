@@ -13,13 +13,14 @@ from pyproj import CRS
 from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
 
+from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
-from airzoo_bench.geometry.crs import check_same_crs
+from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
 from airzoo_bench.geometry.units import vertical_m
 from airzoo_bench.reconstruction.regions import Box, box_of
 
@@ -42,7 +43,8 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     Returns
     -------
     float
-        Median height of the cloud above the surface model, in metres; NaN where they do not meet.
+        Median height of the cloud above the surface model, in metres; NaN where they do not meet,
+        or there is no surface model.
 
     Raises
     ------
@@ -52,8 +54,10 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     if not cloud.is_file():
         raise UsageError("no such cloud", where=f"--cloud {cloud}")
     watched = _Watched(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
-    check_cloud_crs(cloud, inputs.crs)
+    check_cloud_crs(cloud, needed(inputs.crs, "CRS", inputs.scene))
     _check_place(cloud, box_of(watched), inputs)
+    if inputs.dsm is None:
+        return math.nan
     points = np.concatenate(watched.kept)
     with blocked_heights(inputs.dsm) as surface:
         above = points[:, 2] - surface.sample(points[:, :2])
@@ -83,7 +87,7 @@ def check_cloud_crs(cloud: Path, crs: str) -> None:
     vertical = None if stated is None else vertical_m(stated)
     if vertical is not None:
         units["heights"] = vertical
-    if stated is not None:
+    if stated is not None and crs != LOCAL_CRS:
         check_same_crs(crs, stated, f"the poses and the cloud ({cloud})")
     odd = [f"{what} in units of {unit:.10g} m" for what, unit in units.items() if unit != 1.0]
     if odd:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.datasets.photo_facts import GpsFacts
 from airzoo_bench.datasets.photo_plausibility import photo_warnings
 from airzoo_bench.datasets.plausibility import Kind, height_warnings, map_warnings
 from airzoo_bench.datasets.priors import PriorFacts
 from airzoo_bench.datasets.scene_facts import SceneFacts
+from airzoo_bench.geometry.crs import LOCAL_CRS
 
 __all__ = ["fact_lines", "kinds_and_warnings", "plausibility_warnings"]
 
@@ -19,7 +19,7 @@ def fact_lines(facts: SceneFacts) -> list[str]:
     rows = [
         ("photos", _photos(facts)),
         ("taken", _taken(facts)),
-        ("poses", _poses(facts.gps, len(facts.inputs.photos))),
+        ("poses", _poses(facts)),
         ("priors", _priors(facts.priors)),
         ("map", _map(facts)),
         ("surface", _surface(facts)),
@@ -44,10 +44,13 @@ def _photos(facts: SceneFacts) -> str:
     cameras = facts.cameras
     text = f"{len(facts.inputs.photos)}"
     if math.isfinite(cameras.height_m):
-        text += f", {cameras.height_m:.1f} m above the surface"
+        ground = "the ground" if facts.survey is None else "the surface"
+        text += f", {cameras.height_m:.1f} m above {ground}"
     if math.isfinite(cameras.relative_height_m):
         text += f" ({cameras.relative_height_m:.1f} m above take-off by their metadata)"
-    return f"{text}, {facts.photo_gsd_m:.3g} m per pixel (medians)"
+    if math.isfinite(facts.photo_gsd_m):
+        text += f", {facts.photo_gsd_m:.3g} m per pixel"
+    return text if "," not in text else f"{text} (medians)"
 
 
 def _taken(facts: SceneFacts) -> str:
@@ -63,7 +66,12 @@ def _taken(facts: SceneFacts) -> str:
     return " ".join(part for part in (f"by {', '.join(cameras)}" if cameras else "", when) if part)
 
 
-def _poses(gps: GpsFacts | None, photos: int) -> str:
+def _poses(facts: SceneFacts) -> str:
+    gps, photos = facts.gps, len(facts.inputs.photos)
+    if facts.inputs.crs is None:
+        return ""
+    if facts.inputs.crs == LOCAL_CRS:
+        return "in a local frame, without a place on the earth"
     if gps is None:
         return "no photo has a GPS position to hold them against"
     text = f"{gps.distance_m:.1f} m from the photos' GPS"
@@ -82,23 +90,28 @@ def _priors(priors: PriorFacts | None) -> str:
 
 
 def _map(facts: SceneFacts) -> str:
-    dom, (across, down) = facts.inputs.dom, facts.map_gsd_m
+    dom = facts.inputs.dom
+    if dom is None or facts.map_gsd_m is None:
+        return ""
+    across, down = facts.map_gsd_m
     gsd = (
         f"{across:.3g}"
         if math.isclose(across, down, rel_tol=0.01)
         else f"{across:.3g} x {down:.3g}"
     )
-    return (
-        f"{dom.width} x {dom.height} px, {gsd} m per pixel; {facts.on_map:.0%} of the photos' "
-        "corners lie on it"
-    )
+    text = f"{dom.width} x {dom.height} px, {gsd} m per pixel"
+    if math.isfinite(facts.on_map):
+        text += f"; {facts.on_map:.0%} of the photos' corners lie on it"
+    return text
 
 
 def _surface(facts: SceneFacts) -> str:
-    survey = facts.survey
+    survey, plane = facts.survey, facts.inputs.plane_height_m
+    if survey is None:
+        return "" if plane is None else f"none; the ground is taken as a plane at {plane:.1f} m"
     return (
         f"{survey.valid_share:.0%} of its pixels have a height, {survey.low:.1f} to "
-        f"{survey.high:.1f} m, median {facts.inputs.plane_height_m:.1f} m"
+        f"{survey.high:.1f} m, median {plane:.1f} m"
     )
 
 

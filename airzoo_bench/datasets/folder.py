@@ -72,7 +72,11 @@ def write_benchmark(
     served = [
         protocol
         for protocol in protocols.every
-        if all(getattr(scene.truths, protocol.track) is not None for scene in scenes)
+        if all(
+            getattr(scene.truths, protocol.track) is not None
+            for scene in scenes
+            if any(one.id == scene.inputs.scene for one in protocol.scenes)
+        )
     ]
     if not served:
         raise BenchmarkError(
@@ -83,7 +87,7 @@ def write_benchmark(
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
         for scene in scenes:
             _write_scene(staged / "scenes" / scene.inputs.scene, scene, settings)
-        titles = {scene.id: scene.title for scene in protocols.every[0].scenes}
+        titles = protocols.titles
         entries = [
             _entry(scene, titles[scene.inputs.scene], _places(staged, scene, copy=settings.copy))
             for scene in scenes
@@ -115,13 +119,13 @@ def _write_scene(home: Path, scene: SceneContent, settings: PrepareSettings) -> 
 
 
 def _entry(scene: SceneContent, title: str, places: Mapping[str, str]) -> SceneFile:
-    reconstruction = scene.truths.reconstruction
+    reconstruction, dsm = scene.truths.reconstruction, scene.inputs.dsm
     return SceneFile(
         id=scene.inputs.scene,
         title=title,
         crs=scene.inputs.crs,
         plane_height_m=scene.inputs.plane_height_m,
-        dsm_sha256=sha256_of(scene.inputs.dsm),
+        dsm_sha256=None if dsm is None else sha256_of(dsm),
         cloud_sha256=None if reconstruction is None else reconstruction.cloud_sha256,
         **places,
     )

@@ -6,6 +6,7 @@ found: maps and models without holes whose grids differ anyway.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +41,8 @@ class MapFacts:
     colour : tuple of float
         That colour.
     over_surface : float
-        Share of the map that lies over the surface model, whether this has a height there or not.
+        Share of the map that lies over the surface model, whether this has a height there or not;
+        NaN without one.
     """
 
     shown: float
@@ -68,7 +70,7 @@ def check_overlap(dom: RasterInfo, dsm: RasterInfo) -> None:
         )
 
 
-def map_facts(dom: RasterInfo, dsm: RasterInfo) -> MapFacts:
+def map_facts(dom: RasterInfo, dsm: RasterInfo | None) -> MapFacts:
     """Measure what a map shows, in 2,048 cells a side at most, and how far the DSM covers it.
 
     Raises
@@ -77,7 +79,7 @@ def map_facts(dom: RasterInfo, dsm: RasterInfo) -> MapFacts:
         The map cannot be read.
     """
     shown, share, colour = _commonest(dom)
-    return MapFacts(shown, share, colour, _share_over(dom, dsm))
+    return MapFacts(shown, share, colour, math.nan if dsm is None else _share_over(dom, dsm))
 
 
 def _share_over(above: RasterInfo, below: RasterInfo) -> float:

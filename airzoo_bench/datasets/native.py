@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
@@ -13,6 +14,8 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from airzoo_bench.datasets.dji import PhotoPrior
     from airzoo_bench.datasets.truths import BenchmarkProtocols
     from airzoo_bench.geometry.cameras import Cameras
@@ -64,17 +67,18 @@ class NativeScene:
         Folder of the photos.
     names : tuple of N str
         Photos with a pose, relative to `images`.
-    cameras : Cameras
-        N, for the photos' own size.
-    poses : Poses
+    cameras : Cameras or None
+        N, for the photos' own size; None, as `poses` and `crs`, where photos have no poses.
+    poses : Poses or None
         N, in `crs`.
-    crs : str
-        Projected, in metres; a local frame in metres where there is neither map nor surface model.
+    crs : str or None
+        Projected, in metres; `geometry.crs.LOCAL_CRS` for a frame in metres, z up, that has no
+        place on the earth, where there is neither map nor surface model.
     dom, dsm, gallery, cloud : Path or None
         Map, surface model, the map that tiles are cut from where it is another than `dom`, true
         cloud. Tracks that need one that is missing have no truth.
     plane_height_m : float or None
-        z0; None for the median height of the surface model.
+        z0; None for the median height of the surface model, or where there is no ground.
     priors : Poses or None
         N, NaN where a photo has none.
     metadata : mapping of str to PhotoPrior
@@ -85,14 +89,18 @@ class NativeScene:
         Names of photos without a pose.
     notes : tuple of str
         Sentences for the user about this scene, such as values that were assumed.
+    poses_from : Path or None
+        The file of the poses, for messages.
+    crs_from : str
+        Where the CRS is stated, for messages.
     """
 
     scene: str
     images: Path
     names: tuple[str, ...]
-    cameras: Cameras
-    poses: Poses
-    crs: str
+    cameras: Cameras | None
+    poses: Poses | None
+    crs: str | None
     dom: Path | None = None
     dsm: Path | None = None
     gallery: Path | None = None
@@ -103,6 +111,34 @@ class NativeScene:
     conditions: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     unposed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    poses_from: Path | None = None
+    crs_from: str = ""
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """What the benchmark refers to, by the name that benchmark.toml has for it."""
+        parts = {"images": self.images, "dom": self.dom, "dsm": self.dsm}
+        parts |= {"gallery": self.gallery, "cloud": self.cloud}
+        return {key: path for key, path in parts.items() if path is not None}
+
+    @property
+    def pose_source(self) -> Path:
+        """What messages about poses name: their file, or the folder of the photos."""
+        return self.poses_from or self.images
+
+    @property
+    def crs_place(self) -> str:
+        """What messages about the CRS name."""
+        return self.crs_from or f"{self.pose_source}, scene {self.scene}"
+
+    def condition_table(self) -> pd.DataFrame:
+        """Return the conditions, a row a photo, with the column ``id``."""
+        import pandas as pd
+
+        from airzoo_bench.benchmark.queries import photo_id
+
+        ids = [photo_id(self.scene, name) for name in self.names]
+        return pd.DataFrame({"id": ids, **self.conditions})
 
 
 @dataclass(frozen=True)
@@ -175,4 +211,11 @@ class NativeDataset(Dataset[OptionsT]):
 
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
         """Make the benchmark folder of all scenes."""
-        raise NotImplementedError
+        from airzoo_bench.datasets.native_prepare import chosen_scenes, prepare_scenes
+        from airzoo_bench.datasets.sources import check_target
+
+        check_target((options.source,), settings.folder)
+        scenes = chosen_scenes(self.scenes(options), options.scene)
+        protocols = self.protocols(options, settings.root)
+        read = partial(self.read, options, progress=settings.progress)
+        return prepare_scenes(scenes, read, protocols, settings)

@@ -18,11 +18,12 @@ from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
+from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.missing_heights import nearest_heights
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 __all__ = [
     "OUTLIER_M",
@@ -100,29 +101,41 @@ class GpsFacts:
     apart: dict[str, float]
 
 
-def camera_facts(photos: pd.DataFrame, dsm: Path, metadata: Mapping[str, PhotoPrior]) -> Cameras3D:
-    """Measure how high cameras are above the surface model.
+def camera_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> Cameras3D:
+    """Measure how high cameras are above the surface model, or else above the plane z0.
 
     Parameters
     ----------
-    photos : DataFrame
-        As `scene_inputs.photo_table` makes it.
-    dsm : Path
+    inputs : SceneInputs
     metadata : mapping of str to PhotoPrior
         By file name; photos without an entry have none.
     """
+    photos = inputs.photos
+    relative = [metadata.get(name, PhotoPrior()).relative_altitude_m for name in photos["image"]]
+    if "z" not in photos:
+        nowhere = np.full(len(photos), np.nan)
+        return Cameras3D(nowhere, nowhere, np.array(relative, dtype=np.float64))
     centres = poses_of(photos).centres
-    with blocked_heights(dsm) as field:
+    found = _ground_below(centres, inputs)
+    return Cameras3D(centres[:, 2] - found, found, np.array(relative, dtype=np.float64))
+
+
+def _ground_below(centres: Floats, inputs: SceneInputs) -> Floats:
+    if inputs.dsm is None:
+        plane = math.nan if inputs.plane_height_m is None else inputs.plane_height_m
+        return np.full(len(centres), plane)
+    with blocked_heights(inputs.dsm) as field:
         found = field.sample(centres[:, :2])
         gap = np.isnan(found)
         if gap.any():
             found[gap] = nearest_heights(field, _NEAREST_OF_PX)(centres[gap, :2])
-    relative = [metadata.get(name, PhotoPrior()).relative_altitude_m for name in photos["image"]]
-    return Cameras3D(centres[:, 2] - found, found, np.array(relative, dtype=np.float64))
+    return found
 
 
 def gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFacts | None:
     """Compare poses with the photos' own GPS; None where no photo has a position."""
+    if inputs.crs in (None, LOCAL_CRS):
+        return None
     rows = [metadata.get(name, PhotoPrior()) for name in inputs.photos["image"]]
     placed = np.array([row.lon is not None for row in rows], dtype=bool)
     if not placed.any():

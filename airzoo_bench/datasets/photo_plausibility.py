@@ -34,11 +34,16 @@ _TRUTH_STEP_M = 1e-4
 def photo_warnings(facts: SceneFacts) -> Found:
     """Yield warnings about the photos of a scene, their poses and their priors."""
     yield from _of_files(facts.files, len(facts.inputs.photos))
+    if "x" not in facts.inputs.photos:
+        return
     yield from _of_cameras(facts)
     yield from _of_focal_lengths(facts)
     yield from _of_poses(facts)
     yield from _of_centres(facts)
-    yield from _of_heights(facts.cameras, facts.gps)
+    if facts.survey is not None:
+        yield from _of_heights(facts.cameras, facts.gps)
+    elif facts.cameras.below:
+        yield _below_plane(facts)
     if facts.gps is not None:
         yield from _of_gps(facts.gps)
     yield from _of_missing_priors(facts.without_prior)
@@ -178,6 +183,16 @@ def _of_heights(cameras: Cameras3D, gps: GpsFacts | None) -> Found:
             f"{cameras.relative_height_m:.1f} m above take-off ({off:+.1f} m): "
             + _height_cause(cameras, off, gps),
         )
+
+
+def _below_plane(facts: SceneFacts) -> tuple[Kind, str]:
+    below, all_of_them = facts.cameras.below, len(facts.inputs.photos)
+    return (
+        Kind.BELOW,
+        f"{below} of {counted(all_of_them, 'camera')} {agreeing(below, 'is', 'are')} below the "
+        f"ground, which is taken as a plane at {facts.inputs.plane_height_m:g} m: look at the "
+        "vertical datum of the heights, and at --plane-height",
+    )
 
 
 def _height_cause(cameras: Cameras3D, off: float, gps: GpsFacts | None) -> str:

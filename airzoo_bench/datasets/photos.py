@@ -1,46 +1,26 @@
-"""``prepare photos``: own photos, poses and maps become a benchmark folder."""
+"""``prepare photos``: own photos, poses and maps as a scene."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
-from airzoo_bench.datasets.folder import SceneContent, write_benchmark
-from airzoo_bench.datasets.map_facts import check_overlap
+from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_prepare import prepare_scenes
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file
-from airzoo_bench.datasets.raster_checks import (
-    check_above_surface,
-    check_map,
-    check_map_scale,
-    check_tile_count,
-    often_lowest,
-    surveyed,
-)
-from airzoo_bench.datasets.scene_facts import MeasuredScene, scene_facts
-from airzoo_bench.datasets.sources import (
-    check_names,
-    check_target,
-    metric_crs,
-    photo_sizes,
-    vertical_unit_m,
-)
-from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
-from airzoo_bench.geometry.blocks import median_height
+from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes, vertical_unit_m
+from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.retrieval.prepare import grouped_reasons
-from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["prepare_photos"]
+__all__ = ["metadata_priors", "prepare_photos", "read_photos"]
 
 
 def prepare_photos(
@@ -56,48 +36,57 @@ def prepare_photos(
     UserError
         A source is missing or wrong, or no photo can be answered.
     """
-    check_target(sources, settings.folder)
-    sizes = photo_sizes(sources.images, settings.progress)
-    read = _read(sources, protocols.every[0].scenes[0].id, sizes, settings.progress)
-    inputs = read.inputs
-    check_above_surface(read.cameras, sources.dsm)
-    check_overlap(inputs.dom, open_info(sources.dsm))
-    check_map_scale(inputs)
-    if protocols.retrieval is not None:
-        check_tile_count(inputs.dom, protocols.retrieval.map_rules()[0])
-    above = check_cloud(sources.cloud, inputs) if sources.cloud is not None else None
-    truths = build_truths(inputs, protocols, sources.cloud)
-    retrieval = None if truths.retrieval is None else truths.retrieval.truth
-    if retrieval is not None and retrieval.queries.empty:
-        raise _nothing_to_ask(retrieval, sources, read)
-    dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
-    facts = scene_facts(read, retrieval, truths.matching, above, dropped)
-    scene = SceneContent(inputs, truths, sources.files, facts)
-    return write_benchmark([scene], protocols, settings)
+    check_target((sources.poses, *sources.files.values()), settings.folder)
+    scenes = [scene.id for scene in protocols.every[0].scenes]
+    read = partial(read_photos, sources, progress=settings.progress)
+    return prepare_scenes(scenes, read, protocols, settings)
 
 
-def _read(
-    sources: PhotoOptions, scene: str, sizes: dict[str, tuple[int, int]], progress: Progress
-) -> MeasuredScene:
+def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
+    """Read the poses of own photos, and what the photos' metadata say.
+
+    Raises
+    ------
+    UserError
+        A source is missing or wrong.
+    """
+    sizes = photo_sizes(sources.images, progress)
     photos = read_poses(sources.poses, sizes)
-    check_names(photos.names, sources.images)
-    crs = metric_crs(sources, photos).to_string()
-    centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(sources, photos))
-    poses = replace(photos.poses, centres=centres)
-    dom, survey = check_map(sources.dom), surveyed(sources.dsm)
-    plane = median_height(sources.dsm)
+    place = f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
+    named = sources.crs or photos.crs
+    if named is None:
+        raise UsageError(
+            "the CRS of the poses is not known",
+            where=sources.poses,
+            expected="a projected CRS in metres",
+            fix="add the key 'crs' to the file, or give --crs EPSG:...",
+        )
+    crs = metric_crs(named, place).to_string()
+    centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(named))
     shown = progress(photos.names, "metadata", len(photos.names))
     given = read_prior_file(sources.priors, sizes) if sources.priors is not None else {}
     metadata = {
         name: replace(read_prior(sources.images / name), **given.get(name, {})) for name in shown
     }
-    table = photo_table(scene, photos.names, photos.cameras, poses, _priors(metadata, crs), plane)
-    unposed = tuple(sorted(set(sizes) - set(photos.names)))
-    inputs = SceneInputs(scene, table, crs, dom, sources.dsm, plane, unposed)
-    return MeasuredScene.of(inputs, metadata, survey, sources.images)
+    return NativeScene(
+        scene,
+        sources.images,
+        photos.names,
+        photos.cameras,
+        replace(photos.poses, centres=centres),
+        crs,
+        dom=sources.dom,
+        dsm=sources.dsm,
+        cloud=sources.cloud,
+        priors=metadata_priors(metadata, crs),
+        metadata=metadata,
+        unposed=tuple(sorted(set(sizes) - set(photos.names))),
+        poses_from=sources.poses,
+        crs_from=place,
+    )
 
 
-def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
+def metadata_priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
     """Return a prior for each photo, NaN where its metadata lack one; None where all lack one."""
     whole = {name: prior for name, prior in metadata.items() if prior.is_complete}
     if not whole:
@@ -108,19 +97,3 @@ def _priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:
     centres = np.full((len(metadata), 3), np.nan)
     rotation[rows], centres[rows] = found.rotation, found.centres
     return Poses(rotation=rotation, centres=centres)
-
-
-def _nothing_to_ask(truth: RetrievalTruth, sources: PhotoOptions, read: MeasuredScene) -> UserError:
-    survey, centres = read.survey, read.inputs.photos[["x", "y", "z"]].median()
-    lowest = f"{survey.at_low / survey.valid:.0%} of the heights are exactly {survey.low:.10g} m: "
-    tag = f"{lowest}if that means none, tag it (gdal_edit.py -a_nodata); else "
-    reasons, fixes = grouped_reasons(truth.excluded)
-    return BenchmarkError(
-        f"no photo has a tile that answers it ({'; '.join(reasons)}); cameras are about "
-        f"({centres['x']:.0f}, {centres['y']:.0f}, {centres['z']:.0f}), the surface model is "
-        f"{survey.low:.1f} to {survey.high:.1f} m high, {read.inputs.plane_height_m:.1f} in the "
-        "median",
-        where=sources.poses,
-        expected="at least one photo that a tile answers",
-        fix=(tag if often_lowest(survey) else "") + "; or ".join(fixes),
-    )

@@ -9,6 +9,7 @@ from enum import Enum
 from airzoo_bench.datasets.photo_facts import OUTLIER_M
 from airzoo_bench.datasets.raster_checks import LOWEST_SHARE, often_lowest
 from airzoo_bench.datasets.scene_facts import SceneFacts
+from airzoo_bench.geometry.blocks import HeightSurvey
 
 __all__ = ["Found", "Kind", "height_warnings", "map_warnings"]
 
@@ -93,7 +94,8 @@ Found = Iterator[tuple[Kind, str]]
 
 def height_warnings(facts: SceneFacts) -> Found:
     """Yield warnings about a scene's surface model, and about its cloud over it."""
-    yield from _of_surface(facts)
+    if facts.survey is not None:
+        yield from _of_surface(facts.survey)
     yield from _of_cloud(facts)
 
 
@@ -103,18 +105,18 @@ def map_warnings(facts: SceneFacts) -> Found:
         yield from part(facts)
 
 
-def _of_surface(facts: SceneFacts) -> Found:
-    if facts.survey.low == facts.survey.high:
+def _of_surface(survey: HeightSurvey) -> Found:
+    if survey.low == survey.high:
         yield (
             Kind.FLAT,
-            f"the surface model is flat: every height is exactly {facts.survey.low:.10g} m; look "
+            f"the surface model is flat: every height is exactly {survey.low:.10g} m; look "
             "whether it holds heights at all",
         )
-    if often_lowest(facts.survey):
-        share = facts.survey.at_low / facts.survey.valid
+    if often_lowest(survey):
+        share = survey.at_low / survey.valid
         yield (
             Kind.LOWEST,
-            f"{share:.0%} of the surface model's heights are exactly {facts.survey.low:.10g} m, "
+            f"{share:.0%} of the surface model's heights are exactly {survey.low:.10g} m, "
             "its lowest: unless that is water, tag it as missing (gdal_edit.py -a_nodata)",
         )
 
@@ -152,7 +154,7 @@ def _of_map(facts: SceneFacts) -> Found:
             f"only {facts.on_map:.0%} of the photos' corners lie on the map: look at the CRS of "
             "map and poses, or cut the photos to those over the map",
         )
-    seen = facts.footprint_m / max(facts.map_gsd_m)
+    seen = math.nan if facts.map_gsd_m is None else facts.footprint_m / max(facts.map_gsd_m)
     if seen < FEW_PIXELS:
         yield (
             Kind.COARSE,
@@ -191,6 +193,8 @@ def _of_positives(facts: SceneFacts) -> Found:
 
 
 def _of_picture(facts: SceneFacts) -> Found:
+    if facts.map is None:
+        return
     shown, share = facts.map.shown, facts.map.one_colour
     if shown < LITTLE_SHOWN:
         yield Kind.LITTLE_SHOWN, f"only {shown:.1%} of the map shows anything: the rest is masked"
@@ -211,7 +215,7 @@ def _of_surface_bounds(facts: SceneFacts) -> Found:
             f"only {facts.on_surface:.0%} of the photos' corners lie on the surface model: look at "
             "the CRS and the extent of it and of the poses",
         )
-    if facts.map.over_surface < FEW_ON:
+    if facts.map is not None and facts.map.over_surface < FEW_ON:
         yield (
             Kind.LITTLE_SURFACE,
             f"the surface model lies below only {facts.map.over_surface:.0%} of the map: look at "

@@ -122,8 +122,8 @@ def _check_pixels(info: RasterInfo) -> None:
         )
 
 
-def check_above_surface(cameras: Cameras3D, dsm: Path) -> None:
-    """Refuse a scene whose cameras are all on or below the surface model.
+def check_above_surface(cameras: Cameras3D, dsm: Path | None) -> None:
+    """Refuse a scene whose cameras are all on or below the surface model, or else the plane z0.
 
     Raises
     ------
@@ -159,11 +159,12 @@ def check_map_scale(inputs: SceneInputs) -> None:
     RasterError
         With both sizes.
     """
-    pixel, (_, footprint, _) = max(gsd_m(inputs.dom)), footprints_of(inputs)
+    dom = inputs.gallery_map
+    pixel, (_, footprint, _) = max(gsd_m(dom)), footprints_of(inputs)
     if 0.0 < footprint < pixel:
         raise RasterError(
             f"a pixel is {pixel:,.1f} m wide on the ground, and a photo sees {footprint:,.1f} m",
-            where=inputs.dom.path,
+            where=dom.path,
             expected="a map of about the photos' resolution",
             fix="look at the geotransform and the CRS of the map",
         )

@@ -55,7 +55,7 @@ class MeasuredScene:
     inputs : SceneInputs
     metadata : mapping of str to PhotoPrior
         By file name; photos without an entry have none.
-    survey : HeightSurvey
+    survey : HeightSurvey or None
         Of the surface model.
     files : PhotoFiles
     cameras : Cameras3D
@@ -63,7 +63,7 @@ class MeasuredScene:
 
     inputs: SceneInputs
     metadata: Mapping[str, PhotoPrior]
-    survey: HeightSurvey
+    survey: HeightSurvey | None
     files: PhotoFiles
     cameras: Cameras3D
 
@@ -72,11 +72,11 @@ class MeasuredScene:
         cls,
         inputs: SceneInputs,
         metadata: Mapping[str, PhotoPrior],
-        survey: HeightSurvey,
+        survey: HeightSurvey | None,
         images: Path,
     ) -> MeasuredScene:
         """Measure the photos of a folder, those that have metadata, and the cameras."""
-        cameras = camera_facts(inputs.photos, inputs.dsm, metadata)
+        cameras = camera_facts(inputs, metadata)
         return cls(inputs, metadata, survey, survey_photos(images, metadata), cameras)
 
 
@@ -95,9 +95,9 @@ class SceneFacts(MeasuredScene):
         Medians over photos: ground width of a pixel, and of the photo's longer side.
     on_map, on_surface : float
         Share of the photos' corners, on the plane, that lie on the map, and within the rectangle
-        of the surface model.
-    map : MapFacts
-    map_gsd_m : tuple of float
+        of the surface model; NaN where there is none.
+    map : MapFacts or None
+    map_gsd_m : tuple of float or None
         Of the map, between columns and rows.
     crop_shares : (Q,) array or None
         Share of the map that each query's crop takes.
@@ -121,8 +121,8 @@ class SceneFacts(MeasuredScene):
     footprint_m: float
     on_map: float
     on_surface: float
-    map: MapFacts
-    map_gsd_m: tuple[float, float]
+    map: MapFacts | None
+    map_gsd_m: tuple[float, float] | None
     crop_shares: Floats | None
     positive_shares: Floats | None
     cloud_over_surface_m: float | None
@@ -133,6 +133,7 @@ class SceneFacts(MeasuredScene):
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""
         cameras, over, shift = self.cameras, self.cloud_over_surface_m, self.shift
+        dom, survey, found = self.inputs.dom, self.survey, self.map
         return {
             "photos": len(self.inputs.photos),
             "height_over_surface_m": _json(cameras.height_m),
@@ -149,15 +150,17 @@ class SceneFacts(MeasuredScene):
             "priors": _figures(
                 self.priors, "photos", "position_m", "yaw_deg", "pitch_deg", "rotation_deg"
             ),
-            "map_px": [self.inputs.dom.width, self.inputs.dom.height],
-            "map_gsd_m": list(self.map_gsd_m),
-            "map_shown": self.map.shown,
-            "map_in_one_colour": self.map.one_colour,
-            "map_over_surface": self.map.over_surface,
+            "map_px": None if dom is None else [dom.width, dom.height],
+            "map_gsd_m": None if self.map_gsd_m is None else list(self.map_gsd_m),
+            "map_shown": None if found is None else found.shown,
+            "map_in_one_colour": None if found is None else found.one_colour,
+            "map_over_surface": None if found is None else _json(found.over_surface),
             "corners_on_map": _json(self.on_map),
             "corners_on_surface": _json(self.on_surface),
-            "surface_valid_share": self.survey.valid_share,
-            "surface_m": [self.survey.low, self.inputs.plane_height_m, self.survey.high],
+            "surface_valid_share": None if survey is None else survey.valid_share,
+            "surface_m": None
+            if survey is None
+            else [survey.low, self.inputs.plane_height_m, survey.high],
             "cloud_over_surface_m": None if over is None else _json(over),
             "dropped_tiles": self.dropped_tiles,
             "map_shift_px": None if shift is None else list(shift.pixels),
@@ -188,8 +191,7 @@ def scene_facts(
     """
     inputs, metadata = scene.inputs, scene.metadata
     gsd, footprint, corners = footprints_of(inputs)
-    dsm = open_info(inputs.dsm)
-    area = inputs.dom.width * inputs.dom.height
+    dom, dsm = inputs.dom, None if inputs.dsm is None else open_info(inputs.dsm)
     shares = None if retrieval is None else retrieval.positives.counts / len(retrieval.tiles)
     return SceneFacts(
         inputs,
@@ -197,27 +199,43 @@ def scene_facts(
         scene.survey,
         scene.files,
         scene.cameras,
-        tuple(inputs.photos["id"][inputs.photos.duplicated(list(POSE_COLUMNS))]),
+        _same_pose(inputs),
         gps_facts(inputs, metadata),
         without_prior(inputs.photos, metadata),
         prior_facts(inputs.photos),
         gsd,
         footprint,
-        _share_inside(corners, inputs, inputs.dom),
+        _share_inside(corners, inputs, dom),
         _share_inside(corners, inputs, dsm),
-        map_facts(inputs.dom, dsm),
-        gsd_m(inputs.dom),
-        None if matching is None else matching.crops[:, 2] * matching.crops[:, 3] / area,
+        None if dom is None else map_facts(dom, dsm),
+        None if dom is None else gsd_m(dom),
+        None if matching is None else _crop_shares(matching),
         shares,
         cloud_over_surface_m,
-        map_shift(inputs.dom, dsm),
+        None if dom is None or dsm is None else map_shift(dom, dsm),
         0 if retrieval is None else len(retrieval.dropped_tiles),
         dropped,
     )
 
 
+def _crop_shares(truth: MatchingTruth) -> Floats:
+    shares: Floats = truth.crops[:, 2] * truth.crops[:, 3] / (truth.dom.width * truth.dom.height)
+    return shares
+
+
+def _same_pose(inputs: SceneInputs) -> tuple[str, ...]:
+    if "x" not in inputs.photos:
+        return ()
+    return tuple(inputs.photos["id"][inputs.photos.duplicated(list(POSE_COLUMNS))])
+
+
 def footprints_of(inputs: SceneInputs) -> tuple[float, float, Floats]:
-    """Return medians of pixel size and longer side (m) on the plane, and the corners (N, 4, 2)."""
+    """Return medians of pixel size and longer side (m) on the plane, and the corners (N, 4, 2).
+
+    NaN where the plane or the poses are not known.
+    """
+    if inputs.plane_height_m is None or "x" not in inputs.photos:
+        return math.nan, math.nan, np.full((len(inputs.photos), 4, 2), np.nan)
     cameras, poses = cameras_of(inputs.photos), poses_of(inputs.photos)
     above = poses.centres[:, 2] - inputs.plane_height_m
     gsd = above / cameras.focal.mean(axis=1)
@@ -227,8 +245,10 @@ def footprints_of(inputs: SceneInputs) -> tuple[float, float, Floats]:
     return median(gsd), median(gsd * longer), hits.points[..., :2]
 
 
-def _share_inside(corners: Floats, inputs: SceneInputs, raster: RasterInfo) -> float:
-    """Share of the photos' corners that lie within a raster."""
+def _share_inside(corners: Floats, inputs: SceneInputs, raster: RasterInfo | None) -> float:
+    """Share of the photos' corners that lie within a raster; NaN where either is not known."""
+    if raster is None or np.isnan(corners).all():
+        return math.nan
     places = change_of_plane(inputs.crs, raster.crs)(corners)
     pixels = world_to_pixel(raster.transform, places)
     return float(((pixels >= 0.0) & (pixels <= (raster.width, raster.height))).all(axis=-1).mean())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 from pyproj import CRS
@@ -18,14 +19,12 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.photo_options import PhotoOptions
-from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.geometry.crs import check_same_crs, describe_crs, horizontal_crs
-from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.units import check_true_metres, vertical_m
+from airzoo_bench.geometry.units import vertical_m
 
 __all__ = [
+    "check_dsm_crs",
     "check_names",
     "check_target",
     "metric_crs",
@@ -37,10 +36,10 @@ _LONGEST_PATH = 180  # so that ids are no longer than prediction files may have 
 _MOST_DSM_BANDS = 2  # heights, and perhaps a mask
 
 
-def check_target(sources: PhotoOptions, folder: Path) -> None:
+def check_target(sources: Iterable[Path], folder: Path) -> None:
     """Refuse to make a folder that holds the sources."""
     target = folder.resolve()
-    for source in (sources.poses, *sources.files.values()):
+    for source in sources:
         if target in (source.resolve(), *source.resolve().parents):
             raise UsageError(
                 f"the folder to make holds {source}, which it is made from",
@@ -91,57 +90,54 @@ def check_names(names: tuple[str, ...], folder: Path) -> None:
         )
 
 
-def metric_crs(sources: PhotoOptions, photos: PosedPhotos) -> CRS:
-    """Return the CRS of the poses: projected, in true metres, and the same as the DSM's.
+def metric_crs(named: str, where: str) -> CRS:
+    """Return the CRS of poses, which must be projected and in metres.
+
+    Parameters
+    ----------
+    named : str
+        See `geometry.crs.horizontal_crs`.
+    where : str
+        What states it, for messages.
 
     Raises
     ------
     UserError
-        It is not known, not metric or not the DSM's, or its scale at the photos is not 1; or the
-        DSM looks like a map.
+        It is not known, or not in metres.
     """
-    named = sources.crs or photos.crs
-    if named is None:
-        raise UsageError(
-            "the CRS of the poses is not known",
-            where=sources.poses,
-            expected="a projected CRS in metres",
-            fix="add the key 'crs' to the file, or give --crs EPSG:...",
-        )
-    crs = _in_metres(named, sources)
-    check_true_metres(crs, to_lonlat(crs, photos.poses.centres[:, :2]), _place_of_crs(sources))
-    dsm = open_info(sources.dsm)
-    check_same_crs(crs, dsm.crs, f"the poses ({sources.poses}) and the DSM ({sources.dsm})")
-    if dsm.bands > _MOST_DSM_BANDS:
-        raise RasterError(
-            f"has {dsm.bands} bands",
-            where=sources.dsm,
-            expected="one band of heights",
-            fix="look whether --dom and --dsm are the wrong way round",
-        )
-    return crs
-
-
-def _in_metres(named: str, sources: PhotoOptions) -> CRS:
-    place = _place_of_crs(sources)
     try:
         crs = horizontal_crs(named)
     except UserError as error:
-        raise error.inside(place) from error
+        raise error.inside(where) from error
     if not crs.is_projected or any(axis.unit_conversion_factor != 1 for axis in crs.axis_info):
         raise CameraError(
             f"poses are in {describe_crs(crs)}, which is not in metres",
-            where=place,
+            where=where,
             expected="a projected CRS in metres, such as UTM",
             fix="transform the camera centres, rotations and the DSM to one",
         )
     return crs
 
 
-def vertical_unit_m(sources: PhotoOptions, photos: PosedPhotos) -> float:
+def check_dsm_crs(crs: CRS, path: Path, poses: Path) -> None:
+    """Refuse a surface model in another CRS than the poses, or that looks like a map.
+
+    Raises
+    ------
+    RasterError
+        It is so.
+    """
+    dsm = open_info(path)
+    check_same_crs(crs, dsm.crs, f"the poses ({poses}) and the DSM ({path})")
+    if dsm.bands > _MOST_DSM_BANDS:
+        raise RasterError(
+            f"has {dsm.bands} bands",
+            where=path,
+            expected="one band of heights",
+            fix="look whether --dom and --dsm are the wrong way round",
+        )
+
+
+def vertical_unit_m(crs: str) -> float:
     """Metres of the unit of the poses' heights: that of a compound CRS, else 1."""
-    return vertical_m(CRS.from_user_input(sources.crs or photos.crs)) or 1.0
-
-
-def _place_of_crs(sources: PhotoOptions) -> str:
-    return f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
+    return vertical_m(CRS.from_user_input(crs)) or 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,12 +22,14 @@ from airzoo_bench.retrieval.settings import RetrievalProtocol
 if TYPE_CHECKING:
     import pandas as pd
 
+_BY_POSITION = ("plane", "dsm", "iou")
+
 __all__ = ["BenchmarkProtocols", "SceneTruths", "build_truths"]
 
 
 @dataclass(frozen=True)
 class BenchmarkProtocols:
-    """The protocols of one benchmark, all of the same scenes; None for tracks that it lacks."""
+    """The protocols of one benchmark; None for tracks that it lacks."""
 
     retrieval: RetrievalProtocol | None = None
     matching: MatchingProtocol | None = None
@@ -37,6 +40,34 @@ class BenchmarkProtocols:
         """The protocols that are not None."""
         three = (self.retrieval, self.matching, self.reconstruction)
         return tuple(protocol for protocol in three if protocol is not None)
+
+    @property
+    def titles(self) -> dict[str, str]:
+        """Titles of all scenes, by id."""
+        return {scene.id: scene.title for of in self.every for scene in of.scenes}
+
+    def of_scene(self, scene: str) -> BenchmarkProtocols:
+        """Leave out the protocols that do not name a scene."""
+        named = [any(one.id == scene for one in of.scenes) for of in self.every]
+        kept = {of.track: of for of, there in zip(self.every, named, strict=True) if there}
+        return BenchmarkProtocols(**kept)  # type: ignore[arg-type]
+
+    def of_scenes(self, scenes: Collection[str]) -> BenchmarkProtocols:
+        """Restrict the protocols to some scenes.
+
+        Where that leaves out any, benchmark and protocols are named "partial": a score over fewer
+        scenes is another score.
+        """
+        if all(one.id in scenes for of in self.every for one in of.scenes):
+            return self
+        kept = {}
+        for of in self.every:
+            left = tuple(one for one in of.scenes if one.id in scenes)
+            names = {"name": f"{of.name}-partial", "benchmark": f"{of.benchmark}-partial"}
+            title = f"{of.title} ({len(left)} of {len(of.scenes)} scenes)"[-120:]
+            if left:
+                kept[of.track] = of.model_copy(update={"scenes": left, "title": title, **names})
+        return BenchmarkProtocols(**kept)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +91,9 @@ def build_truths(
     Parameters
     ----------
     inputs : SceneInputs
-        Without a prior for any photo there is no truth for matching, unless the protocol takes
-        priors from elsewhere.
+        Without a map there is no truth for retrieval by position; without a map, a surface model
+        or a prior for any photo none for matching, unless the protocol takes priors from
+        elsewhere.
     protocols : BenchmarkProtocols
     cloud : Path, optional
         The true cloud, in the scene's CRS; without it there is no truth for reconstruction.
@@ -75,8 +107,7 @@ def build_truths(
     """
     retrieval, matching, reconstruction = None, None, None
     if protocols.retrieval is not None:
-        rules = protocols.retrieval.ground_truth
-        retrieval = build_retrieval_truth(inputs, protocols.retrieval.gallery, rules)
+        retrieval = _retrieval_truth(inputs, protocols.retrieval)
     if protocols.matching is not None:
         matching = _matching_truth(inputs, protocols.matching)
     if protocols.reconstruction is not None and cloud is not None:
@@ -84,7 +115,16 @@ def build_truths(
     return SceneTruths(inputs.photos, retrieval, matching, reconstruction)
 
 
+def _retrieval_truth(inputs: SceneInputs, protocol: RetrievalProtocol) -> PreparedScene | None:
+    rules = protocol.ground_truth
+    if rules.rule in _BY_POSITION and inputs.dom is None and inputs.gallery is None:
+        return None
+    return build_retrieval_truth(inputs, protocol.gallery, rules)
+
+
 def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> MatchingTruth | None:
+    if inputs.dom is None or inputs.dsm is None:
+        return None
     if protocol.prior.source == "metadata" and "prior_x" not in inputs.photos.columns:
         return None
     truth = build_matching_truth(inputs, protocol.crop, protocol.prior)

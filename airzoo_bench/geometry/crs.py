@@ -9,7 +9,10 @@ from pyproj.exceptions import CRSError
 
 from airzoo_bench.core.errors import RasterError, UserError
 
-__all__ = ["check_same_crs", "describe_crs", "horizontal_crs", "same_plane"]
+__all__ = ["LOCAL_CRS", "check_same_crs", "describe_crs", "horizontal_crs", "same_plane"]
+
+LOCAL_CRS = "local"
+"""Names a frame in metres, z up, that has no place on the earth."""
 
 
 def horizontal_crs(crs: Any) -> CRS:
@@ -30,6 +33,12 @@ def horizontal_crs(crs: Any) -> CRS:
     UserError
         A CRS that PROJ does not know, or that is neither projected nor geographic.
     """
+    if crs == LOCAL_CRS:
+        raise UserError(
+            "the frame is local: it has no place on the earth",
+            expected="a projected CRS in metres",
+            fix="georeference the scene, or leave out what needs a map",
+        )
     try:
         known = CRS.from_user_input(crs)
     except CRSError as error:

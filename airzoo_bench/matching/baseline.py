@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.evaluation.parts import Baseline, Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.arrays import Floats
@@ -119,7 +119,7 @@ def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
             scene.crs,
             truth.dom,
             (int(x), int(y), int(width), int(height)),
-            ground_height_m=scene.plane_height_m,
+            ground_height_m=needed(scene.plane_height_m, "height of the ground", scene.id),
         )
         for row, (name, (x, y, width, height)) in enumerate(
             zip(truth.queries["image"], truth.crops, strict=True)

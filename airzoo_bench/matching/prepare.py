@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import (
     POSE_COLUMNS,
     PRIOR_COLUMNS,
@@ -51,11 +52,14 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     Raises
     ------
     BenchmarkError
-        The priors equal the truth, and the protocol does not say so.
+        There is no map or no surface model; or the priors equal the truth, and the protocol does
+        not say so.
     RasterError
         The surface model is not in metres, or cannot be read.
     """
     photos = inputs.photos
+    dom = needed(inputs.dom, "map", inputs.scene)
+    dsm = needed(inputs.dsm, "surface model", inputs.scene)
     columns = PRIOR_COLUMNS if prior.source == "metadata" else POSE_COLUMNS
     there = np.isfinite(photos[list(columns)].to_numpy(np.float64)).all(axis=1)
     asked = photos[there].reset_index(drop=True)
@@ -66,10 +70,10 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     found = crop_windows(
         cameras_of(asked),
         poses_of(asked, PRIOR_COLUMNS),
-        inputs.dom,
-        inputs.dsm,
+        dom,
+        dsm,
         crop=crop,
-        plane_height_m=inputs.plane_height_m,
+        plane_height_m=needed(inputs.plane_height_m, "height of the ground", inputs.scene),
     )
     kept = found.status == CropStatus.CROPPED
     reasons = np.full(len(photos), _NO_PRIOR, dtype=object)
@@ -80,9 +84,9 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         inputs.scene,
         asked[kept].reset_index(drop=True),
         found.windows[kept],
-        inputs.dom,
-        inputs.dsm,
-        sha256_of(inputs.dsm),
+        dom,
+        dsm,
+        sha256_of(dsm),
         with_unposed(_excluded(inputs, left_out, reasons), inputs),
     )
 

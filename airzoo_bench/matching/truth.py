@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
     POSE_COLUMNS,
@@ -157,7 +157,7 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
             expected=f"SHA-256 {(entry.dsm_sha256 or 'none')[:12]}…",
             fix="put it back, or prepare the benchmark again",
         )
-    dom = open_info(benchmark.resolve(entry.dom))
+    dom = open_info(benchmark.resolve(needed(entry.dom, "map", scene)))
     _check_map(home / "map.json", dom)
     windows = _windows(crops, dom, home / "crops.csv")
     return MatchingTruth(scene, queries, windows, dom, dsm, found, excluded)

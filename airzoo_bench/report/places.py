@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark, needed
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import fingerprint
@@ -108,12 +108,13 @@ def _check_truth(section: Section, benchmark: Benchmark, prints: dict[str, str])
 def _retrieval_places(section: Section, benchmark: Benchmark) -> list[Place]:
     truths = [read_retrieval(benchmark.scene_folder(s), s) for s in section.first.scenes]
     _check_truth(section, benchmark, {truth.scene: truth.fingerprint for truth in truths})
-    return [_retrieval_place(truth, benchmark) for truth in truths]
+    mapped = [truth for truth in truths if benchmark.scene(truth.scene).dom is not None]
+    return [_retrieval_place(truth, benchmark) for truth in mapped]
 
 
 def _retrieval_place(truth: RetrievalTruth, benchmark: Benchmark) -> Place:
     entry = benchmark.scene(truth.scene)
-    dom = open_info(benchmark.resolve(entry.dom))
+    dom = open_info(benchmark.resolve(needed(entry.dom, "map", truth.scene)))
     anchors = [name for name in ANCHOR_COLUMNS if name in truth.footprints.columns]
     corners = (
         truth.footprints[anchors].to_numpy(np.float64).reshape(-1, 4, 2)
@@ -124,7 +125,7 @@ def _retrieval_place(truth: RetrievalTruth, benchmark: Benchmark) -> Place:
     return Place(
         truth.scene,
         dom,
-        benchmark.resolve(entry.gallery or entry.dom),
+        benchmark.resolve(entry.gallery) if entry.gallery else dom.path,
         _photos(truth.queries, benchmark.resolve(entry.images)),
         truth.queries["id"].tolist(),
         _on_map(dom, corners),

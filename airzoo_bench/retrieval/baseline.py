@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.images import read_grey, read_tile
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.options import Option
@@ -209,7 +209,7 @@ def _readers(
     benchmark: Benchmark, truth: RetrievalTruth, long_side_px: int
 ) -> tuple[list[Reader], list[Reader]]:
     scene = benchmark.scene(truth.scene)
-    gallery = benchmark.resolve(scene.gallery or scene.dom)
+    gallery = benchmark.resolve(needed(scene.gallery or scene.dom, "map", scene.id))
     images = benchmark.resolve(scene.images)
     tiles: list[Reader] = [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()]
     photos: list[Reader] = [

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import (
     NO_POSE,
     SceneInputs,
@@ -137,13 +138,15 @@ def _without_empty(
 
 
 def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
-    ground: float | HeightField = inputs.plane_height_m
+    ground: float | HeightField
     if rules.rule == "dsm":
-        ground = HeightField.read(inputs.dsm)
+        ground = HeightField.read(needed(inputs.dsm, "surface model", inputs.scene))
+    else:
+        ground = needed(inputs.plane_height_m, "height of the ground", inputs.scene)
     found = cast_footprints(
         cameras_of(inputs.photos),
         poses_of(inputs.photos),
-        inputs.crs,
+        needed(inputs.crs, "CRS", inputs.scene),
         ground,
         inset=rules.anchor_inset,
         max_range_m=rules.max_range_m,

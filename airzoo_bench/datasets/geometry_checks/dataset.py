@@ -30,7 +30,7 @@ from airzoo_bench.datasets.map_facts import check_overlap
 from airzoo_bench.datasets.raster_checks import check_map, surveyed
 from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_facts
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.crs import describe_crs, same_plane
+from airzoo_bench.geometry.crs import LOCAL_CRS, describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
@@ -67,7 +67,7 @@ class PosedScene:
     poses : Poses
         In `crs`.
     crs : str or None
-        Projected CRS in metres; None where nobody has named it.
+        Projected CRS in metres; None where nobody has named it, or the frame is local.
     folder : Path
         Of the photos.
     plane_height_m : float or None
@@ -177,7 +177,7 @@ def _scene(benchmark: Benchmark, scene: SceneFile) -> PosedScene:
         tuple(photos["image"]),
         cameras_of(photos),
         poses_of(photos),
-        scene.crs,
+        None if scene.crs == LOCAL_CRS else scene.crs,
         benchmark.resolve(scene.images),
         scene.plane_height_m,
         benchmark,
@@ -200,7 +200,7 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
         They differ.
     """
     where = f"{benchmark.folder / 'benchmark.toml'}, scene {scene.id}"
-    if "altitude_m" in photos:
+    if "altitude_m" in photos and scene.plane_height_m is not None:
         off = np.abs(photos["z"] - photos["altitude_m"] - scene.plane_height_m)
         if (off > _ROUNDED_M).any():
             raise BenchmarkError(
@@ -213,7 +213,7 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
     dsm = benchmark.resolve(scene.dsm or "")
     if not scene.dsm or not dsm.is_file():
         return
-    if not same_plane(scene.crs, open_info(dsm).crs):
+    if scene.crs is None or not same_plane(scene.crs, open_info(dsm).crs):
         raise BenchmarkError(
             f"its CRS is {scene.crs}, that of the surface model {describe_crs(open_info(dsm).crs)}",
             where=where,
@@ -241,8 +241,8 @@ def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
     Returns
     -------
     SceneFacts or None
-        None where the map or the surface model is not there. Photos that are not there have no
-        metadata.
+        None where a map or a surface model that benchmark.toml names is not there. Photos that
+        are not there have no metadata.
 
     Raises
     ------
@@ -252,26 +252,27 @@ def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
     import pandas as pd
 
     entry, home = benchmark.scene(scene), benchmark.scene_folder(scene)
-    dom, dsm = benchmark.resolve(entry.dom), benchmark.resolve(entry.dsm or "")
-    if not (entry.dsm and dom.is_file() and dsm.is_file()):
+    dom, dsm = (path and benchmark.resolve(path) for path in (entry.dom, entry.dsm))
+    if not all(path.is_file() for path in (dom, dsm) if path):
         return None
-    tracks = benchmark.file.tracks
-    numbers = (*CAMERA_COLUMNS, *POSE_COLUMNS)
+    numbers = (*CAMERA_COLUMNS, *POSE_COLUMNS) if entry.crs else ()
     photos = read_queries(home, pd.DataFrame({"id": []}), numbers)
-    inputs = SceneInputs(scene, photos, entry.crs, check_map(dom), dsm, entry.plane_height_m)
-    retrieval = read_retrieval_truth(home, scene) if "retrieval" in tracks else None
-    if retrieval is not None and entry.gallery is None:
-        _check_windows(retrieval, inputs.dom)
-    check_overlap(inputs.dom, open_info(dsm))
+    info = check_map(dom) if dom else None
+    inputs = SceneInputs(scene, photos, entry.crs, info, dsm or None, entry.plane_height_m)
+    served = {track for track in benchmark.file.tracks if (home / track).is_dir()}
+    retrieval = read_retrieval_truth(home, scene) if "retrieval" in served else None
+    if retrieval is not None and entry.gallery is None and info is not None:
+        _check_windows(retrieval, info)
+    if info is not None and dsm:
+        check_overlap(info, open_info(dsm))
     images = benchmark.resolve(entry.images)
     there = [name for name in photos["image"] if (images / name).is_file()]
     metadata = {name: read_prior(images / name) for name in there}
-    has_matching = "matching" in tracks and (home / "matching").is_dir()
     cloud = benchmark.resolve(entry.cloud) if entry.cloud else None
     return scene_facts(
-        MeasuredScene.of(inputs, metadata, surveyed(dsm), images),
+        MeasuredScene.of(inputs, metadata, surveyed(dsm) if dsm else None, images),
         retrieval,
-        read_matching_truth(benchmark, scene) if has_matching else None,
+        read_matching_truth(benchmark, scene) if "matching" in served else None,
         check_cloud(cloud, inputs) if cloud and cloud.is_file() else None,
     )
 
