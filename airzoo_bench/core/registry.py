@@ -153,6 +153,10 @@ DATASETS = Registry(
     {
         "photos": "airzoo_bench.datasets.photos_dataset:PHOTOS",
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
+        "university-1652": "airzoo_bench.datasets.published.university_1652:UNIVERSITY_1652",
+        "sues-200": "airzoo_bench.datasets.published.sues_200:SUES_200",
+        "denseuav": "airzoo_bench.datasets.published.denseuav:DENSEUAV",
+        "gta-uav": "airzoo_bench.datasets.published.gta_uav:GTA_UAV",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

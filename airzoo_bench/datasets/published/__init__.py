@@ -1,0 +1,1 @@
+"""Published benchmarks as they are downloaded, a module each."""
