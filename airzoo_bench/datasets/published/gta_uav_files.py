@@ -263,7 +263,7 @@ def _check_images(root: Path, images: Sequence[str]) -> None:
     names: dict[str, set[str]] = {}
     for home in {image.rpartition("/")[0] for image in images}:
         folder = root / home
-        names[home] = set(os.listdir(folder)) if folder.is_dir() else set()
+        names[home] = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     lacking = [
         image for image in images if image.rpartition("/")[2] not in names[image.rpartition("/")[0]]
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -50,31 +50,45 @@ def prepare_images(
         settings.note(f"taken from {root}")
     settings.note(f"licence of {dataset.about.title}: {dataset.about.licence}")
     protocols = [_protocol(name) for name in dataset.protocols]
-    ids = {scene.id: of for of in protocols for scene in of.scenes}
-    wanted = chosen_scenes(list(ids), options.scene)
-    native, truths = {}, {}
-    for scene in settings.progress(wanted, "scenes", len(wanted)):
+    by_scene = {scene.id: protocol for protocol in protocols for scene in protocol.scenes}
+    wanted = {scene: by_scene[scene] for scene in chosen_scenes(list(by_scene), options.scene)}
+    scenes = _read_scenes(dataset, root, wanted, options, settings)
+    for scene, (native, prepared) in scenes.items():
+        for sentence in (*native.notes, *_counts(dataset, by_scene[scene], scene, prepared)):
+            settings.note(f"scene {scene}: {sentence}")
+    if settings.tiles_on_disk:
+        settings.note("the images of the gallery are files already: none was written")
+    served = _of_scenes(protocols, list(scenes))
+    if served[0].benchmark != dataset.name and settings.folder.name == dataset.name:
+        folder = settings.folder.with_name(served[0].benchmark)
+        settings = replace(settings, folder=folder)
+    return _write(served, scenes, settings)
+
+
+def _read_scenes(
+    dataset: ImageBenchmark,
+    root: Path,
+    wanted: Mapping[str, RetrievalProtocol],
+    options: NativeOptions,
+    settings: PrepareSettings,
+) -> dict[str, tuple[ImageScene, PreparedScene]]:
+    """Read the scenes and make their truth."""
+    found = {}
+    for scene, protocol in settings.progress(wanted.items(), "scenes", len(wanted)):
         try:
-            native[scene] = dataset.read(root, scene)
-            truths[scene] = _truth(scene, native[scene], ids[scene])
+            native = dataset.read(root, scene)
+            found[scene] = (native, _truth(scene, native, protocol))
         except UserError as error:
             if not options.keep_going:
                 raise
             settings.note(f"scene {scene} is left out: {error}")
-    if not truths:
+    if not found:
         raise BenchmarkError(
-            f"none of the scenes {', '.join(wanted)} can be read", where=root, fix="see above"
+            f"none of the scenes {', '.join(wanted)} can be read",
+            where=root,
+            fix="mend what is said of each",
         )
-    for scene, prepared in truths.items():
-        for sentence in (*native[scene].notes, *_counts(dataset, ids[scene], scene, prepared)):
-            settings.note(f"scene {scene}: {sentence}")
-    if settings.tiles_on_disk:
-        settings.note("the images of the gallery are files already: none was written")
-    served = _of_scenes(protocols, list(truths))
-    if served[0].benchmark != protocols[0].benchmark and settings.folder.name == dataset.name:
-        folder = settings.folder.with_name(served[0].benchmark)
-        settings = replace(settings, folder=folder)
-    return _write(served, native, truths, settings)
+    return found
 
 
 def _protocol(name: str) -> RetrievalProtocol:
@@ -135,18 +149,17 @@ def _of_scenes(
 
 def _write(
     protocols: Sequence[RetrievalProtocol],
-    native: dict[str, ImageScene],
-    truths: dict[str, PreparedScene],
+    scenes: Mapping[str, tuple[ImageScene, PreparedScene]],
     settings: PrepareSettings,
 ) -> Prepared:
     titles = {scene.id: scene.title for protocol in protocols for scene in protocol.scenes}
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
         entries = []
-        for scene, prepared in truths.items():
+        for scene, (native, prepared) in scenes.items():
             home = staged / "scenes" / scene
             write_queries(home, _photos(prepared))
             write_truth(home, prepared.truth, prepared.overlaps)
-            places = _places(staged, scene, native[scene], copy=settings.copy)
+            places = _places(staged, scene, native, copy=settings.copy)
             entries.append(
                 SceneFile(
                     id=scene,
@@ -175,7 +188,7 @@ def _write(
         {protocol.name: protocol.track for protocol in protocols},
         {
             scene: SceneTruths(_photos(prepared), prepared, None, None)
-            for scene, prepared in truths.items()
+            for scene, (_, prepared) in scenes.items()
         },
     )
 
