@@ -58,10 +58,14 @@ def maps(
         Takes why a map was left out: none is there, colours that are not 8 bit, a damaged file.
     """
     share = min(_MOST_BYTES, _TOTAL_BYTES // max(len(places), 1))
+    unmapped = [place.scene for place in places if place.dom is None]
+    if unmapped:
+        whose = "its gallery is" if len(unmapped) == 1 else "their galleries are"
+        kind = "a set" if len(unmapped) == 1 else "sets"
+        notes.append(f"no map of {', '.join(unmapped)}: {whose} {kind} of images")
     found = []
     for place in places:
         if place.dom is None:
-            notes.append(f"no map of scene {place.scene}: its gallery is a set of images")
             continue
         try:
             found.append(_map(section, place, place.dom, share, blobs))

@@ -156,7 +156,7 @@ def haversine(one: Floats, other: Floats) -> float:
 def test_float32_moves_the_scores_of_denseuav() -> None:
     """A place 0.4 m off in float32 is what the authors' code scores, and so is ours."""
     here = np.array([[120.3870025, 30.3240005]])
-    truth = made_truth((["1"], ["1"]), (here, here + [[3e-6, 0]]), degrees=True)
+    truth = made_truth((["1"], ["1"]), (here, here + np.array([[3e-6, 0]])), degrees=True)
     settings = protocol("denseuav-drone-to-satellite").scores
     assert isinstance(settings, ImageScores)
     content = RankedIds(np.array([["s/t0000"]]), None)

@@ -97,7 +97,7 @@ def _fix_for(folder: Path) -> str:
         found = [name for name in names if name.lower().endswith(endings)]
         if found:
             return f"{fix} {first_of(found)}"
-    return "name the folder that holds these with --source"
+    return "unpack the whole download there, or name another folder with --source"
 
 
 def class_images(folder: Path, below: str = "") -> list[ClassImage]:
@@ -116,11 +116,12 @@ def class_images(folder: Path, below: str = "") -> list[ClassImage]:
         class is empty, or a file is half downloaded.
     """
     if not folder.is_dir():
+        home = next(parent for parent in folder.parents if parent.is_dir())
         raise BenchmarkError(
-            f"no such folder; its parent holds: {listed(folder.parent)}",
+            f"no such folder; found in {home.name}: {listed(home)}",
             where=folder,
             expected="a folder a class, with the images in it",
-            fix=_fix_for(folder.parent),
+            fix=f"{_fix_for(home)}, or choose scenes that are there with --scene",
         )
     found: list[ClassImage] = []
     empty = []

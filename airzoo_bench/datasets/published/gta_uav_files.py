@@ -94,6 +94,12 @@ def read_pairs(path: Path) -> list[DroneImage]:
     BenchmarkError
         It is missing, cut short, or an entry is not as the benchmark has it.
     """
+    if not path.is_file():
+        raise BenchmarkError(
+            "no such list of pairs",
+            where=path,
+            fix="download it into that folder, or choose scenes that are there with --scene",
+        )
     text = read_text(path, BenchmarkError, "list of pairs", _MOST_BYTES)
     try:
         entries = json.loads(text.removeprefix("\ufeff"))
