@@ -161,9 +161,9 @@ def _kind_of_gallery(values: Any) -> str:
 
 
 def _kind_of_truth(values: Any) -> str:
-    stated = ("labels", "pairs")
     if isinstance(values, dict):
-        return "<images>" if values.get("rule") in stated else "<map>"
+        stated = values.get("rule") in ("labels", "pairs") and "anchor_inset" not in values
+        return "<images>" if stated else "<map>"
     return "<images>" if isinstance(values, StatedTruth) else "<map>"
 
 
