@@ -117,7 +117,7 @@ def match_scene(
     try:
         match content:
             case RankedIds() as ranked:
-                step = max(1, _CELLS // max(1, ranked.ids.shape[1]))
+                step = max(1, _CELLS // max(1, ranked.ids.shape[1], n_tiles if whole else 0))
                 rank = partial(_rank_some, ranked, truth, kept, depth)
             case Descriptors() as described:
                 step = max(1, _CELLS // n_tiles) if whole else max(1, len(there))

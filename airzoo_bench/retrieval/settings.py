@@ -81,7 +81,7 @@ class StatedTruth(Strict):
     """Which images answer a query, by the benchmark's own word: its class labels or its pairs."""
 
     rule: Literal["labels", "pairs"]
-    pairs: Literal["positive", "semi_positive"] | None = None
+    pairs: Literal["positive"] | None = None
     without_positive: Literal["exclude", "miss"]
 
     @model_validator(mode="after")
