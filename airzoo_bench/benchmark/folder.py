@@ -36,6 +36,7 @@ __all__ = [
     "TruthWanted",
     "benchmark_folders",
     "data_root",
+    "differences",
     "find_benchmark",
     "needed",
     "verify",
@@ -271,11 +272,11 @@ class Benchmark:
                 where=self.folder,
                 fix="prepare it with a protocol of that track",
             )
-        differences = _differences(have, protocol.truth_settings())
-        if differences:
+        found = differences(have, protocol.truth_settings())
+        if found:
             raise BenchmarkError(
                 f"its truth was made with other settings than protocol {protocol.name}:\n    "
-                + "\n    ".join(differences),
+                + "\n    ".join(found),
                 where=self.folder,
                 fix="use the protocol in its protocols/ folder, or prepare it again with this one",
             )
@@ -321,7 +322,8 @@ def find_benchmark(name: str, data: Path) -> Benchmark:
     return benchmark
 
 
-def _differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:
+def differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:
+    """Name the settings of truth that differ, with both values; by section and key."""
     return [
         f"{section}.{key}: {ours.get(key)} in the folder, {theirs.get(key)} in the protocol"
         for section in want

@@ -26,6 +26,7 @@ from airzoo_bench.cli import (
     prepare,
     protocols,
     report,
+    seal_folder,
     table,
     template,
 )
@@ -64,6 +65,9 @@ app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(bre
 app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
+app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
+    seal_folder.seal_folder
+)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -12,14 +12,14 @@ import typer
 
 from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
 from airzoo_bench.cli.common import JobsOption, progress, put, say, with_data
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS, TRACKS
-from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
+from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings, SceneSummary
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.scene_facts import SceneFacts
-    from airzoo_bench.datasets.truths import SceneTruths
+    from airzoo_bench.datasets.native import About
 
 __all__ = ["app"]
 
@@ -44,18 +44,25 @@ CropsOption = Annotated[
 CopyOption = Annotated[
     bool, typer.Option("--copy", help="Copy photos, maps and clouds into the folder.")
 ]
+AddToOption = Annotated[
+    Path | None,
+    typer.Option("--add-to", help="Add the scenes to this benchmark folder, made by `prepare`."),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the folder.")]
 
 
 class _PrepareGroup(BuiltGroup):
     registry = DATASETS
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Sources": ("name", "images", "poses", "dom", "dsm", "cloud", "priors", "crs"),
+        "Sources": (
+            *("source", "scene", "keep_going", "name", "images", "poses"),
+            *("dom", "dsm", "cloud", "priors", "crs"),
+        ),
         "What is measured": (
             *("protocol", "matching_protocol", "reconstruction_protocol"),
             *("tile_size", "rule", "iou_above"),
         ),
-        "Output": ("out", "tiles", "crops", "copy", "force"),
+        "Output": ("out", "tiles", "crops", "copy", "add_to", "force"),
     }
 
     def command_of(self, thing: Dataset[Any]) -> tuple[Callable[..., None], str]:
@@ -65,6 +72,7 @@ class _PrepareGroup(BuiltGroup):
             parameter("tiles", TilesOption, Parts.WINDOWS),
             parameter("crops", CropsOption, Parts.WINDOWS),
             parameter("copy", CopyOption, False),
+            parameter("add_to", AddToOption, None),
             parameter("force", ForceOption, False),
             *([] if thing.jobs is None else [parameter("jobs", JobsOption, thing.jobs)]),
         ]
@@ -88,6 +96,7 @@ def _prepare(
     tiles: Parts,
     crops: Parts,
     copy: bool,
+    add_to: Path | None,
     force: bool,
     jobs: int = 1,
     **options: Any,
@@ -95,8 +104,7 @@ def _prepare(
     from airzoo_bench.core.files import check_new_folder
 
     chosen, root = dataset.options(**options), data_root()
-    folder = out or root / dataset.benchmark(chosen)
-    check_new_folder(folder, replace=force)
+    folder = add_to or out or root / dataset.folder_name(chosen, root)
     settings = PrepareSettings(
         folder,
         root,
@@ -104,50 +112,64 @@ def _prepare(
         crops_on_disk=crops is Parts.FILES,
         copy=copy,
         replace=force,
+        add_to=add_to,
         jobs=jobs,
         progress=progress,
         note=say,
     )
+    if add_to is not None and out is not None:
+        raise UsageError("--add-to names the folder, and so does --out", fix="leave out --out")
+    if add_to is None and not force and dataset.is_prepared(chosen, settings):
+        put(f"{folder}\n")
+        say("nothing to do: it is complete, its checksums are right, and its sources are unchanged")
+        return
+    if add_to is None:
+        check_new_folder(folder, replace=force)
     prepared = dataset.prepare(chosen, settings)
-    put(f"{prepared.folder}\n")
-    for scene, truths in prepared.truths.items():
-        _print_scene(dataset, prepared, scene, truths)
-    for facts in prepared.facts.values():
-        _warn(facts)
+    _print_prepared(dataset, prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
-        say(f"next: airzoo-bench baseline {track} {protocol}{with_data(out)} --out {file}")
+        where = with_data(None if prepared.folder.parent == root else prepared.folder)
+        say(f"next: airzoo-bench baseline {track} {protocol}{where} --out {file}")
+    if prepared.failed:
+        raise typer.Exit(1)
+
+
+def _print_prepared(dataset: Dataset[Any], prepared: Prepared) -> None:
+    put(f"{prepared.folder}\n")
+    _print_about(dataset.about)
+    for scene, summary in prepared.summaries.items():
+        _print_scene(dataset, prepared, scene, summary)
+    for summary in prepared.summaries.values():
+        for sentence in summary.warnings:
+            say(f"warning: {sentence}")
+        for sentence in summary.notes:
+            say(sentence)
+    for scene, why in prepared.failed.items():
+        say(f"left out, scene {scene}: {why}")
+
+
+def _print_about(about: About | None) -> None:
+    if about is None:
+        return
+    put(f"  licence: {about.licence}\n")
+    for sentence in about.assumptions:
+        put(f"  assumed: {sentence}\n")
+    for sentence in about.unverified:
+        put(f"  not verified: {sentence}\n")
 
 
 def _print_scene(
-    dataset: Dataset[Any], prepared: Prepared, scene: str, truths: SceneTruths
+    dataset: Dataset[Any], prepared: Prepared, scene: str, summary: SceneSummary
 ) -> None:
-    facts = prepared.facts.get(scene)
-    if facts is None or len(prepared.truths) > 1:
-        put(f"{scene}, {counted(len(truths.photos), 'photo')}\n")
-    if facts is not None:
-        from airzoo_bench.datasets.facts_lines import fact_lines
-
-        for line in fact_lines(facts):
-            put(f"  {line}\n")
-    _print_tracks(truths, dataset.without_truth)
-
-
-def _print_tracks(truths: SceneTruths, without_truth: Mapping[str, str]) -> None:
-    if truths.retrieval is not None:
-        truth = truths.retrieval.truth
-        counts = truth.positives.counts
-        text = f"{counted(len(truth.queries), 'query')}, {counted(len(truth.tiles), 'tile')}, "
-        text += f"{counts.min()} to {counts.max()} positives per query, mean {counts.mean():.1f}"
-        _print_track("retrieval", text, len(truth.excluded))
-    if truths.matching is not None:
-        text = f"{counted(len(truths.matching.queries), 'query')} with a prior"
-        _print_track("matching", text, len(truths.matching.excluded))
-    if truths.reconstruction is not None:
-        text = f"{counted(len(truths.reconstruction.photos), 'photo')}, a true cloud"
-        _print_track("reconstruction", text)
-    for track, reason in without_truth.items():
-        if getattr(truths, track) is None:
+    if not summary.facts or len(prepared.summaries) > 1:
+        put(f"{scene}, {counted(summary.photos, 'photo')}\n")
+    for line in summary.facts:
+        put(f"  {line}\n")
+    for track, found in summary.tracks.items():
+        _print_track(track, found.text, found.left_out)
+    for track, reason in dataset.without_truth.items():
+        if track not in summary.tracks:
             _print_track(track, f"no: {reason}")
 
 
@@ -155,14 +177,3 @@ def _print_track(track: str, text: str, left_out: int = 0) -> None:
     put(f"  {track:15} {text}\n")
     if left_out:
         put(f"  {'':15} {counted(left_out, 'photo')} left out; excluded.csv says why\n")
-
-
-def _warn(facts: SceneFacts) -> None:
-    from airzoo_bench.core.errors import first_of
-    from airzoo_bench.datasets.facts_lines import plausibility_warnings
-
-    for sentence in plausibility_warnings(facts):
-        say(f"warning: {sentence}")
-    if facts.inputs.unposed:
-        listed = first_of(map(repr, facts.inputs.unposed))
-        say(f"photos without a pose, which no track asks: {listed}")

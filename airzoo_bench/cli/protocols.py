@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,11 @@ from airzoo_bench.cli.common import (
     show,
 )
 
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.native import About
+    from airzoo_bench.protocol.model import Protocol
+    from airzoo_bench.tables.model import Row
+
 __all__ = ["EXAMPLES", "protocols"]
 
 EXAMPLES = examples("protocols uav-visloc-retrieval")
@@ -29,29 +34,61 @@ def protocols(
     data: DataOption = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
-    """List the protocols that are shipped or stand in prepared benchmark folders."""
+    """List the protocols that are shipped or stand in prepared benchmark folders.
+
+    With a name: its file, and what is known of the benchmark's data.
+    """
     from airzoo_bench.protocol.lookup import find_protocol, load_protocol, protocol_files
-    from airzoo_bench.tables.model import Cell, Column, Row, Table
+    from airzoo_bench.tables.model import Column, Table
 
     folder = resolve_data(data)
     if name is not None:
-        find_protocol(name, folder)
+        protocol = find_protocol(name, folder)
         path = Path(name) if name.endswith(".toml") else protocol_files(folder)[name]
-        put(path.read_text(encoding="utf-8"))
+        put(_about_lines(_about(protocol.benchmark)) + path.read_text(encoding="utf-8"))
         return
     loaded = {key: load_protocol(path) for key, path in protocol_files(folder).items()}
-    rows = tuple(
-        Row(
-            (
-                Cell(key),
-                Cell(protocol.version),
-                Cell(protocol.track),
-                Cell(len(protocol.scenes)),
-                Cell(protocol.fingerprint[:12]),
-                Cell(protocol.title),
-            )
-        )
-        for key, protocol in loaded.items()
+    in_full = form is not Format.TERMINAL
+    rows = tuple(_row(key, protocol, in_full=in_full) for key, protocol in loaded.items())
+    show(Table("Protocols", tuple(map(Column, _TITLES)), rows), form)
+
+
+_TITLES = (
+    *("Protocol", "Version", "Track", "Scenes", "Queries", "Fingerprint", "Title"),
+    *("Data", "Licence", "Assumed"),
+)
+
+
+def _row(key: str, protocol: Protocol, *, in_full: bool) -> Row:
+    from airzoo_bench.tables.model import Cell, Row
+
+    about = _about(protocol.benchmark)
+    counts = [scene.queries for scene in protocol.scenes if scene.queries is not None]
+    assumed = () if about is None else about.assumptions
+    values = (
+        *(key, protocol.version, protocol.track, len(protocol.scenes)),
+        sum(counts) if len(counts) == len(protocol.scenes) else "",
+        *(protocol.fingerprint[:12], protocol.title),
+        "" if about is None else about.page,
+        "" if about is None else about.licence,
+        " ".join(assumed) if in_full else len(assumed) or "",
     )
-    heads = ("Protocol", "Version", "Track", "Scenes", "Fingerprint", "Title")
-    show(Table("Protocols", tuple(map(Column, heads)), rows), form)
+    return Row(tuple(map(Cell, values)))
+
+
+def _about(benchmark: str) -> About | None:
+    """Return what is known of a benchmark's data, where a dataset of that name says it."""
+    from airzoo_bench.core.registry import DATASETS
+
+    name = benchmark.removesuffix("-partial")
+    return DATASETS.get(name).about if name in DATASETS.names() else None
+
+
+def _about_lines(about: About | None) -> str:
+    """Return what is known of the data as comments, so that the whole is still a protocol file."""
+    if about is None:
+        return ""
+    lines = [f"{about.title}: {about.page}", f"licence: {about.licence}"]
+    lines += [f"assumed: {sentence}" for sentence in about.assumptions]
+    lines += [f"not verified: {sentence}" for sentence in about.unverified]
+    return "".join(f"# {line}\n" for line in lines)

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 from airzoo_bench.core.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from airzoo_bench.datasets.native import About
     from airzoo_bench.datasets.scene_facts import SceneFacts
-    from airzoo_bench.datasets.truths import SceneTruths
 
-__all__ = ["Dataset", "PrepareSettings", "Prepared"]
+__all__ = ["Dataset", "PrepareSettings", "Prepared", "SceneSummary", "TrackSummary"]
 
 OptionsT = TypeVar("OptionsT")
 
@@ -37,6 +37,8 @@ class PrepareSettings:
         Copy photos, maps and clouds into the folder; otherwise they are left where they are.
     replace : bool
         Whether a folder that stands there is replaced.
+    add_to : Path or None
+        A benchmark folder that the scenes are added to; then `folder` is the same.
     jobs : int
         The benchmark does not depend on it.
     progress : Progress
@@ -50,9 +52,40 @@ class PrepareSettings:
     crops_on_disk: bool = False
     copy: bool = False
     replace: bool = False
+    add_to: Path | None = None
     jobs: int = 1
     progress: Progress = silent
     note: Callable[[str], None] = lambda _: None
+
+
+@dataclass(frozen=True)
+class TrackSummary:
+    """What is said of a scene's truth for a track: a line, and how many photos are left out."""
+
+    text: str
+    count: int
+    left_out: int = 0
+
+
+@dataclass(frozen=True)
+class SceneSummary:
+    """What is said of a scene.
+
+    Attributes
+    ----------
+    photos : int
+    facts : tuple of str
+        A line for each part of the scene, where they were compared.
+    tracks : mapping of str to TrackSummary
+        The tracks that have truth.
+    warnings, notes : tuple of str
+    """
+
+    photos: int
+    facts: tuple[str, ...] = ()
+    tracks: Mapping[str, TrackSummary] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,16 +98,19 @@ class Prepared:
         The benchmark folder.
     protocols : mapping of str to str
         The names of the protocols in it, with their tracks.
-    truths : mapping of str to SceneTruths
+    summaries : mapping of str to SceneSummary
         By scene.
     facts : mapping of str to SceneFacts
-        By scene, what its parts say of each other, where the dataset has that measured.
+        By scene, what its parts say of each other, where that was measured in this run.
+    failed : mapping of str to str
+        Scenes that could not be made, and why.
     """
 
     folder: Path
     protocols: Mapping[str, str]
-    truths: Mapping[str, SceneTruths]
+    summaries: Mapping[str, SceneSummary] = field(default_factory=dict)
     facts: Mapping[str, SceneFacts] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
 
 
 class Dataset(ABC, Generic[OptionsT]):
@@ -96,6 +132,8 @@ class Dataset(ABC, Generic[OptionsT]):
         Default of ``--jobs``; None where there is nothing to share out.
     without_truth : mapping of str to str
         Why a track may have no truth in this dataset, by the track's name.
+    about : About or None
+        What a published benchmark says of itself.
     """
 
     summary: ClassVar[str]
@@ -103,6 +141,7 @@ class Dataset(ABC, Generic[OptionsT]):
     options: type[OptionsT]
     jobs: ClassVar[int | None] = None
     without_truth: ClassVar[Mapping[str, str]] = {}
+    about: ClassVar[About | None] = None
 
     @abstractmethod
     def benchmark(self, options: OptionsT) -> str:
@@ -118,6 +157,37 @@ class Dataset(ABC, Generic[OptionsT]):
         UserError
             The options name none.
         """
+
+    def folder_name(self, options: OptionsT, root: Path) -> str:
+        """Name the folder to make in the data root.
+
+        Parameters
+        ----------
+        options : object
+        root : Path
+            The data root, for protocols to start from.
+
+        Raises
+        ------
+        UserError
+            See `benchmark`.
+        """
+        return self.benchmark(options)
+
+    def is_prepared(self, options: OptionsT, settings: PrepareSettings) -> bool:
+        """Whether the folder is complete, and made from data that did not change since.
+
+        Parameters
+        ----------
+        options : object
+        settings : PrepareSettings
+
+        Raises
+        ------
+        UserError
+            The data are not there, or the folder is damaged.
+        """
+        return False
 
     @abstractmethod
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:

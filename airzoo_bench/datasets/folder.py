@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_folder, sha256_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
 from airzoo_bench.matching.crops import write_crop
@@ -33,7 +34,13 @@ if TYPE_CHECKING:
 
     from airzoo_bench.datasets.scene_facts import SceneFacts
 
-__all__ = ["SceneContent", "write_benchmark"]
+__all__ = [
+    "SceneContent",
+    "served_protocols",
+    "write_benchmark",
+    "write_folder_files",
+    "write_scene",
+]
 
 _WINDOW = ["x", "y", "width", "height"]
 
@@ -69,36 +76,67 @@ def write_benchmark(
     UserError
         No track has truth in every scene, a map cannot be read, or the folder not be written.
     """
+    truths = {scene.inputs.scene: scene.truths for scene in scenes}
+    tracks = {one: truth.tracks for one, truth in truths.items()}
+    served = served_protocols(protocols, tracks, settings.folder)
+    with atomic_folder(settings.folder, replace=settings.replace) as staged:
+        titles = protocols.titles
+        entries = [
+            write_scene(staged, scene, titles[scene.inputs.scene], settings) for scene in scenes
+        ]
+        write_folder_files(staged, served, entries)
+    return Prepared(
+        settings.folder,
+        {protocol.name: protocol.track for protocol in served},
+        {scene.inputs.scene: summary_of(scene, protocols) for scene in scenes},
+        {scene.inputs.scene: scene.facts for scene in scenes if scene.facts is not None},
+    )
+
+
+def served_protocols(
+    protocols: BenchmarkProtocols, tracks: Mapping[str, Collection[str]], folder: Path
+) -> list[Protocol]:
+    """Return the protocols that have truth in each of their scenes.
+
+    Parameters
+    ----------
+    protocols : BenchmarkProtocols
+    tracks : mapping of str to collection of str
+        By scene, which tracks have truth.
+    folder : Path
+        For the message.
+
+    Raises
+    ------
+    BenchmarkError
+        There is none.
+    """
     served = [
         protocol
         for protocol in protocols.every
-        if all(
-            getattr(scene.truths, protocol.track) is not None
-            for scene in scenes
-            if any(one.id == scene.inputs.scene for one in protocol.scenes)
-        )
+        if all(protocol.track in tracks[one.id] for one in protocol.scenes if one.id in tracks)
     ]
     if not served:
         raise BenchmarkError(
             "there is no track that every scene has truth for",
-            where=settings.folder,
+            where=folder,
             fix="look which scenes lack photos with a prior, a map or a cloud",
         )
-    with atomic_folder(settings.folder, replace=settings.replace) as staged:
-        for scene in scenes:
-            _write_scene(staged / "scenes" / scene.inputs.scene, scene, settings)
-        titles = protocols.titles
-        entries = [
-            _entry(scene, titles[scene.inputs.scene], _places(staged, scene, copy=settings.copy))
-            for scene in scenes
-        ]
-        _write_folder_files(staged, served, entries)
-    return Prepared(
-        settings.folder,
-        {protocol.name: protocol.track for protocol in served},
-        {scene.inputs.scene: scene.truths for scene in scenes},
-        {scene.inputs.scene: scene.facts for scene in scenes if scene.facts is not None},
-    )
+    return served
+
+
+def write_scene(
+    folder: Path, scene: SceneContent, title: str, settings: PrepareSettings
+) -> SceneFile:
+    """Write a scene's table, its truth and, where asked for, its photos and maps.
+
+    Returns
+    -------
+    SceneFile
+        What benchmark.toml says of it.
+    """
+    _write_scene(folder / "scenes" / scene.inputs.scene, scene, settings)
+    return _entry(scene, title, _places(folder, scene, copy=settings.copy))
 
 
 def _write_scene(home: Path, scene: SceneContent, settings: PrepareSettings) -> None:
@@ -151,11 +189,11 @@ def _copy(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
 
 
-def _write_folder_files(
+def write_folder_files(
     folder: Path, protocols: Sequence[Protocol], scenes: Sequence[SceneFile]
 ) -> None:
     """Write benchmark.toml and the protocols that the truth was made for."""
-    (folder / "protocols").mkdir()
+    (folder / "protocols").mkdir(exist_ok=True)
     for protocol in protocols:
         values = protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
         target = folder / "protocols" / f"{protocol.name}.toml"

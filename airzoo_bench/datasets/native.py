@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 from airzoo_bench.core.options import Option
-from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from airzoo_bench.datasets.dji import PhotoPrior
+    from airzoo_bench.datasets.scene_parts import SceneSource
     from airzoo_bench.datasets.truths import BenchmarkProtocols
     from airzoo_bench.geometry.cameras import Cameras
     from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["About", "NativeDataset", "NativeOptions", "NativeScene"]
+__all__ = ["About", "NativeDataset", "NativeOptions", "NativeScene", "paths_among"]
 
 
 @dataclass(frozen=True)
@@ -209,13 +210,56 @@ class NativeDataset(Dataset[OptionsT]):
             A file is missing, half there or not as the benchmark has it.
         """
 
+    def files(self, options: OptionsT, scene: str) -> Iterable[Path]:
+        """Return the files and folders that a scene is read from, all else may change.
+
+        By them a second run knows that a scene need not be made again. This is the source and
+        every other path among the options; a dataset whose scenes have folders of their own may
+        say so.
+
+        Parameters
+        ----------
+        options : NativeOptions
+        scene : str
+            One of `scenes`.
+        """
+        return paths_among(options)
+
+    def folder_name(self, options: OptionsT, root: Path) -> str:
+        """Name the folder, which is another where only some of the scenes are there or wanted."""
+        source, protocols = self._source(options, silent), self.protocols(options, root)
+        return protocols.of_scenes(source.scenes).every[0].benchmark
+
+    def is_prepared(self, options: OptionsT, settings: PrepareSettings) -> bool:
+        """Whether the folder is complete, and made from files that did not change since."""
+        from airzoo_bench.datasets.native_prepare import is_prepared
+
+        protocols = self.protocols(options, settings.root)
+        return is_prepared(self._source(options, silent), protocols, settings)
+
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
         """Make the benchmark folder of all scenes."""
-        from airzoo_bench.datasets.native_prepare import chosen_scenes, prepare_scenes
+        from airzoo_bench.datasets.native_prepare import prepare_scenes
         from airzoo_bench.datasets.sources import check_target
 
-        check_target((options.source,), settings.folder)
-        scenes = chosen_scenes(self.scenes(options), options.scene)
+        check_target(paths_among(options), settings.folder)
         protocols = self.protocols(options, settings.root)
-        read = partial(self.read, options, progress=settings.progress)
-        return prepare_scenes(scenes, read, protocols, settings)
+        return prepare_scenes(self._source(options, settings.progress), protocols, settings)
+
+    def _source(self, options: OptionsT, progress: Progress) -> SceneSource:
+        from airzoo_bench.datasets.native_prepare import chosen_scenes
+        from airzoo_bench.datasets.scene_parts import SceneSource
+
+        return SceneSource(
+            chosen_scenes(self.scenes(options), options.scene),
+            partial(self.read, options, progress=progress),
+            partial(self.files, options),
+            options,
+            options.keep_going,
+        )
+
+
+def paths_among(options: Any) -> list[Path]:
+    """Return the values of a dataclass that are paths."""
+    values = [getattr(options, one.name) for one in fields(options)]
+    return [value for value in values if isinstance(value, Path)]

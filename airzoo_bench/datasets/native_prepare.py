@@ -1,21 +1,47 @@
-"""From scenes as their files state them to a benchmark folder, for every dataset."""
+"""From scenes as their files state them to a benchmark folder, for every dataset.
+
+Each scene is finished by itself, and kept until all are: a run that was stopped goes on where it
+was, and scenes whose files did not change are not made again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.benchmark.folder import Benchmark, differences
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
+from airzoo_bench.core.files import atomic_folder
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.folder import write_benchmark
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.folder import served_protocols, write_folder_files, write_scene
 from airzoo_bench.datasets.scene_content import scene_content
+from airzoo_bench.datasets.scene_parts import (
+    RECORDS,
+    ScenePart,
+    SceneSource,
+    link_or_copy,
+    read_parts,
+    scene_keys,
+    tracks_only,
+    write_records,
+)
+from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols
+from airzoo_bench.protocol.lookup import load_protocol
+from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["chosen_scenes", "prepare_scenes"]
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.scene_facts import SceneFacts
+
+__all__ = ["chosen_scenes", "is_prepared", "prepare_scenes"]
 
 
-def chosen_scenes(there: Sequence[str], only: Sequence[str] | None) -> list[str]:
+def chosen_scenes(there: Sequence[str], only: Sequence[str] | None) -> tuple[str, ...]:
     """Return the scenes that were asked for, in the order of those that are there.
 
     Raises
@@ -30,24 +56,39 @@ def chosen_scenes(there: Sequence[str], only: Sequence[str] | None) -> list[str]
             where="--scene",
             expected="some of " + ", ".join(there),
         )
-    return [scene for scene in there if only is None or scene in only]
+    return tuple(scene for scene in there if only is None or scene in only)
+
+
+def is_prepared(
+    source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
+) -> bool:
+    """Whether the folder is there, complete, and made from files that did not change since.
+
+    Raises
+    ------
+    BenchmarkError
+        It is, but a file of its truth is missing or was changed.
+    """
+    if not (settings.folder / RECORDS).is_file():
+        return False
+    keys = {scene: part.key for scene, part in read_parts(settings.folder).items()}
+    if keys != scene_keys(source, protocols, settings):
+        return False
+    Benchmark.open(settings.folder)
+    return True
 
 
 def prepare_scenes(
-    scenes: Sequence[str],
-    read: Callable[[str], NativeScene],
-    protocols: BenchmarkProtocols,
-    settings: PrepareSettings,
+    source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Make the benchmark folder of some scenes.
 
+    Where they are not all that the protocols name, the folder and its protocols are named
+    "partial", so that no table takes them for the whole.
+
     Parameters
     ----------
-    scenes : sequence of str
-        Where they are not all that a protocol names, the folder and its protocols are named
-        "partial", so that no table takes them for the whole.
-    read : callable
-        Takes a scene's id.
+    source : SceneSource
     protocols : BenchmarkProtocols
     settings : PrepareSettings
 
@@ -56,14 +97,171 @@ def prepare_scenes(
     UserError
         A scene's files are missing or wrong, or no photo of it can be answered.
     """
-    partial = protocols.of_scenes(scenes)
-    if partial != protocols and settings.folder.name == protocols.every[0].benchmark:
-        name = partial.every[0].benchmark
-        settings = replace(settings, folder=settings.folder.with_name(name))
-    contents = []
-    for scene in scenes:
-        native = read(scene)
-        for sentence in native.notes:
-            settings.note(f"scene {scene}: {sentence}")
-        contents.append(scene_content(native, protocols))
-    return write_benchmark(contents, partial, settings)
+    before: dict[str, ScenePart] = {}
+    if settings.add_to is not None:
+        before = _parts_of(settings.add_to)
+        protocols = _extended(settings.add_to, protocols, source.scenes)
+    staging = settings.folder.parent / f".{protocols.every[0].benchmark}.prepare"
+    run = _Run(source, protocols, settings, staging)
+    run.finish()
+    parts = before | run.parts
+    made = protocols.of_scenes(parts)
+    folder = _named(settings.folder, protocols, made)
+    if made is not protocols:
+        settings.note(_only_some(protocols, made))
+    tracks = {scene: tuple(part.summary.tracks) for scene, part in parts.items()}
+    served = served_protocols(made, tracks, folder)
+    if before and len(served) < len(protocols.every):
+        lost = {of.track for of in protocols.every} - {of.track for of in served}
+        raise BenchmarkError(
+            f"has truth for {', '.join(sorted(lost))}, and the scenes to add have none",
+            where=settings.add_to,
+            expected="scenes that every track of the folder has truth for",
+            fix="give what the tracks need (--priors, --cloud), or make another folder",
+        )
+    with atomic_folder(folder, replace=settings.replace or bool(before)) as staged:
+        for part in parts.values():
+            part.add_to(staged, link_or_copy)
+        write_records(staged, parts.values())
+        write_folder_files(staged, served, [part.entry for part in parts.values()])
+    shutil.rmtree(staging, ignore_errors=True)
+    return Prepared(
+        folder,
+        {protocol.name: protocol.track for protocol in served},
+        {scene: part.summary for scene, part in run.parts.items()},
+        run.facts,
+        run.failed,
+    )
+
+
+@dataclass
+class _Run:
+    """Scenes that are being finished, one after the other."""
+
+    source: SceneSource
+    protocols: BenchmarkProtocols
+    settings: PrepareSettings
+    staging: Path
+    parts: dict[str, ScenePart] = field(default_factory=dict)
+    facts: dict[str, SceneFacts] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def finish(self) -> None:
+        keys = scene_keys(self.source, self.protocols, self.settings)
+        found = self._found()
+        for scene in self.source.scenes:
+            try:
+                self.parts[scene] = self._part(scene, keys[scene], found)
+            except UserError as error:
+                if not self.source.keep_going:
+                    self._say_kept()
+                    raise
+                self.failed[scene] = str(error)
+            except KeyboardInterrupt:
+                self._say_kept()
+                raise
+        if not self.parts:
+            raise BenchmarkError(
+                "no scene could be made:\n" + "\n".join(self.failed.values()),
+                where=self.settings.folder,
+            )
+
+    def _found(self) -> dict[str, ScenePart]:
+        """Return the scenes that earlier runs have finished, by their keys."""
+        places = [self.staging / scene for scene in self.source.scenes]
+        if not self.settings.replace and self.settings.add_to is None:
+            folder, name = self.settings.folder, self.protocols.every[0].benchmark
+            places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
+        found: dict[str, ScenePart] = {}
+        for place in places:
+            found |= {part.key: part for part in read_parts(place).values()}
+        return found
+
+    def _part(self, scene: str, key: str, found: Mapping[str, ScenePart]) -> ScenePart:
+        if key in found:
+            self.settings.note(f"scene {scene}: nothing changed since it was made, taken as it is")
+            part = found[key]
+            in_staging = part.home == self.staging / scene
+            return part if in_staging else part.keep(self.staging, shutil.copyfile)
+        native = self.source.read(scene)
+        content = scene_content(native, self.protocols)
+        summary = summary_of(content, self.protocols, native.notes)
+        self.staging.mkdir(parents=True, exist_ok=True)
+        with temporary_folder(self.staging, scene) as temporary:
+            title = self.protocols.titles[scene]
+            entry = write_scene(temporary, content, title, self.settings)
+            part = ScenePart(temporary, key, entry, summary)
+            part = part.keep(self.staging, link_or_copy)
+        if content.facts is not None:
+            self.facts[scene] = content.facts
+        return part
+
+    def _say_kept(self) -> None:
+        if self.parts:
+            self.settings.note(
+                f"{counted(len(self.parts), 'finished scene')} of {len(self.source.scenes)} "
+                f"{agreeing(len(self.parts), 'is', 'are')} kept in {self.staging}; the same "
+                "command goes on from there"
+            )
+
+
+def _named(folder: Path, whole: BenchmarkProtocols, made: BenchmarkProtocols) -> Path:
+    """Return the folder to make: one that is named as the whole never holds a part of it."""
+    named_as_whole = folder.name == whole.every[0].benchmark
+    return folder.with_name(made.every[0].benchmark) if named_as_whole else folder
+
+
+def _only_some(whole: BenchmarkProtocols, made: BenchmarkProtocols) -> str:
+    left_out = [scene for scene in whole.titles if scene not in made.titles]
+    return (
+        f"warning: {len(made.titles)} of {counted(len(whole.titles), 'scene')}, without "
+        f"{', '.join(left_out)}: the benchmark is named {made.every[0].benchmark}, and its scores "
+        "are not those of the whole"
+    )
+
+
+def _parts_of(folder: Path) -> dict[str, ScenePart]:
+    """Return the scenes of a complete benchmark folder, from wherever it is."""
+    known, benchmark = read_parts(folder), Benchmark.open(folder)
+    return {
+        entry.id: known.get(entry.id)
+        or ScenePart(folder, "", entry, tracks_only(benchmark.scene_folder(entry.id)))
+        for entry in benchmark.file.scenes
+    }
+
+
+def _extended(
+    folder: Path, protocols: BenchmarkProtocols, scenes: Sequence[str]
+) -> BenchmarkProtocols:
+    """Return the protocols of a folder with further scenes.
+
+    Raises
+    ------
+    BenchmarkError
+        It has one of them already, or its truth was made by other settings.
+    """
+    benchmark = Benchmark.open(folder)
+    twice = [scene for scene in scenes if scene in {one.id for one in benchmark.file.scenes}]
+    if twice:
+        raise BenchmarkError(
+            f"has a scene {twice[0]} already", where=folder, fix="name the scene to add otherwise"
+        )
+    olds = [load_protocol(path) for path in sorted((folder / "protocols").glob("*.toml"))]
+    found: dict[str, Protocol] = {}
+    for old in olds:
+        new = next((of for of in protocols.every if of.track == old.track), None)
+        if new is None:
+            raise BenchmarkError(
+                f"has truth for {old.track}, and the scenes to add have none", where=folder
+            )
+        differ = differences(benchmark.file.tracks[old.track], new.truth_settings())
+        if differ:
+            raise BenchmarkError(
+                "its truth was made by other settings:\n    " + "\n    ".join(differ),
+                where=folder,
+                expected="the same settings for all scenes of a benchmark",
+                fix="give the options that the folder was made with, such as --tile-size",
+            )
+        added = tuple(one for one in new.scenes if one.id in scenes)
+        found[old.track] = old.model_copy(update={"scenes": (*old.scenes, *added)})
+    return BenchmarkProtocols(**found)  # type: ignore[arg-type]

@@ -8,34 +8,15 @@ from typing import Annotated, Literal
 
 from airzoo_bench.core.options import Option
 
-__all__ = ["PhotoOptions", "Rule"]
+__all__ = ["PhotoOptions", "ProtocolOptions", "Rule"]
 
 Rule = Literal["plane", "dsm", "iou"]
 
 
-@dataclass(frozen=True)
-class PhotoOptions:
-    """Where the parts of a scene lie, and what differs from the protocols to start from."""
+@dataclass(frozen=True, kw_only=True)
+class ProtocolOptions:
+    """What differs from the protocols to start from."""
 
-    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
-    images: Annotated[Path, Option("images", "Folder of the photos.")]
-    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
-    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
-    dsm: Annotated[Path, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")]
-    cloud: Annotated[
-        Path | None,
-        Option("cloud", "True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
-    ] = None
-    priors: Annotated[
-        Path | None,
-        Option(
-            "priors",
-            "CSV of positions and gimbal angles, where the photos' metadata lack them.",
-        ),
-    ] = None
-    crs: Annotated[
-        str | None, Option("crs", "CRS of the poses (default: what their file says).")
-    ] = None
     protocol: Annotated[
         str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
     ] = "photos-retrieval"
@@ -57,6 +38,31 @@ class PhotoOptions:
         Rule | None, Option("rule", "When a tile is positive (default: the protocol's).")
     ] = None
     iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
+
+
+@dataclass(frozen=True)
+class PhotoOptions(ProtocolOptions):
+    """Where the parts of a scene lie, and what differs from the protocols to start from."""
+
+    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
+    images: Annotated[Path, Option("images", "Folder of the photos.")]
+    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
+    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
+    dsm: Annotated[Path, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")]
+    cloud: Annotated[
+        Path | None,
+        Option("cloud", "True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
+    ] = None
+    priors: Annotated[
+        Path | None,
+        Option(
+            "priors",
+            "CSV of positions and gimbal angles, where the photos' metadata lack them.",
+        ),
+    ] = None
+    crs: Annotated[
+        str | None, Option("crs", "CRS of the poses (default: what their file says).")
+    ] = None
 
     @property
     def files(self) -> dict[str, Path]:

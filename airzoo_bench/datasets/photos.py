@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -11,16 +13,17 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native import NativeScene, paths_among
 from airzoo_bench.datasets.native_prepare import prepare_scenes
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file
+from airzoo_bench.datasets.scene_parts import SceneSource
 from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes, vertical_unit_m
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["metadata_priors", "prepare_photos", "read_photos"]
+__all__ = ["metadata_priors", "photo_metadata", "photo_source", "prepare_photos", "read_photos"]
 
 
 def prepare_photos(
@@ -36,10 +39,17 @@ def prepare_photos(
     UserError
         A source is missing or wrong, or no photo can be answered.
     """
-    check_target((sources.poses, *sources.files.values()), settings.folder)
-    scenes = [scene.id for scene in protocols.every[0].scenes]
-    read = partial(read_photos, sources, progress=settings.progress)
-    return prepare_scenes(scenes, read, protocols, settings)
+    check_target(paths_among(sources), settings.folder)
+    return prepare_scenes(photo_source(sources, protocols, settings.progress), protocols, settings)
+
+
+def photo_source(
+    sources: PhotoOptions, protocols: BenchmarkProtocols, progress: Progress
+) -> SceneSource:
+    """Return the one scene of own photos as something to prepare."""
+    scenes = tuple(scene.id for scene in protocols.every[0].scenes)
+    read = partial(read_photos, sources, progress=progress)
+    return SceneSource(scenes, read, lambda _: paths_among(sources), sources)
 
 
 def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
@@ -63,11 +73,7 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         )
     crs = metric_crs(named, place).to_string()
     centres = photos.poses.centres * (1.0, 1.0, vertical_unit_m(named))
-    shown = progress(photos.names, "metadata", len(photos.names))
-    given = read_prior_file(sources.priors, sizes) if sources.priors is not None else {}
-    metadata = {
-        name: replace(read_prior(sources.images / name), **given.get(name, {})) for name in shown
-    }
+    metadata = photo_metadata(photos.names, sources.images, sources.priors, sizes, progress)
     return NativeScene(
         scene,
         sources.images,
@@ -84,6 +90,36 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         poses_from=sources.poses,
         crs_from=place,
     )
+
+
+def photo_metadata(
+    names: Sequence[str],
+    images: Path,
+    priors: Path | None,
+    sizes: Mapping[str, tuple[int, int]],
+    progress: Progress,
+) -> dict[str, PhotoPrior]:
+    """Read what photos say of themselves; what a table of priors says of them goes before.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Relative to `images`.
+    images : Path
+    priors : Path or None
+        See `priors.read_prior_file`.
+    sizes : mapping of str to (width, height)
+        Every photo that there is.
+    progress : Progress
+
+    Raises
+    ------
+    BenchmarkError
+        The metadata of a photo are damaged, or the table is.
+    """
+    given = read_prior_file(priors, sizes) if priors is not None else {}
+    shown = progress(names, "metadata", len(names))
+    return {name: replace(read_prior(images / name), **given.get(name, {})) for name in shown}
 
 
 def metadata_priors(metadata: dict[str, PhotoPrior], crs: str) -> Poses | None:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
-from airzoo_bench.datasets.photo_options import PhotoOptions, Rule
+from airzoo_bench.datasets.photo_options import PhotoOptions, ProtocolOptions, Rule
 
-__all__ = ["PHOTOS", "Photos"]
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.truths import BenchmarkProtocols
+
+__all__ = ["PHOTOS", "Photos", "photo_protocols"]
 
 _LONGEST_NAME = 48  # of which more names are made
 
@@ -48,35 +52,63 @@ class Photos(Dataset[PhotoOptions]):
             )
         return name
 
+    def is_prepared(self, options: PhotoOptions, settings: PrepareSettings) -> bool:
+        """Whether the folder is complete, and made from files that did not change since."""
+        from airzoo_bench.datasets.native_prepare import is_prepared
+        from airzoo_bench.datasets.photos import photo_source
+
+        protocols = photo_protocols(options, options.name, settings.root)
+        source = photo_source(options, protocols, settings.progress)
+        return is_prepared(source, protocols, settings)
+
     def prepare(self, options: PhotoOptions, settings: PrepareSettings) -> Prepared:
         """Make the folder, see `photos.prepare_photos`."""
         from airzoo_bench.datasets.photos import prepare_photos
-        from airzoo_bench.datasets.truths import BenchmarkProtocols
-        from airzoo_bench.matching.settings import MatchingProtocol
-        from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
-        from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-        from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-        name, root = options.name, settings.root
-        base = protocol_of_track(options.protocol, root, RetrievalProtocol)
-        matching = protocol_of_track(options.matching_protocol, root, MatchingProtocol)
-        reconstruction = protocol_of_track(
-            options.reconstruction_protocol, root, ReconstructionProtocol
-        )
-        _, truth = base.map_rules()
-        changes: dict[str, dict[str, Any]] = {
-            "gallery": {"tile_sizes_px": tuple(options.tile_size)} if options.tile_size else {},
-            "ground_truth": {
-                "rule": options.rule or truth.rule,
-                "iou_above": _threshold(truth.iou_above, options.rule, options.iou_above),
-            },
-        }
-        protocols = BenchmarkProtocols(
-            protocol_for(base, name, changes),
-            protocol_for(matching, name, {}),
-            protocol_for(reconstruction, name, {}),
-        )
+        protocols = photo_protocols(options, options.name, settings.root)
         return prepare_photos(options, protocols, settings)
+
+
+def photo_protocols(options: ProtocolOptions, name: str, root: Path) -> BenchmarkProtocols:
+    """Return the protocols of a benchmark with one scene, started from those that options name.
+
+    Parameters
+    ----------
+    options : ProtocolOptions
+    name : str
+        Of the benchmark and its scene.
+    root : Path
+        The data root.
+
+    Raises
+    ------
+    ProtocolError
+        There is no such protocol, or a change does not go with it.
+    """
+    from airzoo_bench.datasets.truths import BenchmarkProtocols
+    from airzoo_bench.matching.settings import MatchingProtocol
+    from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
+    from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+    from airzoo_bench.retrieval.settings import RetrievalProtocol
+
+    base = protocol_of_track(options.protocol, root, RetrievalProtocol)
+    matching = protocol_of_track(options.matching_protocol, root, MatchingProtocol)
+    reconstruction = protocol_of_track(
+        options.reconstruction_protocol, root, ReconstructionProtocol
+    )
+    _, truth = base.map_rules()
+    changes: dict[str, dict[str, Any]] = {
+        "gallery": {"tile_sizes_px": tuple(options.tile_size)} if options.tile_size else {},
+        "ground_truth": {
+            "rule": options.rule or truth.rule,
+            "iou_above": _threshold(truth.iou_above, options.rule, options.iou_above),
+        },
+    }
+    return BenchmarkProtocols(
+        protocol_for(base, name, changes),
+        protocol_for(matching, name, {}),
+        protocol_for(reconstruction, name, {}),
+    )
 
 
 def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:

@@ -19,7 +19,7 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.geometry.crs import check_same_crs, describe_crs, horizontal_crs
+from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.units import vertical_m
 
@@ -128,7 +128,15 @@ def check_dsm_crs(crs: CRS, path: Path, poses: Path) -> None:
         It is so.
     """
     dsm = open_info(path)
-    check_same_crs(crs, dsm.crs, f"the poses ({poses}) and the DSM ({path})")
+    if not same_plane(crs, dsm.crs):
+        target = path.with_name(f"{path.stem}_warped.tif")
+        raise RasterError(
+            f"the poses ({poses}) and the DSM ({path}) differ in CRS: {describe_crs(crs)} and "
+            f"{describe_crs(dsm.crs)}",
+            expected="one CRS",
+            fix=f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear '{path}' '{target}' makes a DSM "
+            "in the CRS of the poses; heights stay as they are",
+        )
     if dsm.bands > _MOST_DSM_BANDS:
         raise RasterError(
             f"has {dsm.bands} bands",

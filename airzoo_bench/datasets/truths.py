@@ -79,6 +79,16 @@ class SceneTruths:
     matching: MatchingTruth | None
     reconstruction: ReconstructionTruth | None
 
+    @property
+    def tracks(self) -> tuple[str, ...]:
+        """The tracks that have truth."""
+        three = {
+            "retrieval": self.retrieval,
+            "matching": self.matching,
+            "reconstruction": self.reconstruction,
+        }
+        return tuple(track for track, truth in three.items() if truth is not None)
+
 
 def build_truths(
     inputs: SceneInputs,

@@ -33,7 +33,7 @@ def horizontal_crs(crs: Any) -> CRS:
     UserError
         A CRS that PROJ does not know, or that is neither projected nor geographic.
     """
-    if crs == LOCAL_CRS:
+    if isinstance(crs, str) and crs == LOCAL_CRS:  # a CRS compares itself through PROJ, slowly
         raise UserError(
             "the frame is local: it has no place on the earth",
             expected="a projected CRS in metres",

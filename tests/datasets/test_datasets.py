@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -37,7 +37,7 @@ from tests.support import (
     run_main,
 )
 
-SHARED = {"out", "tiles", "crops", "copy", "force", "jobs"}
+SHARED = {"out", "tiles", "crops", "copy", "add-to", "force", "jobs"}
 
 
 # --- a dataset of another package ------------------------------------------------------------
@@ -206,7 +206,8 @@ def test_options_are_held_to_their_bounds(
 
 
 def test_scenes_without_truth_make_no_folder(tmp_path: Path) -> None:
-    settings, inputs = PrepareSettings(tmp_path / "made", tmp_path), cast("SceneInputs", None)
+    settings = PrepareSettings(tmp_path / "made", tmp_path)
+    inputs = SceneInputs("level", pd.DataFrame(), None, None, None, None)
     nothing = SceneContent(inputs, SceneTruths(pd.DataFrame(), None, None, None), {})
     with pytest.raises(BenchmarkError, match="no track that every scene"):
         write_benchmark([nothing], photo_protocols("level", (64,)), settings)

@@ -116,12 +116,12 @@ def class_images(folder: Path, below: str = "") -> list[ClassImage]:
         class is empty, or a file is half downloaded.
     """
     if not folder.is_dir():
-        home = next(parent for parent in folder.parents if parent.is_dir())
+        there = next(parent for parent in folder.parents if parent.is_dir())
         raise BenchmarkError(
-            f"no such folder; found in {home.name}: {listed(home)}",
+            f"no such folder; found in {there.name}: {listed(there)}",
             where=folder,
             expected="a folder a class, with the images in it",
-            fix=f"{_fix_for(home)}, or choose scenes that are there with --scene",
+            fix=f"{_fix_for(there)}, or choose scenes that are there with --scene",
         )
     found: list[ClassImage] = []
     empty = []

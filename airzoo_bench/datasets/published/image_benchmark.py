@@ -84,6 +84,12 @@ class ImageBenchmark(Dataset[NativeOptions]):
             A file is missing, half there or not as the benchmark has it.
         """
 
+    def is_prepared(self, options: NativeOptions, settings: PrepareSettings) -> bool:
+        """See `Dataset.is_prepared`: the truth is made again, which takes seconds, and compared."""
+        from airzoo_bench.datasets.published.image_folder import is_prepared
+
+        return is_prepared(self, options, settings)
+
     def prepare(self, options: NativeOptions, settings: PrepareSettings) -> Prepared:
         """Make the benchmark folder, see `image_folder.prepare_images`."""
         from airzoo_bench.datasets.published.image_folder import prepare_images

@@ -8,30 +8,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import tomli_w
-
-from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.folder import Benchmark, SceneFile
 from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings, SceneSummary
+from airzoo_bench.datasets.folder import write_folder_files
 from airzoo_bench.datasets.native import NativeOptions
 from airzoo_bench.datasets.native_prepare import chosen_scenes
 from airzoo_bench.datasets.published.image_benchmark import ImageBenchmark, ImageScene
 from airzoo_bench.datasets.sources import check_target
-from airzoo_bench.datasets.truths import SceneTruths
+from airzoo_bench.datasets.summary import retrieval_summary
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.protocol.model import ProtocolScene
 from airzoo_bench.retrieval.prepare import PreparedScene
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedTruth
 from airzoo_bench.retrieval.stated_truth import build_truth
-from airzoo_bench.retrieval.truth import write_truth
+from airzoo_bench.retrieval.truth import read_truth, write_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["prepare_images"]
+__all__ = ["is_prepared", "prepare_images"]
 
 
 def prepare_images(
@@ -45,24 +44,72 @@ def prepare_images(
         No scene can be read, or, without ``--keep-going``, one cannot.
     """
     check_target((options.source,), settings.folder)
+    if settings.add_to is not None:
+        raise UsageError(
+            "the scenes of a published benchmark of images are not added to a folder",
+            where="--add-to",
+            fix="leave it out",
+        )
     root = dataset.root(options.source)
     if root != options.source:
         settings.note(f"taken from {root}")
-    settings.note(f"licence of {dataset.about.title}: {dataset.about.licence}")
-    protocols = [_protocol(name) for name in dataset.protocols]
-    by_scene = {scene.id: protocol for protocol in protocols for scene in protocol.scenes}
-    wanted = {scene: by_scene[scene] for scene in chosen_scenes(list(by_scene), options.scene)}
-    scenes = _read_scenes(dataset, root, wanted, options, settings)
-    for scene, (native, prepared) in scenes.items():
-        for sentence in (*native.notes, *_counts(dataset, by_scene[scene], scene, prepared)):
-            settings.note(f"scene {scene}: {sentence}")
+    wanted = _wanted(dataset, options)
+    scenes, failed = _read_scenes(dataset, root, wanted, options, settings)
     if settings.tiles_on_disk:
         settings.note("the images of the gallery are files already: none was written")
-    served = _of_scenes(protocols, list(scenes))
+    served = _of_scenes([_protocol(name) for name in dataset.protocols], list(scenes))
     if served[0].benchmark != dataset.name and settings.folder.name == dataset.name:
         folder = settings.folder.with_name(served[0].benchmark)
         settings = replace(settings, folder=folder)
-    return _write(served, scenes, settings)
+    _write(served, scenes, settings)
+    return Prepared(
+        settings.folder,
+        {protocol.name: protocol.track for protocol in served},
+        {
+            scene: SceneSummary(
+                len(_photos(prepared)),
+                tracks={"retrieval": retrieval_summary(prepared.truth)},
+                warnings=tuple(_counts(dataset, wanted[scene], scene, prepared)),
+                notes=native.notes,
+            )
+            for scene, (native, prepared) in scenes.items()
+        },
+        failed=failed,
+    )
+
+
+def is_prepared(dataset: ImageBenchmark, options: NativeOptions, settings: PrepareSettings) -> bool:
+    """Whether the folder holds the truth that would be made now.
+
+    Raises
+    ------
+    UserError
+        The data are not there, or the folder is damaged.
+    """
+    if not (settings.folder / "benchmark.toml").is_file():
+        return False
+    benchmark = Benchmark.open(settings.folder)
+    wanted = _wanted(dataset, options)
+    if {scene.id for scene in benchmark.file.scenes} != set(wanted):
+        return False
+    root = dataset.root(options.source)
+    scenes, failed = _read_scenes(dataset, root, wanted, options, settings)
+    made = {scene: prepared.truth for scene, (_, prepared) in scenes.items()}
+    if failed:
+        return False
+    there = {scene: read_truth(benchmark.scene_folder(scene), scene) for scene in made}
+    return all(
+        made[scene].fingerprint == truth.fingerprint
+        and made[scene].queries["image"].equals(truth.queries["image"])
+        for scene, truth in there.items()
+    )
+
+
+def _wanted(dataset: ImageBenchmark, options: NativeOptions) -> dict[str, RetrievalProtocol]:
+    """Return the scenes that were asked for, each with its protocol."""
+    protocols = [_protocol(name) for name in dataset.protocols]
+    by_scene = {scene.id: protocol for protocol in protocols for scene in protocol.scenes}
+    return {scene: by_scene[scene] for scene in chosen_scenes(list(by_scene), options.scene)}
 
 
 def _read_scenes(
@@ -71,9 +118,9 @@ def _read_scenes(
     wanted: Mapping[str, RetrievalProtocol],
     options: NativeOptions,
     settings: PrepareSettings,
-) -> dict[str, tuple[ImageScene, PreparedScene]]:
-    """Read the scenes and make their truth."""
-    found = {}
+) -> tuple[dict[str, tuple[ImageScene, PreparedScene]], dict[str, str]]:
+    """Read the scenes and make their truth; also say why some could not be made."""
+    found, failed = {}, {}
     for scene, protocol in settings.progress(wanted.items(), "scenes", len(wanted)):
         try:
             native = dataset.read(root, scene)
@@ -81,14 +128,10 @@ def _read_scenes(
         except UserError as error:
             if not options.keep_going:
                 raise
-            settings.note(f"scene {scene} is left out: {error}")
+            failed[scene] = str(error)
     if not found:
-        raise BenchmarkError(
-            f"none of the scenes {', '.join(wanted)} can be read",
-            where=root,
-            fix="mend what is said of each",
-        )
-    return found
+        raise BenchmarkError("no scene could be made:\n" + "\n".join(failed.values()), where=root)
+    return found, failed
 
 
 def _protocol(name: str) -> RetrievalProtocol:
@@ -112,13 +155,18 @@ def _counts(
     published: ProtocolScene = next(one for one in protocol.scenes if one.id == scene)
     truth = prepared.truth
     pairs = (
-        ("query", len(truth.queries), published.queries),
-        ("image of the gallery", len(truth.tiles), dataset.gallery_sizes.get(scene)),
+        ("query", "queries", len(truth.queries), published.queries),
+        (
+            "image of the gallery",
+            "images of the gallery",
+            len(truth.tiles),
+            dataset.gallery_sizes.get(scene),
+        ),
     )
     return [
-        f"{counted(found, what, 'images of the gallery' if ' ' in what else None)}, where "
-        f"{stated:,} are published: a score over others is another score"
-        for what, found, stated in pairs
+        f"scene {scene} has {counted(found, one, many)}, where {stated:,} are published: a score "
+        "over others is another score"
+        for one, many, found, stated in pairs
         if stated is not None and found != stated
     ]
 
@@ -151,7 +199,7 @@ def _write(
     protocols: Sequence[RetrievalProtocol],
     scenes: Mapping[str, tuple[ImageScene, PreparedScene]],
     settings: PrepareSettings,
-) -> Prepared:
+) -> None:
     titles = {scene.id: scene.title for protocol in protocols for scene in protocol.scenes}
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
         entries = []
@@ -168,29 +216,7 @@ def _write(
                     gallery=places["gallery"],
                 )
             )
-        (staged / "protocols").mkdir()
-        for protocol in protocols:
-            values = protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
-            target = staged / "protocols" / f"{protocol.name}.toml"
-            target.write_text(tomli_w.dumps(values), encoding="utf-8")
-        file = BenchmarkFile(
-            schema=1,
-            name=protocols[0].benchmark,
-            version=1,
-            title=protocols[0].benchmark,
-            tracks={"retrieval": protocols[0].truth_settings()},
-            scenes=tuple(entries),
-            checksums={},
-        )
-        write_benchmark_file(staged, file)
-    return Prepared(
-        settings.folder,
-        {protocol.name: protocol.track for protocol in protocols},
-        {
-            scene: SceneTruths(_photos(prepared), prepared, None, None)
-            for scene, (_, prepared) in scenes.items()
-        },
-    )
+        write_folder_files(staged, protocols, entries)
 
 
 def _photos(prepared: PreparedScene) -> pd.DataFrame:

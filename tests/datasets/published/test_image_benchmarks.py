@@ -138,10 +138,11 @@ def test_university_1652_is_read_whole(tmp_path: Path) -> None:
         "0701/image-03.png",
     ]
     assert f"taken from {source / 'test'}" in notes
-    assert "for research only" in " ".join(notes)
-    said = "scene drone-to-satellite: 24 queries, where 37,855 are published"
-    assert any(note.startswith(said) for note in notes)
-    assert any("12 images of the gallery, where 951" in note for note in notes)
+    warnings = made.summaries["drone-to-satellite"].warnings
+    assert [said.partition(" published")[0] for said in warnings] == [
+        "scene drone-to-satellite has 24 queries, where 37,855 are",
+        "scene drone-to-satellite has 12 images of the gallery, where 951 are",
+    ]
     assert set(made.protocols) == set(DATASETS.get("university-1652").protocols)
 
 
@@ -169,14 +170,13 @@ def test_some_heights_of_sues_200_are_named_partial(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such folder"):
         prepared("sues-200", source, tmp_path)
     assert not (tmp_path / "data").exists() or not list((tmp_path / "data").iterdir())
-    made, notes = prepared("sues-200", source, tmp_path, keep_going=True)
+    made, _ = prepared("sues-200", source, tmp_path, keep_going=True)
     assert made.folder.name == "sues-200-partial"
     assert set(made.protocols) == {
         "sues-200-drone-to-satellite-partial",
         "sues-200-satellite-to-drone-partial",
     }
-    left_out = [note for note in notes if "is left out" in note]
-    assert len(left_out) == 4
+    assert len(made.failed) == 4
     protocol = load_protocol(made.folder / "protocols" / f"{next(iter(made.protocols))}.toml")
     assert [scene.id for scene in protocol.scenes] == [
         "150-drone-to-satellite",
@@ -192,8 +192,9 @@ def test_denseuav_takes_the_last_line_of_a_class(tmp_path: Path) -> None:
     found, moved = class_positions(path)
     assert found["2255"] == (120.5, 30.5)
     assert moved == ["2255"]
-    made, notes = prepared("denseuav", source, tmp_path)
-    assert any("of which the last is taken: 1 (2255)" in note for note in notes)
+    made, _ = prepared("denseuav", source, tmp_path)
+    [note] = made.summaries["drone-to-satellite"].notes
+    assert "of which the last is taken: 1 (2255)" in note
     truth = truth_of(made, "drone-to-satellite")
     assert (len(truth.queries), len(truth.tiles)) == (9, 30)
     assert truth.positions is not None
@@ -287,7 +288,11 @@ def test_from_the_command_line(
     protocol, counts = COMMANDS[name]
     source = TREES[name](tmp_path / CHINESE)
     assert run_main("prepare", name, "--source", source) == 0
-    assert counts in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert counts in said
+    assert f"licence: {DATASETS.get(name).about.licence}" in said
+    assert run_main("prepare", name, "--source", source) == 0
+    assert "nothing to do" in capsys.readouterr().err
     template, out = tmp_path / "t.npz", tmp_path / "results"
     assert run_main("template", protocol, "--out", template) == 0
     assert run_main("check", template) == 0

@@ -1,0 +1,203 @@
+"""Finished scenes on disk: what they were made from, and whether that is as it was.
+
+A benchmark folder is made of parts, one a scene, and `prepared.json` in it says what each was made
+from. While `prepare` runs, parts stand in a hidden folder next to the one that they become.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench import __version__
+from airzoo_bench.benchmark.folder import SceneFile
+from airzoo_bench.core.files import fingerprint
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.datasets.dataset import PrepareSettings, SceneSummary, TrackSummary
+from airzoo_bench.datasets.truths import BenchmarkProtocols
+
+__all__ = [
+    "RECORDS",
+    "ScenePart",
+    "SceneSource",
+    "link_or_copy",
+    "read_parts",
+    "scene_keys",
+    "tracks_only",
+    "write_records",
+]
+
+RECORDS = "prepared.json"
+_PARTS = ("scenes", "data")
+# Options that do not change a scene.
+_OF_THE_RUN = ("scene", "keep_going")
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """Scenes that are to be prepared.
+
+    Attributes
+    ----------
+    scenes : tuple of str
+    read : callable
+        Takes a scene's id, returns its `NativeScene`.
+    files : callable
+        Takes a scene's id, returns the files and folders that it is read from.
+    options : object
+        The dataset's options, a dataclass.
+    keep_going : bool
+        Leave out scenes that cannot be read.
+    """
+
+    scenes: tuple[str, ...]
+    read: Callable[[str], Any]
+    files: Callable[[str], Iterable[Path]]
+    options: Any
+    keep_going: bool = False
+
+
+@dataclass(frozen=True)
+class ScenePart:
+    """A finished scene: what a folder's benchmark.toml says of it, and what `prepare` prints.
+
+    Attributes
+    ----------
+    home : Path
+        The folder that holds it, as a benchmark folder does: ``scenes/ID``, perhaps ``data/ID``.
+    key : str
+        Of what it was made from, see `scene_keys`.
+    entry : SceneFile
+    summary : SceneSummary
+        Its tracks are those that have truth.
+    """
+
+    home: Path
+    key: str
+    entry: SceneFile
+    summary: SceneSummary
+
+    def add_to(self, folder: Path, copy: Callable[[str, str], object]) -> None:
+        """Put the scene's files into a benchmark folder."""
+        for part in _PARTS:
+            source = self.home / part / self.entry.id
+            if source.is_dir():
+                target = folder / part / self.entry.id
+                shutil.copytree(source, target, copy_function=copy, dirs_exist_ok=True)
+
+    def keep(self, staging: Path, copy: Callable[[str, str], object]) -> ScenePart:
+        """Put the scene into the folder of finished scenes."""
+        staging.mkdir(parents=True, exist_ok=True)
+        home = staging / self.entry.id
+        with temporary_folder(staging, self.entry.id) as temporary:
+            self.add_to(temporary, copy)
+            write_records(temporary, [self])
+            if home.exists():
+                shutil.rmtree(home)
+            temporary.replace(home)
+        return ScenePart(home, self.key, self.entry, self.summary)
+
+
+def link_or_copy(source: str, target: str) -> None:
+    """Give a file a second name, on disks that know such, else copy it."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+def write_records(folder: Path, parts: Iterable[ScenePart]) -> None:
+    """Write what scenes were made from."""
+    records = {
+        part.entry.id: {
+            "key": part.key,
+            "entry": part.entry.model_dump(mode="json", exclude_none=True),
+            "summary": asdict(part.summary),
+        }
+        for part in parts
+    }
+    text = json.dumps(records, indent=1, ensure_ascii=False)
+    (folder / RECORDS).write_text(text + "\n", encoding="utf-8")
+
+
+def read_parts(folder: Path) -> dict[str, ScenePart]:
+    """Return the scenes that a folder's records are of; none where they cannot be read."""
+    try:
+        records = json.loads((folder / RECORDS).read_text(encoding="utf-8"))
+        return {scene: _part(folder, record) for scene, record in records.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}  # of another version, or damaged: the scenes are made again
+
+
+def _part(folder: Path, record: Mapping[str, Any]) -> ScenePart:
+    values = dict(record["summary"])
+    tracks = {name: TrackSummary(**one) for name, one in values["tracks"].items()}
+    texts = {key: tuple(values[key]) for key in ("facts", "warnings", "notes")}
+    summary = SceneSummary(values["photos"], tracks=tracks, **texts)
+    return ScenePart(folder, record["key"], SceneFile(**record["entry"]), summary)
+
+
+def tracks_only(home: Path) -> SceneSummary:
+    """Sum up a scene's folder of which no record says more: the tracks that it has truth for."""
+    tracks = {name: TrackSummary("", 0) for name in TRACKS.names() if (home / name).is_dir()}
+    return SceneSummary(0, tracks=tracks)
+
+
+def scene_keys(
+    source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
+) -> dict[str, str]:
+    """Return for each scene the SHA-256 of what its part depends on.
+
+    That is the size and time of change of every file, the protocols, the options, what is written
+    to disk, and the version of this package.
+    """
+    stamps: dict[Path, list[tuple[str, int, int]]] = {}
+    values = {one.name: getattr(source.options, one.name) for one in fields(source.options)}
+    common = [
+        __version__,
+        {name: str(value) for name, value in values.items() if name not in _OF_THE_RUN},
+        [settings.tiles_on_disk, settings.crops_on_disk, settings.copy],
+    ]
+    keys = {}
+    for scene in source.scenes:
+        paths = sorted({path.resolve() for path in source.files(scene)})
+        for path in paths:
+            if path not in stamps:
+                stamps[path] = sorted(_stamps(path, settings.folder))
+        of_scene = protocols.of_scene(scene).of_scenes([scene])
+        rules = [[of.track, of.truth_settings(), _published(of, scene)] for of in of_scene.every]
+        files = [[str(path), stamps[path]] for path in paths]
+        keys[scene] = fingerprint([*common, scene, rules, files])
+    return keys
+
+
+def _published(protocol: Any, scene: str) -> list[Any]:
+    return [[one.title, one.queries] for one in protocol.scenes if one.id == scene]
+
+
+def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
+    """Yield name, size and time of change of a file, or of every file below a folder.
+
+    Hidden folders are left aside, and so is the benchmark folder, where it is made below.
+    """
+    if not path.is_dir():
+        if path.exists():
+            yield "", path.stat().st_size, path.stat().st_mtime_ns
+        return
+    made = target.resolve()
+    for home, folders, files in os.walk(path, followlinks=True):
+        place = Path(home)
+        folders[:] = [
+            one for one in folders if one[0] != "." and (place / one) not in (made, path.parent)
+        ]
+        for name in files:
+            file = place / name
+            if file.exists():
+                found = file.stat()
+                yield file.relative_to(path).as_posix(), found.st_size, found.st_mtime_ns

@@ -1,0 +1,107 @@
+"""Sealing a benchmark folder that was made by hand: what benchmark.toml lacks is filled in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, verify, write_benchmark_file
+from airzoo_bench.benchmark.queries import read_queries
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.validation import read_toml, validated
+from airzoo_bench.protocol.lookup import load_protocol
+from airzoo_bench.protocol.model import Protocol
+
+__all__ = ["seal_folder"]
+
+
+def seal_folder(folder: Path, *, replace: bool = False) -> list[str]:
+    """Write what benchmark.toml lacks: settings of the truth, checksums of files and of data.
+
+    Parameters
+    ----------
+    folder : Path
+        With benchmark.toml, which names the scenes, protocols/ and scenes/.
+    replace : bool
+        Whether checksums that are there, and differ, are replaced.
+
+    Returns
+    -------
+    list of str
+        Sentences of what was filled in.
+
+    Raises
+    ------
+    BenchmarkError
+        There are no protocols, a scene lacks its files, or a file was changed since the folder was
+        sealed and `replace` is false.
+    """
+    path = folder / "benchmark.toml"
+    values = read_toml(path, BenchmarkError, "benchmark file")
+    protocols = _protocols(folder)
+    said = _fill_in(values, protocols)
+    file = validated(values, BenchmarkFile, BenchmarkError, path, "benchmark file")
+    for scene in file.scenes:
+        _check_files(folder, scene, protocols)
+    if file.checksums and not replace:
+        verify(folder, file)
+    scenes = tuple(_with_checksums(folder, scene, said) for scene in file.scenes)
+    write_benchmark_file(folder, file.model_copy(update={"scenes": scenes}))
+    return [*said, "checksums of all files below scenes/"]
+
+
+def _protocols(folder: Path) -> list[Protocol]:
+    found = [load_protocol(path) for path in sorted((folder / "protocols").glob("*.toml"))]
+    if not found:
+        raise BenchmarkError(
+            "has no protocol",
+            where=folder / "protocols",
+            expected="a protocol file for each track that the folder has truth for",
+            fix="copy the one that the truth was made by (`airzoo-bench protocols NAME` prints "
+            "shipped ones), and set `benchmark` and [[scenes]] in it",
+        )
+    return found
+
+
+def _fill_in(values: dict[str, Any], protocols: list[Protocol]) -> list[str]:
+    missing = {
+        "schema": 1,
+        "name": protocols[0].benchmark,
+        "version": 1,
+        "title": protocols[0].benchmark,
+        "tracks": {of.track: of.truth_settings() for of in protocols},
+        "checksums": {},
+    }
+    said = [key for key in missing if key not in values]
+    for key in said:
+        values[key] = missing[key]
+    return said
+
+
+def _check_files(folder: Path, scene: SceneFile, protocols: list[Protocol]) -> None:
+    """Refuse a scene that lacks its table or the folder of a track."""
+    import pandas as pd
+
+    home = folder / "scenes" / scene.id
+    read_queries(home, pd.DataFrame({"id": []}))
+    for protocol in protocols:
+        wanted = any(one.id == scene.id for one in protocol.scenes)
+        if wanted and not (home / protocol.track).is_dir():
+            raise BenchmarkError(
+                f"scene {scene.id} has no truth for {protocol.track}",
+                where=home / protocol.track,
+                expected=f"the files of {protocol.track}, see docs/benchmark-folder.md",
+                fix=f"add them, or take the scene out of protocol {protocol.name}",
+            )
+
+
+def _with_checksums(folder: Path, scene: SceneFile, said: list[str]) -> SceneFile:
+    found = {}
+    for part in ("dsm", "cloud"):
+        place = getattr(scene, part)
+        if place is not None and (folder / place).is_file():
+            found[f"{part}_sha256"] = sha256_of(folder / place)
+            if getattr(scene, f"{part}_sha256") is None:
+                said.append(f"{part}_sha256 of scene {scene.id}")
+    return scene.model_copy(update=found)
