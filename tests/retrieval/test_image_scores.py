@@ -303,3 +303,23 @@ def test_keys_are_named_as_they_stand_in_the_file() -> None:
 def test_own_photos_cannot_start_from_a_gallery_of_images() -> None:
     with pytest.raises(ProtocolError, match="has a gallery of images"):
         protocol("sues-200-drone-to-satellite").map_rules()
+
+
+def test_queries_that_the_predictions_lack_score_nothing() -> None:
+    made, settings = Made(0), protocol("denseuav-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    places = made.places[made.of_queries], made.places[made.of_images]
+    truth = made_truth(made.labels, places, degrees=True)
+    ids = truth.queries["id"].to_numpy(str)
+    predictions = RetrievalPredictions(Path("p.npz"), None, ids, made.content(truth))
+    for given in (np.full(QUERIES, -1), np.where(np.arange(QUERIES) % 2, np.arange(QUERIES), -1)):
+        predicted = match_scene(predictions, truth, given, settings, Resources())
+        records = score_scene(truth, predicted.ranking, predicted.answered, settings)
+        lacking = records[given < 0]
+        best = lacking[["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]].to_numpy().max()
+        assert best == 0
+        assert np.isfinite(lacking["dis@1"]).all()
+        assert (lacking["dis@1"] >= records["dis@1"].max() - 400).all()
+        whole = match_scene(predictions, truth, np.arange(QUERIES), settings, Resources())
+        scored = score_scene(truth, whole.ranking, whole.answered, settings)
+        pd.testing.assert_frame_equal(records[given >= 0], scored[given >= 0])
