@@ -22,7 +22,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.places import DATA_VARIABLE, data_root
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import SAFE_NAME, read_toml, validated
@@ -131,7 +131,8 @@ def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
     """Write benchmark.toml with the checksums of all that stands under scenes/."""
     sums = {name: sha256_of(folder / name) for name in _truth_files(folder)}
     values = file.model_dump(mode="json", by_alias=True, exclude_none=True) | {"checksums": sums}
-    (folder / "benchmark.toml").write_text(tomli_w.dumps(values), encoding="utf-8")
+    with atomic_write(folder / "benchmark.toml") as stream:
+        stream.write(tomli_w.dumps(values).encode())
 
 
 def _truth_files(folder: Path) -> list[str]:

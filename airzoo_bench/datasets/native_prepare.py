@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -99,20 +99,27 @@ def prepare_scenes(
     """
     before: dict[str, ScenePart] = {}
     if settings.add_to is not None:
-        before = _parts_of(settings.add_to)
+        before, source = _parts_of(settings.add_to), replace(source, keep_going=False)
         protocols = _extended(settings.add_to, protocols, source.scenes)
-    staging = settings.folder.parent / f".{protocols.every[0].benchmark}.prepare"
-    run = _Run(source, protocols, settings, staging)
-    run.finish()
-    parts = before | run.parts
-    made = protocols.of_scenes(parts)
-    folder = _named(settings.folder, protocols, made)
-    if made is not protocols:
-        settings.note(_only_some(protocols, made))
+    run = _Run(source, protocols, settings)
+    try:
+        run.finish()
+        return _assembled(run, before)
+    finally:
+        run.clear()
+
+
+def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
+    """Make the folder of scenes that were in it before, and those that were finished."""
+    settings, parts = run.settings, {**before, **run.parts}
+    made = run.protocols.of_scenes(parts)
+    folder = _named(settings.folder, run.protocols, made)
+    if made is not run.protocols:
+        settings.note(_only_some(run.protocols, made))
     tracks = {scene: tuple(part.summary.tracks) for scene, part in parts.items()}
     served = served_protocols(made, tracks, folder)
-    if before and len(served) < len(protocols.every):
-        lost = {of.track for of in protocols.every} - {of.track for of in served}
+    if before and len(served) < len(made.every):
+        lost = {of.track for of in made.every} - {of.track for of in served}
         raise BenchmarkError(
             f"has truth for {', '.join(sorted(lost))}, and the scenes to add have none",
             where=settings.add_to,
@@ -124,7 +131,7 @@ def prepare_scenes(
             part.add_to(staged, link_or_copy)
         write_records(staged, parts.values())
         write_folder_files(staged, served, [part.entry for part in parts.values()])
-    shutil.rmtree(staging, ignore_errors=True)
+    run.made = True
     return Prepared(
         folder,
         {protocol.name: protocol.track for protocol in served},
@@ -141,10 +148,21 @@ class _Run:
     source: SceneSource
     protocols: BenchmarkProtocols
     settings: PrepareSettings
-    staging: Path
     parts: dict[str, ScenePart] = field(default_factory=dict)
     facts: dict[str, SceneFacts] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
+    made: bool = False
+
+    @property
+    def staging(self) -> Path:
+        """Where finished scenes are kept until all are."""
+        name = self.protocols.every[0].benchmark
+        return self.settings.folder.parent / f".{name}.prepare"
+
+    def clear(self) -> None:
+        """Remove the finished scenes, unless another run can go on from them."""
+        if self.made or len(self.source.scenes) == 1 or not self.parts:
+            shutil.rmtree(self.staging, ignore_errors=True)
 
     def finish(self) -> None:
         keys = scene_keys(self.source, self.protocols, self.settings)
@@ -197,7 +215,7 @@ class _Run:
         return part
 
     def _say_kept(self) -> None:
-        if self.parts:
+        if self.parts and len(self.source.scenes) > 1:
             self.settings.note(
                 f"{counted(len(self.parts), 'finished scene')} of {len(self.source.scenes)} "
                 f"{agreeing(len(self.parts), 'is', 'are')} kept in {self.staging}; the same "

@@ -34,6 +34,10 @@ class ProtocolOptions:
         list[int] | None,
         Option("tile-size", "Side of a tile in map pixels; repeat it (default: the protocol's)."),
     ] = None
+    tile_size_m: Annotated[
+        list[float] | None,
+        Option("tile-size-m", "Side of a tile in metres on the ground, instead; repeat it."),
+    ] = None
     rule: Annotated[
         Rule | None, Option("rule", "When a tile is positive (default: the protocol's).")
     ] = None
@@ -48,7 +52,9 @@ class PhotoOptions(ProtocolOptions):
     images: Annotated[Path, Option("images", "Folder of the photos.")]
     poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
     dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
-    dsm: Annotated[Path, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")]
+    dsm: Annotated[
+        Path | None, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")
+    ] = None
     cloud: Annotated[
         Path | None,
         Option("cloud", "True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
@@ -62,6 +68,14 @@ class PhotoOptions(ProtocolOptions):
     ] = None
     crs: Annotated[
         str | None, Option("crs", "CRS of the poses (default: what their file says).")
+    ] = None
+    plane_height: Annotated[
+        float | None,
+        Option(
+            "plane-height",
+            "Height of the ground as a plane, in the poses' vertical datum (default: the median "
+            "of the surface model).",
+        ),
     ] = None
 
     @property

@@ -60,6 +60,11 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
     UserError
         A source is missing or wrong.
     """
+    if sources.dsm is None and sources.plane_height is None:
+        raise UsageError(
+            "the height of the ground is not known",
+            expected="a surface model (--dsm), or the ground as a plane (--plane-height)",
+        )
     sizes = photo_sizes(sources.images, progress)
     photos = read_poses(sources.poses, sizes)
     place = f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
@@ -84,6 +89,7 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         dom=sources.dom,
         dsm=sources.dsm,
         cloud=sources.cloud,
+        plane_height_m=sources.plane_height,
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
         unposed=tuple(sorted(set(sizes) - set(photos.names))),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -57,7 +58,7 @@ class Photos(Dataset[PhotoOptions]):
         from airzoo_bench.datasets.native_prepare import is_prepared
         from airzoo_bench.datasets.photos import photo_source
 
-        protocols = photo_protocols(options, options.name, settings.root)
+        protocols = photo_protocols(options, options.name, settings.root, options.dom)
         source = photo_source(options, protocols, settings.progress)
         return is_prepared(source, protocols, settings)
 
@@ -65,11 +66,19 @@ class Photos(Dataset[PhotoOptions]):
         """Make the folder, see `photos.prepare_photos`."""
         from airzoo_bench.datasets.photos import prepare_photos
 
-        protocols = photo_protocols(options, options.name, settings.root)
+        protocols = photo_protocols(
+            options, options.name, settings.root, options.dom, settings.note
+        )
         return prepare_photos(options, protocols, settings)
 
 
-def photo_protocols(options: ProtocolOptions, name: str, root: Path) -> BenchmarkProtocols:
+def photo_protocols(
+    options: ProtocolOptions,
+    name: str,
+    root: Path,
+    dom: Path | None = None,
+    note: Callable[[str], None] = lambda _: None,
+) -> BenchmarkProtocols:
     """Return the protocols of a benchmark with one scene, started from those that options name.
 
     Parameters
@@ -79,11 +88,17 @@ def photo_protocols(options: ProtocolOptions, name: str, root: Path) -> Benchmar
         Of the benchmark and its scene.
     root : Path
         The data root.
+    dom : Path, optional
+        The map, in whose pixels sizes in metres are turned.
+    note : callable
+        Takes a sentence about that.
 
     Raises
     ------
     ProtocolError
         There is no such protocol, or a change does not go with it.
+    UserError
+        Sizes are given in metres, and the map is missing, or they are no whole tiles.
     """
     from airzoo_bench.datasets.truths import BenchmarkProtocols
     from airzoo_bench.matching.settings import MatchingProtocol
@@ -96,9 +111,9 @@ def photo_protocols(options: ProtocolOptions, name: str, root: Path) -> Benchmar
     reconstruction = protocol_of_track(
         options.reconstruction_protocol, root, ReconstructionProtocol
     )
-    _, truth = base.map_rules()
+    truth, sizes = base.map_rules()[1], _tile_sizes_px(options, dom, note)
     changes: dict[str, dict[str, Any]] = {
-        "gallery": {"tile_sizes_px": tuple(options.tile_size)} if options.tile_size else {},
+        "gallery": {"tile_sizes_px": sizes} if sizes else {},
         "ground_truth": {
             "rule": options.rule or truth.rule,
             "iou_above": _threshold(truth.iou_above, options.rule, options.iou_above),
@@ -109,6 +124,34 @@ def photo_protocols(options: ProtocolOptions, name: str, root: Path) -> Benchmar
         protocol_for(matching, name, {}),
         protocol_for(reconstruction, name, {}),
     )
+
+
+def _tile_sizes_px(
+    options: ProtocolOptions, dom: Path | None, note: Callable[[str], None]
+) -> tuple[int, ...]:
+    """Return the sides of tiles that were asked for, in pixels of the map; none for the default."""
+    in_metres = options.tile_size_m
+    if not in_metres:
+        return tuple(options.tile_size or ())
+    if options.tile_size:
+        raise UsageError("--tile-size and --tile-size-m are both given", fix="give one of them")
+    if dom is None:
+        raise UsageError("--tile-size-m needs a map", fix="give --dom, or --tile-size in pixels")
+    from math import sqrt
+
+    from airzoo_bench.geometry.rasters import gsd_m, open_info
+
+    across, down = gsd_m(open_info(dom))
+    pixel = sqrt(across * down)
+    sizes = tuple(round(side / pixel) if side > 0 else 0 for side in in_metres)
+    if min(sizes) < 1:
+        raise UsageError(
+            f"--tile-size-m {min(in_metres):g} is less than a pixel of the map",
+            expected=f"more than {pixel:.3g} m",
+        )
+    for side, size in zip(in_metres, sizes, strict=True):
+        note(f"tiles of {side:g} m are {size} px of the map, at {pixel:.4g} m per pixel")
+    return sizes
 
 
 def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:

@@ -28,7 +28,10 @@ REFUSING = {
         "retrieval/gallery",
     ],
     "Cloud": ["datasets/cloud_checks"],
-    "All together": ["datasets/photos"],
+    "All together": [
+        *("datasets/photos", "datasets/photos_dataset", "datasets/scene_content"),
+        "datasets/native_prepare",
+    ],
 }
 # Which argument of a function that refuses is the message.
 MESSAGE = {"refuse_cameras": 1, "_refuse_names": 1, "_refuse": 2}

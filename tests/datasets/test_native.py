@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,9 +16,11 @@ from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.options import Option
-from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.datasets.facts_lines import fact_lines, plausibility_warnings
 from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.scene_content import scene_content
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.protocol.lookup import load_protocol
@@ -31,6 +33,7 @@ from tests.support import (
     make_place,
     photo_protocols,
     run_main,
+    write_raster,
 )
 
 SCENES = ("one", "two", "three")
@@ -98,8 +101,8 @@ class Flights(NativeDataset[FlightOptions]):
             scene,
             home / "photos",
             NAMES,
-            cameras if "poses" not in parts else None,
-            poses if "poses" not in parts else None,
+            cameras,
+            poses,
             LOCAL_CRS if "local" in parts else PLACE_CRS,
             dom=home / "dom.tif" if "dom" in parts else None,
             dsm=home / "dsm.tif" if "dsm" in parts else None,
@@ -355,3 +358,85 @@ def test_records_of_another_kind_are_left_aside(
         record.write_text(text)
         assert prepare(source) == 2
         assert "--force" in capsys.readouterr().err
+
+
+def test_protocols_say_where_the_data_are(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert prepare(source, "--scene", "one") == 0
+    capsys.readouterr()
+    assert run_main("protocols", "--format", "json") == 0
+    said = capsys.readouterr().out
+    for text in ("https://example.org", "CC BY 4.0", "North is up.", "flights-retrieval-partial"):
+        assert text in said
+    assert run_main("protocols", "flights-retrieval-partial") == 0
+    text = capsys.readouterr().out
+    assert text.startswith("# Flights: https://example.org\n# licence: CC BY 4.0\n# assumed: North")
+    again = data / "again.toml"
+    again.write_text(text)
+    assert load_protocol(again).benchmark == "flights-partial"
+
+
+def test_tiles_of_so_many_metres(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "a")
+    assert run_main(*place.arguments(tile_size=None, tile_size_m=64)) == 0
+    assert "tiles of 64 m are 64 px of the map" in capsys.readouterr().err
+    tracks = Benchmark.open(data / "park").file.tracks
+    assert tracks["retrieval"]["gallery"]["tile_sizes_px"] == [64]
+    for changes in ({"tile_size_m": 64}, {"tile_size": None, "tile_size_m": 0.1}):
+        assert run_main(*place.arguments(**changes), "--force") == 2
+        assert "--tile-size-m" in capsys.readouterr().err
+
+
+def test_own_photos_over_a_plane(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "a")
+    assert run_main(*place.arguments(dsm=None)) == 2
+    assert "--plane-height" in capsys.readouterr().err
+    assert run_main(*place.arguments()) == 0
+    whole = everything(data / "park" / "scenes" / "park" / "retrieval")
+    assert run_main(*place.arguments(dsm=None, plane_height=100), "--force") == 0
+    assert "taken as a plane at 100.0 m" in capsys.readouterr().out
+    assert everything(data / "park" / "scenes" / "park" / "retrieval") == whole
+    assert run_main(*place.arguments(dsm=None, plane_height=100, rule="dsm"), "--force") == 2
+    assert "scene park has no surface model" in capsys.readouterr().err
+
+
+def test_a_surface_model_in_another_crs_is_refused_with_the_command(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "a")
+    level = np.full((1, 256, 256), 100, np.float32)
+    write_raster(place.dsm, level, crs="EPSG:32634")
+    assert run_main(*place.arguments()) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"gdalwarp -t_srs 'EPSG:32633' -r bilinear '{place.dsm}'" in said
+
+
+def test_photos_without_poses_and_place(flights: Flights, source: Path) -> None:
+    read = flights.read(FlightOptions(source, parts=""), "one", silent)
+    nowhere = replace(read, cameras=None, poses=None, crs=None)
+    content = scene_content(nowhere, BenchmarkProtocols())
+    assert list(content.truths.photos) == ["id", "image", "weather"]
+    assert content.facts is not None
+    assert fact_lines(content.facts) == ["photos          4"]
+    assert plausibility_warnings(content.facts) == []
+    assert json.dumps(content.facts.values(), allow_nan=False)
+
+
+def test_a_local_frame_has_no_map(flights: Flights, source: Path) -> None:
+    read = flights.read(FlightOptions(source, parts="dom dsm local"), "one", silent)
+    with pytest.raises(BenchmarkError, match="in a local frame, and there is a map"):
+        scene_content(read, BenchmarkProtocols())
+
+
+def test_photos_that_are_missing_are_named(flights: Flights, source: Path) -> None:
+    (source / "one" / "photos" / NAMES[1]).unlink()
+    read = flights.read(FlightOptions(source), "one", silent)
+    with pytest.raises(
+        BenchmarkError, match=f"photos of scene one are missing: 1 of 4.*{NAMES[1]}"
+    ):
+        scene_content(read, BenchmarkProtocols())

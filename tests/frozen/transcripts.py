@@ -44,7 +44,7 @@ MOST_LISTED = 12
 # What a slow machine says besides.
 TIME_LEFT = re.compile(r", about \d+ \w+ left$")
 # They hold times.
-UNLIKE_EACH_TIME = ("timings.csv",)
+UNLIKE_EACH_TIME = ("timings.csv", "prepared.json")
 
 
 def made_with() -> str:

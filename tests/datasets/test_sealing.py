@@ -1,0 +1,93 @@
+"""Folders made by hand get their checksums; the page names every column that there is."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import tomli_w
+
+from airzoo_bench.benchmark.folder import Benchmark
+from tests.datasets.tagged import NAMES, tag
+from tests.support import make_place, run_main
+
+PAGE = Path(__file__).parents[2] / "docs" / "benchmark-folder.md"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A complete folder with all tracks but reconstruction, tiles and crops as files."""
+    place = make_place(tmp_path / "source")
+    for name in NAMES:
+        tag(place, name)
+    more = ("--out", tmp_path / "park", "--tiles", "files", "--crops", "files")
+    assert run_main(*place.arguments(), *more) == 0
+    return tmp_path / "park"
+
+
+def change(folder: Path, *without: str) -> None:
+    path = folder / "benchmark.toml"
+    values = tomllib.loads(path.read_text())
+    kept = {key: value for key, value in values.items() if key not in without}
+    for scene in kept["scenes"]:
+        scene.pop("dsm_sha256", None)
+    path.write_text(tomli_w.dumps(kept))
+
+
+def test_what_is_missing_is_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (folder / "benchmark.toml").read_text()
+    change(folder, "schema", "name", "version", "title", "tracks", "checksums")
+    assert run_main("seal-folder", folder) == 0
+    assert "dsm_sha256 of scene park" in capsys.readouterr().err
+    after = tomllib.loads((folder / "benchmark.toml").read_text())
+    assert after == tomllib.loads(before)
+    assert Benchmark.open(folder).name == "park"
+
+
+def test_a_changed_file_is_sealed_again_only_if_that_is_asked(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = folder / "scenes" / "park" / "queries.csv"
+    table.write_text(table.read_text().replace("64", "65"))
+    assert run_main("seal-folder", folder) == 2
+    assert "was changed since" in capsys.readouterr().err
+    assert run_main("seal-folder", folder, "--force") == 0
+    Benchmark.open(folder)
+
+
+def test_a_scene_without_its_files_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(folder, "checksums")
+    home = folder / "scenes" / "park"
+    (home / "matching").rename(home / "aside")
+    before = (folder / "benchmark.toml").read_bytes()
+    assert run_main("seal-folder", folder) == 2
+    assert "has no truth for matching" in capsys.readouterr().err
+    assert (folder / "benchmark.toml").read_bytes() == before
+    for path in (folder / "protocols").iterdir():
+        path.unlink()
+    assert run_main("seal-folder", folder) == 2
+    assert "has no protocol" in capsys.readouterr().err
+
+
+def test_the_page_names_every_column(folder: Path) -> None:
+    named = set(re.findall(r"`([A-Za-z0-9_]+)`", PAGE.read_text()))
+    seen = 0
+    for path in sorted((folder / "scenes").rglob("*")):
+        if path.suffix == ".csv":
+            columns = path.read_text().split("\n", 1)[0].split(",")
+        elif path.suffix == ".parquet":
+            columns = list(pd.read_parquet(path).columns)
+        elif path.suffix == ".npz":
+            with np.load(path) as arrays:
+                columns = arrays.files
+        else:
+            continue
+        seen += len(columns)
+        assert set(columns) <= named, path
+    assert seen > 100
