@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.files import read_text
 from airzoo_bench.datasets.native import About
 from airzoo_bench.datasets.published.image_benchmark import DIRECTIONS, ImageBenchmark, ImageScene
 
@@ -105,6 +104,8 @@ def class_positions(path: Path) -> tuple[dict[str, tuple[float, float]], list[st
     BenchmarkError
         The file is missing, or a line is none of these.
     """
+    from airzoo_bench.core.files import read_text
+
     text = read_text(path, BenchmarkError, "list of positions", _MOST_BYTES)
     found: dict[str, tuple[float, float]] = {}
     moved: dict[str, None] = {}
