@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["BlindBenchmark", "BlindScene", "load_benchmark"]
 
@@ -218,6 +222,8 @@ class BlindScene:
         """
         tiles = read_tiles(self._home("retrieval"))
         entry = self._source.scene(self.id)
+        if "image" in tiles.columns:
+            return self._images(tiles, needed(entry.gallery, "gallery", self.id))
         gallery = self._source.resolve(needed(entry.gallery or entry.dom, "map", self.id))
         ids, sizes = tiles["id"].tolist(), tiles["size_m"].to_numpy(np.float64)
         boxes, windows = boxes_of(tiles), tiles[_WINDOW].to_numpy(np.int64)
@@ -225,6 +231,16 @@ class BlindScene:
         def tile(row: int) -> Tile:
             box, window = tuple(boxes[row].tolist()), tuple(windows[row].tolist())
             return Tile(ids[row], box, float(sizes[row]), window, gallery)
+
+        return Items(f"tiles of {self.id}", len(ids), tile)
+
+    def _images(self, tiles: pd.DataFrame, gallery: str) -> Items[Tile]:
+        """Return the tiles of a gallery that is a folder of images."""
+        ids, images = tiles["id"].tolist(), tiles["image"].tolist()
+        folder = self._source.resolve(gallery)
+
+        def tile(row: int) -> Tile:
+            return Tile(ids[row], None, None, None, folder / images[row])
 
         return Items(f"tiles of {self.id}", len(ids), tile)
 

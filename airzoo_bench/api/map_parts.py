@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterio import Affine
 
 from airzoo_bench.api.photos import Photo
+from airzoo_bench.benchmark.images import photo_size, read_rgb_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.crs import describe_crs
@@ -71,26 +72,26 @@ class Items(Sequence[T], Generic[T]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tile:
-    """A tile of a gallery.
+    """A tile of a gallery: a window of a map or, where the benchmark gives images, an image.
 
     Attributes
     ----------
     id : str
-        ``scene/size_row_column``.
-    box : tuple of 4 float
-        lon_min, lat_min, lon_max, lat_max in degrees, WGS84.
-    size_m : float
-        Mean side on the ground, in metres.
-    window : tuple of 4 int
-        x, y, width, height in pixels of the map that it is cut from.
+        ``scene/size_row_column``, or that of the image.
+    box : tuple of 4 float or None
+        lon_min, lat_min, lon_max, lat_max in degrees, WGS84; None for an image.
+    size_m : float or None
+        Mean side on the ground, in metres; None for an image.
+    window : tuple of 4 int or None
+        x, y, width, height in pixels of the map that it is cut from; None for an image.
     map : Path
-        That map.
+        That map, or the image's file.
     """
 
     id: str
-    box: tuple[float, float, float, float]
-    size_m: float
-    window: tuple[int, int, int, int]
+    box: tuple[float, float, float, float] | None
+    size_m: float | None
+    window: tuple[int, int, int, int] | None
     map: Path
 
     @property
@@ -101,10 +102,16 @@ class Tile:
         ------
         RasterError
             The map is not there or cannot be read.
+        BenchmarkError
+            The image is not there or cannot be read.
         """
+        if self.window is None:
+            return read_rgb_photo(self.map, max(photo_size(self.map)))
         return read_rgb(self.map, self.window)
 
     def __repr__(self) -> str:
+        if self.window is None:
+            return f"Tile({self.id!r}, {self.map.name})"
         return f"Tile({self.id!r}, {self.window[2]} x {self.window[3]} px, {self.size_m:.1f} m)"
 
 

@@ -29,6 +29,7 @@ _NUMBERS = frozenset(
         *(f"prior_{name}" for name in _POSE),
         *("size_m", "lon_min", "lat_min", "lon_max", "lat_max", "footprint_lon", "footprint_lat"),
         *(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat")),
+        *("image_lon", "image_lat", "image_x_m", "image_y_m"),
     )
 )
 _LARGEST_WHOLE = 1 << 31

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from airzoo_bench.benchmark.folder import Benchmark
     from airzoo_bench.results.records import Scored
     from airzoo_bench.results.sensitivity import NoiseFloor, Sensitivity
-    from airzoo_bench.retrieval.sensitivity import AssumedRanges
+    from airzoo_bench.retrieval.assumptions import AssumedRanges
     from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 __all__ = ["EXAMPLES", "PANELS", "sensitivity"]
@@ -86,7 +86,7 @@ def sensitivity(
     from airzoo_bench.results.records import read_scored
     from airzoo_bench.results.selection import check_score
     from airzoo_bench.results.sensitivity import write_noise_floor
-    from airzoo_bench.retrieval.sensitivity import AssumedRanges
+    from airzoo_bench.retrieval.assumptions import AssumedRanges
     from airzoo_bench.retrieval.sensitivity import sensitivity as measured
     from airzoo_bench.tables.sensitivity_layout import sensitivity_table
 

@@ -8,7 +8,7 @@ import tomllib
 from itertools import takewhile
 from operator import eq
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -129,7 +129,8 @@ def _lacks_what_was_refused(item: Any, every: list[Any]) -> bool:
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
-    key = ".".join(str(part) for part in item["loc"])
+    # Parts such as "<map>" name which of several tables was chosen, and are no keys.
+    key = ".".join(str(part) for part in item["loc"] if not str(part).startswith("<"))
     if item["type"] == "extra_forbidden":
         return f"unknown key '{key}'{nearest(str(item['loc'][-1]), _known_keys(model))}"
     if item["type"] == "json_invalid":
@@ -149,10 +150,15 @@ def _known_keys(model: type[BaseModel]) -> list[str]:
     keys: list[str] = []
     for name, field in model.model_fields.items():
         keys.append(field.alias or name)
-        for part in (field.annotation, *getattr(field.annotation, "__args__", ())):
-            if isinstance(part, type) and issubclass(part, BaseModel):
-                keys += _known_keys(part)
+        for part in _models_in(field.annotation):
+            keys += _known_keys(part)
     return keys
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
 
 
 def nearest(name: str, known: list[str], offered: int = _OFFERED) -> str:

@@ -46,7 +46,7 @@ class About:
     unverified : tuple of str
         A sentence for each part of the layout that nobody of us has seen.
     ranges : mapping of str to float
-        How far assumed values may be off, see `retrieval.sensitivity.AssumedRanges`.
+        How far assumed values may be off, see `retrieval.assumptions.AssumedRanges`.
     scene_files : mapping of str to tuple of str
         Patterns (`fnmatch`) of the paths in the repository that are of one scene alone, by its id,
         for `download --scene`; empty where scenes cannot be fetched by themselves.

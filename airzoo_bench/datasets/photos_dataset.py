@@ -111,7 +111,7 @@ def photo_protocols(
     reconstruction = protocol_of_track(
         options.reconstruction_protocol, root, ReconstructionProtocol
     )
-    truth, sizes = base.ground_truth, _tile_sizes_px(options, dom, note)
+    truth, sizes = base.map_rules()[1], _tile_sizes_px(options, dom, note)
     changes: dict[str, dict[str, Any]] = {
         "gallery": {"tile_sizes_px": sizes} if sizes else {},
         "ground_truth": {

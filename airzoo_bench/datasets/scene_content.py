@@ -51,7 +51,7 @@ def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneCo
     if inputs.dom is not None or inputs.gallery is not None:
         check_map_scale(inputs)
         if protocols.retrieval is not None:
-            check_tile_count(inputs.gallery_map, protocols.retrieval.gallery)
+            check_tile_count(inputs.gallery_map, protocols.retrieval.map_rules()[0])
     above = None if native.cloud is None else check_cloud(native.cloud, inputs)
     truths = build_truths(inputs, protocols, native.cloud)
     retrieval = None if truths.retrieval is None else truths.retrieval.truth

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
     from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["summary_of"]
+__all__ = ["retrieval_summary", "summary_of"]
 
 
 def summary_of(
@@ -53,7 +53,7 @@ def summary_of(
 def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:
     found = {}
     if truths.retrieval is not None:
-        found["retrieval"] = _retrieval(truths.retrieval.truth)
+        found["retrieval"] = retrieval_summary(truths.retrieval.truth)
     if truths.matching is not None:
         count = len(truths.matching.queries)
         text = f"{counted(count, 'query')} with a prior"
@@ -64,7 +64,8 @@ def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:
     return found
 
 
-def _retrieval(truth: RetrievalTruth) -> TrackSummary:
+def retrieval_summary(truth: RetrievalTruth) -> TrackSummary:
+    """Sum up the truth of the retrieval track."""
     counts = truth.positives.counts
     text = f"{counted(len(truth.queries), 'query')}, {counted(len(truth.tiles), 'tile')}, "
     text += f"{counts.min()} to {counts.max()} positives per query, mean {counts.mean():.1f}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,16 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.colours import read_rgb
+from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.report.labels import error_label
 from airzoo_bench.report.maps import jpeg, retrieved
 from airzoo_bench.report.packing import data_uri
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.result import ScoreColumn
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["hardest", "hardest_rows", "order_said"]
 
@@ -109,10 +114,11 @@ def hardest(
 
 def _pictures(place: Place, query: str) -> Iterator[dict[str, Any]]:
     yield from _picture(lambda: read_rgb(place.photos[query], long_side_px=_SIDE_PX), title="photo")
-    window = _true_window(place, query)
-    if window is not None:
+    dom = place.dom
+    window = None if dom is None else _true_window(place, dom, query)
+    if dom is not None and window is not None:
         yield from _picture(
-            lambda: read_rgb(place.dom.path, window, long_side_px=_SIDE_PX),
+            lambda: read_rgb(dom.path, window, long_side_px=_SIDE_PX),
             title="the place on the map",
         )
 
@@ -125,14 +131,19 @@ def _tiles(section: Section, place: Place, row: int) -> Iterator[dict[str, Any]]
     for rank, (tile, hit) in enumerate(zip(found.tiles[0, 0], found.hits[0, 0], strict=True), 1):
         if tile < 0:
             continue
-        x, y, width, height = place.tiles[["x", "y", "width", "height"]].iloc[tile].tolist()
-        window = (int(x), int(y), int(width), int(height))
         yield from _picture(
-            partial(read_rgb, place.gallery, window, long_side_px=_TILE_PX),
+            partial(_tile, place.gallery, place.tiles.iloc[tile]),
             title=str(place.tiles["id"].iloc[tile]),
             rank=rank,
             hit=bool(hit),
         )
+
+
+def _tile(gallery: Path, tile: pd.Series[Any]) -> Pixels:
+    if "image" in tile.index:
+        return read_rgb(gallery / tile["image"], long_side_px=_TILE_PX)
+    x, y, width, height = (int(tile[name]) for name in ("x", "y", "width", "height"))
+    return read_rgb(gallery, (x, y, width, height), long_side_px=_TILE_PX)
 
 
 def _picture(read: Callable[[], Pixels], **said: object) -> Iterator[dict[str, Any]]:
@@ -144,14 +155,14 @@ def _picture(read: Callable[[], Pixels], **said: object) -> Iterator[dict[str, A
     yield {**said, "src": data_uri(content, "image/jpeg")}
 
 
-def _true_window(place: Place, query: str) -> tuple[int, int, int, int] | None:
+def _true_window(place: Place, dom: RasterInfo, query: str) -> tuple[int, int, int, int] | None:
     if query in place.crops:
         x, y, width, height = place.crops[query]
         return x, y, width, height
     outline = place.outlines[place.queries.index(query)]
     if not np.isfinite(outline).all():
         return None
-    size = (place.dom.width, place.dom.height)
+    size = (dom.width, dom.height)
     low = np.clip(np.floor(outline.min(axis=0)), 0, size).astype(int)
     high = np.clip(np.ceil(outline.max(axis=0)), 0, size).astype(int)
     if not (high > low).all():

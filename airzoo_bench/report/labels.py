@@ -113,6 +113,10 @@ _MEANINGS: dict[str, tuple[tuple[str, str], ...]] = {
     "retrieval": (
         (r"recall@1", f"{_SHARE} whose first tile answers"),
         (r"recall@(\d+)", f"{_SHARE} with a tile that answers among the first {{0}}"),
+        (r"recall@(.+%)", f"{_SHARE} with an image that answers in the first {{0}} of the gallery"),
+        (r"ap/trapezoid", "area under the precision-recall curve of the whole list"),
+        (r"ma@(.+)m", f"{_SHARE} whose first image is nearer than {{0}} m"),
+        (r"dis@(\d+)", "mean distance of the first {0} images"),
         (r"ap@(\d+)", "share of the first {0} tiles that answer the query"),
         *((rf"ap@(\d+)/{name}", _AP + said) for name, said in _VARIANTS.items()),
         (r"map", "average precision of the whole list, over all positives"),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.colours import read_rgb
-from airzoo_bench.geometry.rasters import gsd_m
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
 from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section, tile_columns
@@ -55,21 +55,30 @@ def maps(
     blobs : Blobs
         Takes outlines and tiles.
     notes : list of str
-        Takes why a map was left out: colours that are not 8 bit, a damaged file.
+        Takes why a map was left out: none is there, colours that are not 8 bit, a damaged file.
     """
     share = min(_MOST_BYTES, _TOTAL_BYTES // max(len(places), 1))
+    unmapped = [place.scene for place in places if place.dom is None]
+    if unmapped:
+        whose = "its gallery is" if len(unmapped) == 1 else "their galleries are"
+        kind = "a set" if len(unmapped) == 1 else "sets"
+        notes.append(f"no map of {', '.join(unmapped)}: {whose} {kind} of images")
     found = []
     for place in places:
+        if place.dom is None:
+            continue
         try:
-            found.append(_map(section, place, share, blobs))
+            found.append(_map(section, place, place.dom, share, blobs))
         except RasterError as error:
             notes.append(f"no map of scene {place.scene}: {error}")
     return found
 
 
-def _map(section: Section, place: Place, most_bytes: int, blobs: Blobs) -> dict[str, Any]:
-    content, width, height = _picture(place, most_bytes)
-    scale = width / place.dom.width
+def _map(
+    section: Section, place: Place, dom: RasterInfo, most_bytes: int, blobs: Blobs
+) -> dict[str, Any]:
+    content, width, height = _picture(dom, most_bytes)
+    scale = width / dom.width
     records = section.methods[0].records
     rows = np.flatnonzero((records["scene"] == place.scene).to_numpy(bool))
     known = {query: row for row, query in enumerate(place.queries)}
@@ -79,7 +88,7 @@ def _map(section: Section, place: Place, most_bytes: int, blobs: Blobs) -> dict[
         "picture": data_uri(content, "image/jpeg"),
         "width": width,
         "height": height,
-        "metresPerPixel": gsd_m(place.dom)[0] / scale,
+        "metresPerPixel": gsd_m(dom)[0] / scale,
         "rows": blobs.array(rows),
         "outlines": blobs.array(_steps(place.outlines[order] * scale)),
         "centres": blobs.array(_steps(place.centres[order] * scale)),
@@ -89,14 +98,14 @@ def _map(section: Section, place: Place, most_bytes: int, blobs: Blobs) -> dict[
     return packed | _tiles(section, place, rows, scale, blobs)
 
 
-def _picture(place: Place, most_bytes: int) -> tuple[bytes, int, int]:
+def _picture(dom: RasterInfo, most_bytes: int) -> tuple[bytes, int, int]:
     """Return the map as JPEG of at most `most_bytes`, with its width and height."""
-    side = min(_LONG_SIDE_PX, max(place.dom.width, place.dom.height))
-    pixels = read_rgb(place.dom.path, long_side_px=side)
+    side = min(_LONG_SIDE_PX, max(dom.width, dom.height))
+    pixels = read_rgb(dom.path, long_side_px=side)
     content = jpeg(pixels)
     while len(content) > most_bytes and side > 64:
         side = int(side * min(0.9, (most_bytes / len(content)) ** 0.5))
-        pixels = read_rgb(place.dom.path, long_side_px=side)
+        pixels = read_rgb(dom.path, long_side_px=side)
         content = jpeg(pixels)
     return content, pixels.shape[1], pixels.shape[0]
 

@@ -36,10 +36,10 @@ class Place:
     Attributes
     ----------
     scene : str
-    dom : RasterInfo
-        The map.
+    dom : RasterInfo or None
+        The map; None where the gallery is a set of images.
     gallery : Path
-        The map that tiles are cut from.
+        The map that tiles are cut from, or the folder of the images.
     photos : dict of str to Path
         By query.
     outlines : (Q, 4, 2) array
@@ -48,7 +48,7 @@ class Place:
         Where the query is, in pixels of the map; NaN where that is not known.
     queries : list of Q str
     tiles : DataFrame
-        With the windows in pixels of the gallery's map.
+        With the windows in pixels of the gallery's map, or the files of the images.
     tile_outlines : (T, 4, 2) array
     positives : Positives
         Which tiles answer which query; of the retrieval track.
@@ -57,7 +57,7 @@ class Place:
     """
 
     scene: str
-    dom: RasterInfo
+    dom: RasterInfo | None
     gallery: Path
     photos: dict[str, Path]
     queries: list[str]
@@ -108,8 +108,27 @@ def _check_truth(section: Section, benchmark: Benchmark, prints: dict[str, str])
 def _retrieval_places(section: Section, benchmark: Benchmark) -> list[Place]:
     truths = [read_retrieval(benchmark.scene_folder(s), s) for s in section.first.scenes]
     _check_truth(section, benchmark, {truth.scene: truth.fingerprint for truth in truths})
-    mapped = [truth for truth in truths if benchmark.scene(truth.scene).dom is not None]
-    return [_retrieval_place(truth, benchmark) for truth in mapped]
+    return [
+        _place_of_images(truth, benchmark)
+        if truth.of_images
+        else _retrieval_place(truth, benchmark)
+        for truth in truths
+    ]
+
+
+def _place_of_images(truth: RetrievalTruth, benchmark: Benchmark) -> Place:
+    entry, n = benchmark.scene(truth.scene), len(truth.queries)
+    return Place(
+        truth.scene,
+        None,
+        benchmark.resolve(needed(entry.gallery, "gallery", truth.scene)),
+        _photos(truth.queries, benchmark.resolve(entry.images)),
+        truth.queries["id"].tolist(),
+        np.full((n, 4, 2), np.nan),
+        np.full((n, 2), np.nan),
+        truth.tiles,
+        positives=truth.positives,
+    )
 
 
 def _retrieval_place(truth: RetrievalTruth, benchmark: Benchmark) -> Place:

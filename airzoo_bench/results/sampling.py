@@ -15,7 +15,7 @@ from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
 __all__ = ["is_hit", "is_share", "make_sample", "pooled_sample", "score_intervals"]
 
-_HITS = {"retrieval": ("recall@", "distance<"), "matching": ("within_",)}
+_HITS = {"retrieval": ("recall@", "distance<", "ma@"), "matching": ("within_",)}
 """How the columns of scores begin that say of a query whether it is answered well enough."""
 
 

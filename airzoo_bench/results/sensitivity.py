@@ -107,7 +107,7 @@ class NoiseFloor(Strict):
     protocol, protocol_fingerprint, truth_fingerprint : str
         What the results were scored by.
     ranges : dict of str to float
-        How far each value was moved, see `retrieval.sensitivity.AssumedRanges`.
+        How far each value was moved, see `retrieval.assumptions.AssumedRanges`.
     draws, seed : int
     methods : tuple of str
         Whose differences were looked at.

@@ -211,7 +211,11 @@ def _readers(
     scene = benchmark.scene(truth.scene)
     gallery = benchmark.resolve(needed(scene.gallery or scene.dom, "map", scene.id))
     images = benchmark.resolve(scene.images)
-    tiles: list[Reader] = [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()]
+    tiles: list[Reader] = (
+        [partial(read_grey, gallery / name, long_side_px) for name in truth.tiles["image"]]
+        if truth.of_images
+        else [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()]
+    )
     photos: list[Reader] = [
         partial(read_grey, images / name, long_side_px) for name in truth.queries["image"]
     ]

@@ -15,14 +15,17 @@ import numpy as np
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import concatenate, summarise
+from airzoo_bench.retrieval.image_scores import rank_of_share, recall_at_share_name
 from airzoo_bench.retrieval.scores import ap_name, retrieval_scores
-from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["chance_level", "chance_scores"]
 
 
-def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
+def chance_scores(
+    positives: Ints, n_tiles: int, settings: RetrievalScores | ImageScores
+) -> dict[str, Floats]:
     """Return the expected score of each query under a random order of its gallery.
 
     Parameters
@@ -31,7 +34,7 @@ def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> d
         R, the number of positives of each query.
     n_tiles : int
         G, the size of the gallery.
-    settings : RetrievalScores
+    settings : RetrievalScores or ImageScores
         The protocol's.
 
     Returns
@@ -47,6 +50,26 @@ def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> d
     evaluation, Prague Bulletin of Mathematical Linguistics 103, 2015.
     """
     kinds, back = np.unique(positives, return_inverse=True)
+    if isinstance(settings, ImageScores):
+        scores = _of_images(kinds, n_tiles, settings)
+    else:
+        scores = _of_tiles(kinds, n_tiles, settings)
+    return {name: values[back] for name, values in scores.items()}
+
+
+def _of_images(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str, Floats]:
+    right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
+    share = settings.recall_at_share
+    none = _none_among(kinds, n_tiles, max(n_tiles, *settings.recall_at))
+    scores = {f"recall@{n}": 1 - none[:, n] for n in settings.recall_at}
+    scores[recall_at_share_name(share)] = 1 - none[:, rank_of_share(n_tiles, share)]
+    scores["map"] = _precision_sums(right, n_tiles, n_tiles) / divisor
+    scores["ap/trapezoid"] = (scores["map"] + _precision_before(right, n_tiles) / divisor) / 2
+    scores["mrr"] = -np.diff(none[:, : n_tiles + 1], axis=1) @ (1 / np.arange(1.0, n_tiles + 1))
+    return scores
+
+
+def _of_tiles(kinds: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
     k, kept = settings.ap_at, min(settings.ranks_kept, n_tiles)
     right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
     none = _none_among(kinds, n_tiles, max(kept, *settings.recall_at))
@@ -62,10 +85,12 @@ def chance_scores(positives: Ints, n_tiles: int, settings: RetrievalScores) -> d
         gain = np.concatenate(([0.0], np.cumsum(1 / np.log2(np.arange(2, depth + 2)))))
         best = gain[np.clip(kinds, 1, depth)]
         scores[f"ndcg@{depth}"] = right / n_tiles * gain[min(depth, n_tiles)] / best
-    return {name: values[back] for name, values in scores.items()}
+    return scores
 
 
-def chance_level(truths: Sequence[RetrievalTruth], settings: RetrievalScores) -> Reference:
+def chance_level(
+    truths: Sequence[RetrievalTruth], settings: RetrievalScores | ImageScores
+) -> Reference:
     """Return what tiles in random order score, by scene; see `chance_scores`."""
     import pandas as pd
 
@@ -97,6 +122,12 @@ def _precision_sums(positives: Floats, n_tiles: int, depth: int) -> Floats:
     also = (positives - 1) / max(n_tiles - 1, 1)
     sums: Floats = (1 / rank).sum() + also * ((rank - 1) / rank).sum()
     return positives / n_tiles * sums
+
+
+def _precision_before(positives: Floats, n_tiles: int) -> Floats:
+    """Give the expected sum, over the hits, of the precision just before each; 1 at rank 1."""
+    also = (positives - 1) / max(n_tiles - 1, 1)
+    return positives / n_tiles * (1 + (n_tiles - 1) * also)
 
 
 def _over_hits(positives: int, n_tiles: int, k: int) -> float:

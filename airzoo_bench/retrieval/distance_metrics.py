@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["is_within", "pdm_at", "sdm_at", "top1_distance"]
+__all__ = ["dis_at", "is_within", "pdm_at", "sdm_at", "top1_distance"]
 
 
 def top1_distance(distances_m: Floats) -> Floats:
@@ -74,8 +74,9 @@ def sdm_at(distances_m: Floats, k: int, scale: float) -> Floats:
     k : int
         At least 1.
     scale : float
-        s, per metre, above 0: Game4Loc has 0.001. DenseUAV has 5000 per degree, on differences
-        of longitude and latitude taken alike (0.045 per metre along a meridian).
+        s, above 0, per unit of the distances: Game4Loc has 0.001 per metre. DenseUAV has 5000 per
+        degree, on differences of longitude and latitude taken alike (0.045 per metre along a
+        meridian); see `positions.degrees_apart`.
 
     Returns
     -------
@@ -94,6 +95,40 @@ def sdm_at(distances_m: Floats, k: int, scale: float) -> Floats:
     """
     _check_positive("scale", scale)
     return _rank_weighted_mean(_first(distances_m, k), k, lambda d: np.exp(-scale * d))
+
+
+def dis_at(distances_m: Floats, k: int, worst_m: Floats) -> Floats:
+    """Dis@k of Game4Loc: the mean distance of the first k tiles.
+
+    Parameters
+    ----------
+    distances_m : (Q, K) float64
+        From the query to the tile at each rank, in metres.
+    k : int
+        At least 1.
+    worst_m : (Q,) float64
+        Distance to the farthest tile of the gallery, which stands for ranks without a tile: a
+        short list gains nothing, and the mean over queries stays finite.
+
+    Returns
+    -------
+    (Q,) float64
+        Metres.
+
+    Raises
+    ------
+    ValueError
+        `distances_m` is not a matrix or holds NaN, or k is below 1.
+
+    References
+    ----------
+    ``get_dis`` in ``game4loc/evaluate/gta.py`` of Yux1angJi/GTA-UAV.
+    """
+    first = _first(distances_m, k)
+    total: Floats = (k - first.shape[1]) * worst_m
+    for column in first.T:
+        total += np.where(np.isfinite(column), column, worst_m)
+    return total / k
 
 
 def pdm_at(

@@ -9,7 +9,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.retrieval.predictions import RetrievalPredictions
 from airzoo_bench.retrieval.scene_predictions import ScenePredictions, strange_tiles
 from airzoo_bench.retrieval.scores import retrieval_scores
-from airzoo_bench.retrieval.settings import RetrievalProtocol, RetrievalScores
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["retrieval_notes"]
@@ -51,11 +51,18 @@ def _strange_tiles(
     return [f"described tiles that are in no gallery, left aside: {named}"] if strange.size else []
 
 
-def _short_lists(scenes: Sequence[ScenePredictions], scores: RetrievalScores) -> list[str]:
+def _short_lists(
+    scenes: Sequence[ScenePredictions], scores: RetrievalScores | ImageScores
+) -> list[str]:
     """Name the scores that read ranks beyond the ends of lists; the paper's do not."""
     n = sum(scene.shorter(scores.ranks_kept) for scene in scenes)
     if not n:
         return []
+    if isinstance(scores, ImageScores):
+        return [
+            f"{counted(n, 'list ends', 'lists end')} without all positives: to AP and MRR the "
+            "others are not found, which they are where the whole gallery is ranked"
+        ]
     depths = [k for k in scores.ndcg_at if any(scene.shorter(k) for scene in scenes)]
     names = _and(["mAP", "MRR", *(f"nDCG@{k}" for k in depths)])
     read = _and([score.title for score in retrieval_scores(scores) if score.headline])

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.files import write_npz
+from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 
-__all__ = ["Positives", "hit_matrix", "offsets_of"]
+__all__ = ["Positives", "hit_matrix", "offsets_of", "read_pairs", "write_pairs"]
 
+_BYTES_OF_A_NUMBER = 8
+_ARRAYS = {"offsets", "tiles", "overlap"}
 
 # Cells of one block's bitmap: 4 MB stays in the cache, where random reads are cheap.
 _CELLS = 1 << 22
@@ -101,6 +106,56 @@ class Positives:
         pairs = np.repeat(self.offsets[queries], counts) + within
         overlap = None if self.overlap is None else self.overlap[pairs]
         return Positives(offsets, self.tiles[pairs], overlap)
+
+
+def write_pairs(path: Path, pairs: Positives) -> None:
+    """Write pairs as .npz: offsets, tiles and, where there is one, overlap."""
+    arrays: dict[str, NDArray[Any]] = {"offsets": pairs.offsets, "tiles": pairs.tiles}
+    if pairs.overlap is not None:
+        arrays["overlap"] = pairs.overlap
+    write_npz(path, arrays, compress=True)
+
+
+def read_pairs(path: Path, n_queries: int, n_tiles: int) -> Positives:
+    """Read what `write_pairs` wrote.
+
+    Raises
+    ------
+    BenchmarkError
+        The file is missing or damaged, or does not fit the numbers of queries and tiles.
+    """
+    if not path.is_file():
+        raise BenchmarkError(
+            "the benchmark folder has no truth here",
+            where=path,
+            fix="prepare the benchmark again; `check` needs no truth, `eval` does",
+        )
+    pairs = n_queries * n_tiles
+    try:
+        # No more than each query's offset, and the tile and overlap of every pair there can be.
+        file = NpzFile(path, _BYTES_OF_A_NUMBER * (n_queries + 1 + 2 * pairs))
+        arrays = {name: file.read(name) for name in _ARRAYS & set(file.entries)}
+    except PredictionError as error:
+        raise _damaged(path, error.what) from error
+    if not {"offsets", "tiles"} <= set(arrays):
+        raise _damaged(path, f"has the arrays {', '.join(sorted(file.entries)) or 'none'}")
+    return Positives.checked(
+        arrays["offsets"],
+        arrays["tiles"],
+        arrays.get("overlap"),
+        n_queries=n_queries,
+        n_tiles=n_tiles,
+        where=path,
+    )
+
+
+def _damaged(path: Path, what: str) -> BenchmarkError:
+    return BenchmarkError(
+        f"the positives are damaged: {what}",
+        where=path,
+        expected="offsets and tiles, as `airzoo-bench prepare` wrote them",
+        fix="prepare the benchmark again",
+    )
 
 
 def offsets_of(counts: Ints) -> Ints:

@@ -31,7 +31,7 @@ from airzoo_bench.retrieval.positives import (
     positives_from_iou,
     positives_from_points,
 )
-from airzoo_bench.retrieval.settings import Gallery, GroundTruth
+from airzoo_bench.retrieval.settings import Gallery, GroundTruth, ImageGallery, StatedTruth
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     FOOTPRINT_COLUMNS,
@@ -71,7 +71,9 @@ class PreparedScene:
     in_map_frame: bool
 
 
-def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> PreparedScene:
+def build_truth(
+    inputs: SceneInputs, gallery: Gallery | ImageGallery, rules: GroundTruth | StatedTruth
+) -> PreparedScene:
     """Cut the gallery, cast the footprints, and find which tile answers which photo.
 
     Parameters
@@ -86,6 +88,8 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
         The map's resolution is not the protocol's, it reaches a pole or is wholly empty, or the
         surface model has no valid height.
     """
+    if isinstance(gallery, ImageGallery) or isinstance(rules, StatedTruth):
+        raise TypeError("images are not cut from a map: `stated_truth.build_truth` is theirs")
     info = inputs.gallery_map
     tiles, dropped = _without_empty(cut_gallery(info, gallery, inputs.scene), gallery, info)
     footprints = _footprints(inputs, rules)

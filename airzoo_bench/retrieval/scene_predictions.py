@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.ids import scene_of, with_endings
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.retrieval.pairs import Positives, hit_matrix
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
-from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.geometry.arrays import Bools, Ints
+from airzoo_bench.retrieval.pairs import hit_matrix
+from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.scene_ranking import Asked, rank_scene
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -50,8 +47,15 @@ class ScenePredictions:
         return lengths
 
     def shorter(self, depth: int) -> int:
-        """Count the lists that end before a rank, and not all of whose positives they hold."""
+        """Count the lists that end before a rank, and not all of whose positives they hold.
+
+        Where scores read whole lists, the rank is the gallery's size.
+        """
         positives = self.truth.positives
+        if self.ranking.hit_ranks is not None:
+            lacking = np.zeros(positives.n_queries, np.bool_)
+            lacking[positives.queries[self.ranking.hit_ranks == 0]] = True
+            return int((lacking & (self.lengths > 0)).sum())
         hits = hit_matrix(
             self.ranking.tiles, positives.offsets, positives.tiles, len(self.truth.tiles)
         )
@@ -78,7 +82,7 @@ def match_scene(
     predictions: RetrievalPredictions,
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
-    settings: RetrievalScores,
+    settings: RetrievalScores | ImageScores,
     resources: Resources,
 ) -> ScenePredictions:
     """Rank the gallery of one scene for each of its queries, as predicted.
@@ -90,7 +94,7 @@ def match_scene(
         With Q queries.
     rows : (Q,) int
         The row of the predictions for each query, -1 where there is none.
-    settings : RetrievalScores
+    settings : RetrievalScores or ImageScores
     resources : Resources
 
     Raises
@@ -101,32 +105,18 @@ def match_scene(
     """
     content, there = predictions.content, np.flatnonzero(rows >= 0)
     names = predictions.query_ids[rows[there]]
-    asked = _Asked(rows[there], names, truth.positives.take(there))
+    asked = Asked(rows[there], names, truth.positives.take(there))
     try:
-        match content:
-            case RankedIds() as ranked:
-                ranking = _rank_ids(ranked, truth, asked, settings)
-            case Descriptors() as described:
-                gallery = _scene_gallery(described, truth, resources.memory_bytes)
-                ranking = rank_by_descriptors(
-                    described.queries[asked.rows],
-                    gallery,
-                    k=min(settings.ranks_kept, len(truth.tiles)),
-                    metric=settings.descriptor_metric,
-                    positives=asked.positives,
-                    depth=settings.depth,
-                    memory_bytes=resources.memory_bytes,
-                    jobs=resources.jobs,
-                    names=names,
-                    tile_names=truth.tiles["id"].to_numpy(),
-                )
+        ranking = rank_scene(content, truth, asked, settings, resources)
     except PredictionError as error:
         raise error.inside(predictions.path) from error
     given = rows >= 0
     answered = given
     if isinstance(content, RankedIds):
         answered = given & (content.ids[rows] != "").any(axis=1)
-    return ScenePredictions(truth, _with_all_queries(ranking, given), answered, given)
+    return ScenePredictions(
+        truth, _with_all_queries(ranking, given, truth.positives.counts), answered, given
+    )
 
 
 def strange_tiles(
@@ -140,159 +130,13 @@ def strange_tiles(
     return given[~np.isin(given, known)]
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """The queries of a scene that the predictions answer: in which rows, names, positives."""
-
-    rows: NDArray[np.intp]
-    names: NDArray[np.str_]
-    positives: Positives
-
-    def part(self, some: slice) -> _Asked:
-        """Return some of them."""
-        order = np.arange(len(self.rows))[some]
-        return _Asked(self.rows[some], self.names[some], self.positives.take(order))
-
-
-def _rank_ids(
-    ranked: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
-) -> Ranking:
-    step = max(1, _CELLS // max(1, ranked.ids.shape[1]))
-    parts = [
-        _rank_some(ranked, truth, asked.part(slice(start, start + step)), settings)
-        for start in range(0, max(1, len(asked.rows)), step)
-    ]
-    return Ranking(
-        np.concatenate([part.tiles for part in parts]),
-        np.concatenate([part.tie_dependent for part in parts]),
-    )
-
-
-def _rank_some(
-    ranked: RankedIds, truth: RetrievalTruth, asked: _Asked, settings: RetrievalScores
-) -> Ranking:
-    n_tiles = len(truth.tiles)
-    kept = min(settings.ranks_kept, n_tiles)
-    ids = ranked.ids[asked.rows]
-    scores = None if ranked.scores is None else ranked.scores[asked.rows]
-    width = _ranks_that_matter(ids, scores, kept)
-    return rank_by_ids(
-        _tile_indices(truth, ids[:, :width], asked.names),
-        None if scores is None else scores[:, :width],
-        asked.positives,
-        n_tiles=n_tiles,
-        k=kept,
-        depth=settings.depth,
-        names=asked.names,
-    )
-
-
-def _ranks_that_matter(ids: NDArray[np.str_], scores: Floats | None, kept: int) -> int:
-    """Return how many ranks decide the first `kept`: as many, and the ties that go on beyond.
-
-    One rank more tells a tie that ends there from one that ends with the list.
-    """
-    if scores is None:
-        return kept
-    on = (scores[:, kept:] == scores[:, kept - 1 : -1]) & (ids[:, kept:] != "")
-    tied = np.logical_and.accumulate(on, axis=1).sum(axis=1)
-    return kept + int(tied.max(initial=0)) + 1
-
-
-def _with_all_queries(ranking: Ranking, given: Bools) -> Ranking:
-    """Add the rows of queries that the predictions lack."""
+def _with_all_queries(ranking: Ranking, given: Bools, counts: Ints) -> Ranking:
+    """Add the rows of queries that the predictions lack; `counts` of positives is of all."""
     tiles = np.full((len(given), ranking.tiles.shape[1]), -1, np.int32)
     tied = np.zeros(len(given), np.bool_)
     tiles[given], tied[given] = ranking.tiles, ranking.tie_dependent
-    return Ranking(tiles, tied)
-
-
-def _tile_indices(
-    truth: RetrievalTruth, ids: NDArray[np.str_], names: NDArray[np.str_]
-) -> NDArray[np.int32]:
-    import pandas as pd
-
-    found = pd.Index(truth.tiles["id"]).get_indexer(pd.Index(ids.ravel())).reshape(ids.shape)
-    strange = (found < 0) & (ids != "")
-    rows = np.flatnonzero(strange.any(axis=1))
-    if rows.size:
-        tile = str(ids[rows[0]][strange[rows[0]]][0])
-        raise PredictionError(
-            f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
-            f"{first_of(names[rows], len(names), noun='query')}; the first is {tile!r}"
-            + nearest(tile, truth.tiles["id"].tolist(), 1),
-            where="field 'ranked_ids'",
-            expected=f"ids such as {truth.tiles['id'].iloc[0]}",
-            fix=_fix_for_strange_tile(tile, truth),
-        )
-    tiles: NDArray[np.int32] = found.astype(np.int32)
-    return tiles
-
-
-def _fix_for_strange_tile(tile: str, truth: RetrievalTruth) -> str:
-    scene = str(scene_of(np.array([tile]))[0])
-    if "/" not in tile:
-        return f"put the scene before each tile: {truth.scene}/{tile}"
-    if scene != truth.scene:
-        return f"rank each query against its own scene only; this tile is of scene {scene!r}"
-    dropped = truth.dropped_tiles.set_index("id")["valid_share"]
-    if tile in dropped.index:
-        share = f"{dropped[tile]:.1%} of its pixels are valid"
-        return f"leave this tile out: {share}, and dropped_tiles.csv lists it"
-    if with_endings(np.array([tile])):
-        return "leave out the file's ending: ids are names without it"
-    return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
-
-
-def _scene_gallery(
-    described: Descriptors, truth: RetrievalTruth, memory_bytes: int
-) -> NDArray[np.floating[Any]]:
-    """Return the descriptors of the scene's tiles, in the tiles' order."""
-    rows = _gallery_rows(described, truth)
-    if (np.diff(rows) == 1).all():
-        return _slice(described.gallery, int(rows[0]), len(rows))
-    needed = len(rows) * described.gallery.shape[1] * described.gallery.itemsize
-    if isinstance(described.gallery, np.memmap) and needed > memory_bytes:
-        raise PredictionError(
-            f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
-            f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
-            where="field 'gallery_descriptors'",
-            fix="save the rows in the order of tiles.parquet, or raise --max-memory",
-        )
-    return described.gallery[rows]
-
-
-def _gallery_rows(described: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]:
-    """Return the row of the descriptors for each tile of the scene."""
-    import pandas as pd
-
-    rows: NDArray[np.intp] = pd.Index(described.gallery_ids).get_indexer(
-        pd.Index(truth.tiles["id"])
-    )
-    lacking = truth.tiles["id"].to_numpy()[rows < 0]
-    if lacking.size:
-        raise PredictionError(
-            f"lacks descriptors of tiles of scene {truth.scene}: "
-            f"{first_of(lacking, len(truth.tiles))}"
-            + _meant(str(lacking[0]), described.gallery_ids, truth),
-            where="field 'gallery_ids'",
-            expected="every tile of the gallery: leaving some out would make the task easier",
-            fix="describe all tiles of tiles.parquet",
-        )
-    return rows
-
-
-def _meant(lacking: str, given: NDArray[np.str_], truth: RetrievalTruth) -> str:
-    """Show the given id that may be another spelling of a tile that is lacking."""
-    strange = given[~np.isin(given, truth.tiles["id"].to_numpy(str))]
-    near = nearest(lacking, strange.tolist(), 1)
-    return near.replace("did you mean", "it has") if near else ""
-
-
-def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:
-    if not isinstance(gallery, np.memmap):
-        return gallery[start : start + count]
-    # A slice of a map keeps its parent's offset; a new map says truly where its bytes begin.
-    width = gallery.shape[1]
-    offset = gallery.offset + start * width * gallery.itemsize
-    return np.memmap(str(gallery.filename), gallery.dtype, "r", offset, (count, width))
+    if ranking.hit_ranks is None:
+        return Ranking(tiles, tied)
+    ranks = np.zeros(counts.sum(), np.int64)
+    ranks[np.repeat(given, counts)] = ranking.hit_ranks
+    return Ranking(tiles, tied, ranks)

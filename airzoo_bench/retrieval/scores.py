@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
+from airzoo_bench.retrieval.image_scores import recall_at_share_name
+from airzoo_bench.retrieval.settings import ApVariant, ImageScores, RetrievalScores
 
 __all__ = [
     "AP_VARIANTS",
@@ -38,7 +39,7 @@ def ap_name(k: int, variant: str) -> str:
     return f"ap@{k}" if variant == "precision" else f"ap@{k}/{variant}"
 
 
-def retrieval_scores(settings: RetrievalScores) -> list[Score]:
+def retrieval_scores(settings: RetrievalScores | ImageScores) -> list[Score]:
     """Return the scores that a protocol asks for, the paper's first.
 
     Returns
@@ -46,6 +47,27 @@ def retrieval_scores(settings: RetrievalScores) -> list[Score]:
     list of Score
         The columns are those of `airzoo_bench.retrieval.scoring.score_scene`.
     """
+    return _image_scores(settings) if isinstance(settings, ImageScores) else _tile_scores(settings)
+
+
+def _image_scores(settings: ImageScores) -> list[Score]:
+    ap, other = ("ap/trapezoid", "map") if settings.ap == "trapezoid" else ("map", "ap/trapezoid")
+    share = recall_at_share_name(settings.recall_at_share)
+    scores = [_share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    scores.append(_share(share, share.replace("recall", "R"), headline=True))
+    scores.append(_share(ap, "AP", headline=True))
+    near = settings.distances
+    if near is not None:
+        scores += [_share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
+        scores += [
+            Score(f"dis@{k}", f"Dis@{k}", "m", False, "mean", headline=True) for k in near.dis_at
+        ]
+        scores += [_share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
+    names = {"map": "mAP", "ap/trapezoid": "AP/trapezoid"}
+    return [*scores, _share(other, names[other]), _share("mrr", "MRR")]
+
+
+def _tile_scores(settings: RetrievalScores) -> list[Score]:
     headline = [_share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     ap = ap_name(settings.ap_at, settings.ap)
     headline.append(_share(ap, ap.replace("ap", "AP"), headline=True))

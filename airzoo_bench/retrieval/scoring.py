@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
-from airzoo_bench.retrieval.metrics import first_hit_rank
+from airzoo_bench.retrieval.image_scores import image_columns
+from airzoo_bench.retrieval.metrics import first_hit_rank, recall_at
 from airzoo_bench.retrieval.pairs import hit_matrix
 from airzoo_bench.retrieval.scores import AP_VARIANTS, hit_columns
-from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -27,7 +28,7 @@ def score_scene(
     truth: RetrievalTruth,
     ranking: Ranking,
     answered: Bools,
-    settings: RetrievalScores,
+    settings: RetrievalScores | ImageScores,
 ) -> pd.DataFrame:
     """Score every query of a scene.
 
@@ -39,7 +40,7 @@ def score_scene(
         Ranked tile indices (Q, K); a query without an answer has no tile in its row.
     answered : (Q,) bool
         Whether the predictions have the query.
-    settings : RetrievalScores
+    settings : RetrievalScores or ImageScores
         The protocol's.
 
     Returns
@@ -60,15 +61,19 @@ def score_scene(
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": first_hit_rank(hits),
         **_ranked_tiles(truth, ranking, max(settings.recall_at)),
-        **hit_columns(
+    }
+    if isinstance(settings, ImageScores):
+        columns |= {f"recall@{k}": recall_at(hits, k) for k in settings.recall_at}
+        columns |= image_columns(truth, ranking, settings)
+    else:
+        columns |= hit_columns(
             hits,
             truth.positives.counts,
             recall_at=settings.recall_at,
             ap_at={settings.ap_at: AP_VARIANTS},
             ndcg_at=settings.ndcg_at,
-        ),
-        **_distance_scores(truth, ranking, settings),
-    }
+        )
+        columns |= _distance_scores(truth, ranking, settings)
     return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
 
 

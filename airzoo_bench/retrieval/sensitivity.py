@@ -7,82 +7,36 @@ and the tiles that results name are scored against it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airzoo_bench.benchmark.folder import Benchmark, needed
-from airzoo_bench.benchmark.queries import (
-    FOCAL_COLUMNS,
-    POSE_COLUMNS,
-    SIZE_COLUMNS,
-    SceneInputs,
-    poses_of,
-)
+from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, ResultError, UsageError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sensitivity import TOGETHER, Sensitivity
+from airzoo_bench.results.sensitivity import Sensitivity
+from airzoo_bench.retrieval.assumptions import AssumedRanges, Variant, moved_queries, variants_of
 from airzoo_bench.retrieval.pairs import Positives, hit_matrix
 from airzoo_bench.retrieval.prepare import answering_tiles
 from airzoo_bench.retrieval.scores import RANKED_TILE, hit_columns
-from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.settings import (
+    GroundTruth,
+    ImageScores,
+    RetrievalProtocol,
+    RetrievalScores,
+)
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
-__all__ = ["AssumedRanges", "Variant", "sensitivity"]
-
-
-@dataclass(frozen=True)
-class AssumedRanges:
-    """How far the assumed values of a truth may be off, either way; 0 leaves one alone.
-
-    Attributes
-    ----------
-    field_of_view : float
-        Share of the angle, across and along alike.
-    heading_deg, height_m : float
-        Of all photos of a scene alike: the turn about the vertical, the height above the ground.
-    position_m : float
-        Standard deviation of the error of each photo's position, east and north, by itself.
-    """
-
-    field_of_view: float = 0.0
-    heading_deg: float = 0.0
-    height_m: float = 0.0
-    position_m: float = 0.0
-
-    @property
-    def given(self) -> dict[str, float]:
-        """The ranges that are not 0, by name."""
-        every = {item.name: getattr(self, item.name) for item in fields(self)}
-        return {name: value for name, value in every.items() if value}
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One way in which the assumed values are off.
-
-    Attributes
-    ----------
-    group : str
-        The field of `AssumedRanges` that it is of, or `TOGETHER`.
-    by : AssumedRanges
-        By how much each value is off; `position_m` is a standard deviation, the others have signs.
-    draw : int
-        Which of the random draws of positions.
-    """
-
-    group: str
-    by: AssumedRanges
-    draw: int = 0
+__all__ = ["sensitivity"]
 
 
 def sensitivity(
@@ -117,15 +71,15 @@ def sensitivity(
         No range is given, the truth does not rest on a plane, cannot be made again from the folder,
         or is not that of the results; records do not name tiles.
     """
-    _check(protocol, ranges)
-    variants = tuple(_variants(ranges, draws, seed))
-    scores = _rescored(methods[0], protocol)
+    rules, settings = _rules(protocol, ranges)
+    variants = tuple(variants_of(ranges, draws, seed))
+    scores = _rescored(methods[0], settings)
     scenes = tuple(scene.id for scene in protocol.scenes)
     shape = (len(scenes), len(methods), len(scores))
     base, values = np.empty(shape), np.empty((len(variants), *shape))
     unanswerable = np.zeros((len(variants), len(scenes)), np.int64)
     for place, scene in enumerate(progress(scenes, "scenes", len(scenes))):
-        rescorer = _Rescorer.of(benchmark, protocol, scene, methods, scores)
+        rescorer = _Rescorer.of(benchmark, scene, methods, scores, rules, settings)
         base[place] = rescorer.values(rescorer.truth.positives)
         for number, variant in enumerate(variants):
             positives = rescorer.positives(variant, seed)
@@ -136,52 +90,31 @@ def sensitivity(
     return Sensitivity(names, tuple(scores), groups, scenes, base, values, unanswerable)
 
 
-def _check(protocol: RetrievalProtocol, ranges: AssumedRanges) -> None:
+def _rules(
+    protocol: RetrievalProtocol, ranges: AssumedRanges
+) -> tuple[GroundTruth, RetrievalScores]:
     if not ranges.given:
         raise UsageError(
             "nothing is assumed to be off",
             expected="a range for at least one value that the truth assumes",
             fix="such as --heading 5 --height 20",
         )
-    if protocol.ground_truth.rule not in ("plane", "iou"):
+    _, rules = protocol.map_rules()
+    if rules.rule not in ("plane", "iou") or isinstance(protocol.scores, ImageScores):
         raise UsageError(
-            f"the truth of {protocol.name} is made by the rule {protocol.ground_truth.rule!r}",
+            f"the truth of {protocol.name} is made by the rule {rules.rule!r}",
             expected="rays cast on a plane (rules plane and iou), which the folder alone suffices "
             "to cast again",
         )
+    return rules, protocol.scores
 
 
-def _variants(ranges: AssumedRanges, draws: int, seed: int) -> list[Variant]:
-    given, none = ranges.given, AssumedRanges()
-    found = [
-        Variant(name, replace(none, **{name: sign * value}))
-        for name, value in given.items()
-        if name != "position_m"
-        for sign in (-1.0, 1.0)
-    ]
-    found += [
-        Variant("position_m", AssumedRanges(position_m=ranges.position_m), draw)
-        for draw in range(draws * bool(ranges.position_m))
-    ]
-    random = np.random.default_rng(seed)
-    for draw in range(draws * (len(given) > 1)):
-        off = random.uniform(-1.0, 1.0, 3).tolist()
-        by = AssumedRanges(
-            ranges.field_of_view * off[0],
-            ranges.heading_deg * off[1],
-            ranges.height_m * off[2],
-            ranges.position_m,
-        )
-        found.append(Variant(TOGETHER, by, draws + draw))
-    return found
-
-
-def _rescored(method: Scored, protocol: RetrievalProtocol) -> list[ScoreColumn]:
+def _rescored(method: Scored, settings: RetrievalScores) -> list[ScoreColumn]:
     """Return the headline scores that the recorded tiles suffice for."""
-    depth = max(protocol.scores.recall_at)
-    deep_enough = {f"recall@{k}" for k in protocol.scores.recall_at}
-    if protocol.scores.ap_at <= depth:
-        deep_enough.add(f"ap@{protocol.scores.ap_at}")
+    depth = max(settings.recall_at)
+    deep_enough = {f"recall@{k}" for k in settings.recall_at}
+    if settings.ap_at <= depth:
+        deep_enough.add(f"ap@{settings.ap_at}")
     return [
         column
         for column in method.result.columns
@@ -201,18 +134,20 @@ class _Rescorer:
 
     inputs: SceneInputs
     truth: RetrievalTruth
-    protocol: RetrievalProtocol
     scores: Sequence[ScoreColumn]
+    rules: GroundTruth
+    settings: RetrievalScores
     tiles: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
     @classmethod
     def of(
         cls,
         benchmark: Benchmark,
-        protocol: RetrievalProtocol,
         scene: str,
         methods: Sequence[Scored],
         scores: Sequence[ScoreColumn],
+        rules: GroundTruth,
+        settings: RetrievalScores,
     ) -> _Rescorer:
         entry = benchmark.scene(scene)
         truth = read_truth(benchmark.scene_folder(scene), scene)
@@ -225,12 +160,12 @@ class _Rescorer:
             entry.plane_height_m,
         )
         ranked = np.stack([_ranked_tiles(method, truth) for method in methods])
-        found = cls(inputs, truth, protocol, scores, ranked)
+        found = cls(inputs, truth, scores, rules, settings, ranked)
         found._check_made_again()
         return found
 
     def _check_made_again(self) -> None:
-        again = answering_tiles(self.inputs, self.truth.tiles, self.protocol.ground_truth)
+        again = answering_tiles(self.inputs, self.truth.tiles, self.rules)
         stored = self.truth.positives
         if again.offsets.tolist() != stored.offsets.tolist() or (again.tiles != stored.tiles).any():
             raise BenchmarkError(
@@ -242,15 +177,15 @@ class _Rescorer:
 
     def positives(self, variant: Variant, seed: int) -> Positives:
         """Find which tiles answer each query where the assumed values are off."""
-        photos = _moved(self.truth.queries, variant, seed)
+        photos = moved_queries(self.truth.queries, variant, seed)
         moved = replace(self.inputs, photos=photos)
-        return answering_tiles(moved, self.truth.tiles, self.protocol.ground_truth)
+        return answering_tiles(moved, self.truth.tiles, self.rules)
 
     def values(self, positives: Positives) -> Floats:
         """Score every method, (M, S), over the queries that a tile answers."""
-        settings, size = self.protocol.scores, len(self.truth.tiles)
+        settings, size = self.settings, len(self.truth.tiles)
         asked: Bools = positives.counts > 0
-        if self.protocol.ground_truth.without_positive == "miss":
+        if self.rules.without_positive == "miss":
             asked = np.ones_like(asked)
         found = np.zeros((len(self.tiles), len(self.scores)))
         for row, tiles in enumerate(self.tiles):
@@ -282,25 +217,3 @@ def _ranked_tiles(
     listed = records[names].to_numpy(object)
     found = [[rows.get(tile, -1) for tile in tiles] for tiles in listed]
     return np.array(found, np.int32).reshape(len(records), len(names))
-
-
-def _moved(queries: pd.DataFrame, variant: Variant, seed: int) -> pd.DataFrame:
-    """Return the queries with cameras and poses that are off."""
-    by, poses = variant.by, poses_of(queries)
-    sizes = queries[list(SIZE_COLUMNS)].to_numpy(np.float64)
-    focal = queries[list(FOCAL_COLUMNS)].to_numpy(np.float64)
-    half = np.arctan(sizes / 2 / focal) * (1.0 + by.field_of_view)
-    turn = np.radians(by.heading_deg)
-    sine, cosine = np.sin(turn), np.cos(turn)
-    # Of the camera, clockwise seen from above: of the world, the other way round.
-    clockwise = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    centres = poses.centres + np.array([0.0, 0.0, by.height_m])
-    if by.position_m:
-        # Queries are sorted by id, so that a photo's error does not depend on the order of files.
-        random = np.random.default_rng((seed, variant.draw))
-        centres[:, :2] += random.normal(0.0, by.position_m, (len(queries), 2))
-    numbers = np.concatenate([matrix_to_quaternion(poses.rotation @ clockwise), centres], axis=1)
-    moved = queries.copy()
-    moved[list(FOCAL_COLUMNS)] = sizes / 2 / np.tan(half)
-    moved[list(POSE_COLUMNS)] = numbers
-    return moved

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.core.validation import Limits, Positive, Ranks, Strict
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = [
     "ApVariant",
+    "DistanceScores",
     "Gallery",
     "GroundTruth",
+    "ImageGallery",
+    "ImageScores",
     "RetrievalProtocol",
     "RetrievalScores",
+    "StatedTruth",
 ]
 
 ApVariant = Literal["precision", "min", "trec", "hits"]
@@ -47,6 +52,14 @@ class Gallery(Strict):
         return f"with less than {100 * float(least):g}% of valid pixels"
 
 
+class ImageGallery(Strict):
+    """A folder of images that the benchmark gives, and what it says of their positions."""
+
+    source: Literal["images"]
+    positions: Literal["none", "degrees", "metres"]
+    dropped: ClassVar[str] = ""
+
+
 class GroundTruth(Strict):
     """Which tiles answer a query, from rays cast through four anchor pixels."""
 
@@ -64,8 +77,22 @@ class GroundTruth(Strict):
         return self
 
 
+class StatedTruth(Strict):
+    """Which images answer a query, by the benchmark's own word: its class labels or its pairs."""
+
+    rule: Literal["labels", "pairs"]
+    pairs: Literal["positive"] | None = None
+    without_positive: Literal["exclude", "miss"]
+
+    @model_validator(mode="after")
+    def _pairs_belong_to_pairs(self) -> StatedTruth:
+        if (self.rule == "pairs") != (self.pairs is not None):
+            raise ValueError("pairs is given with rule = 'pairs', and only then")
+        return self
+
+
 class RetrievalScores(Strict):
-    """What is computed from a ranked gallery."""
+    """What is computed from a ranked gallery of tiles that are cut from a map."""
 
     descriptor_metric: Literal["l2", "cosine", "inner_product"]
     ranks_kept: Annotated[int, Field(ge=1, le=1000)]
@@ -93,12 +120,122 @@ class RetrievalScores(Strict):
         return max(*self.recall_at, self.ap_at)
 
 
+class DistanceScores(Strict):
+    """What is computed from the positions of images, as the benchmark's own code does."""
+
+    metres: Literal["sphere", "ellipsoid", "plane"]
+    sdm_at: Ranks
+    sdm_unit: Literal["metre", "degree"]
+    sdm_scale: Positive
+    ma_below_m: Limits
+    dis_at: Ranks
+
+
+class ImageScores(Strict):
+    """What is computed from a ranked gallery of images, as the benchmarks' own code does."""
+
+    descriptor_metric: Literal["l2", "cosine", "inner_product"]
+    ranks_kept: Annotated[int, Field(ge=1, le=1000)]
+    recall_at: Ranks
+    recall_at_share: Annotated[float, Field(gt=0, lt=1)]
+    ap: Literal["trapezoid", "trec"]
+    distances: DistanceScores | None = None
+
+    @model_validator(mode="after")
+    def _kept_ranks_suffice(self) -> ImageScores:
+        near = self.distances
+        deepest = max(*self.recall_at, *(near.sdm_at + near.dis_at if near else ()))
+        if self.ranks_kept < deepest:
+            raise ValueError(f"ranks_kept must reach the deepest score, {deepest}")
+        return self
+
+    @property
+    def depth(self) -> int:
+        """The deepest of the ranks that are stated; average precision reads the whole list."""
+        return max(self.recall_at)
+
+
+def _kind_of_gallery(values: Any) -> str:
+    given = "source" in values if isinstance(values, dict) else isinstance(values, ImageGallery)
+    return "<images>" if given else "<map>"
+
+
+def _kind_of_truth(values: Any) -> str:
+    if isinstance(values, dict):
+        stated = values.get("rule") in ("labels", "pairs") and "anchor_inset" not in values
+        return "<images>" if stated else "<map>"
+    return "<images>" if isinstance(values, StatedTruth) else "<map>"
+
+
+def _kind_of_scores(values: Any) -> str:
+    own = "recall_at_share"
+    given = own in values if isinstance(values, dict) else isinstance(values, ImageScores)
+    return "<images>" if given else "<map>"
+
+
 class RetrievalProtocol(Protocol):
-    """A protocol of aerial image retrieval."""
+    """A protocol of aerial image retrieval.
+
+    The gallery is either cut from a map, with a truth by geometry, or a set of images, with a
+    truth that the benchmark states.
+    """
 
     truth_sections: ClassVar[tuple[str, ...]] = ("gallery", "ground_truth")
 
     track: Literal["retrieval"]
-    gallery: Gallery
-    ground_truth: GroundTruth
-    scores: RetrievalScores
+    gallery: Annotated[
+        Annotated[Gallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
+        Discriminator(_kind_of_gallery),
+    ]
+    ground_truth: Annotated[
+        Annotated[GroundTruth, Tag("<map>")] | Annotated[StatedTruth, Tag("<images>")],
+        Discriminator(_kind_of_truth),
+    ]
+    scores: Annotated[
+        Annotated[RetrievalScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
+        Discriminator(_kind_of_scores),
+    ]
+
+    def map_rules(self) -> tuple[Gallery, GroundTruth]:
+        """Return how the map is cut into tiles, and which of them answer.
+
+        Raises
+        ------
+        ProtocolError
+            The gallery is a set of images.
+        """
+        gallery, truth = self.gallery, self.ground_truth
+        if isinstance(gallery, ImageGallery) or isinstance(truth, StatedTruth):
+            raise ProtocolError(
+                f"protocol {self.name} has a gallery of images that its benchmark gives",
+                expected="one whose gallery is cut from a map",
+                fix="take photos-retrieval, or a protocol made from it",
+            )
+        return gallery, truth
+
+    @model_validator(mode="after")
+    def _sections_fit(self) -> RetrievalProtocol:
+        stated = isinstance(self.gallery, ImageGallery)
+        if isinstance(self.ground_truth, StatedTruth) != stated:
+            raise ValueError(
+                "rule 'labels' or 'pairs' needs [gallery] source = 'images', and only they have it"
+            )
+        if isinstance(self.scores, ImageScores) != stated:
+            raise ValueError(
+                "recall_at_share is a score of [gallery] source = 'images', and only of that"
+            )
+        if isinstance(self.gallery, ImageGallery) and isinstance(self.scores, ImageScores):
+            _check_positions(self.gallery.positions, self.scores.distances)
+        return self
+
+
+def _check_positions(positions: str, scores: DistanceScores | None) -> None:
+    """Refuse scores that need positions which the benchmark does not give, or gives otherwise."""
+    if (scores is None) != (positions == "none"):
+        raise ValueError("[scores.distances] is given with positions of the gallery's images")
+    if scores is None:
+        return
+    if (scores.metres == "plane") != (positions == "metres"):
+        raise ValueError("metres = 'plane' is for positions in metres, the others for degrees")
+    if positions == "metres" and scores.sdm_unit == "degree":
+        raise ValueError("sdm_unit = 'degree' needs positions in degrees")

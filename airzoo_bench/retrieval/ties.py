@@ -25,10 +25,14 @@ class Ranking:
     tie_dependent : (Q,) bool array
         Whether a run of equal scores that begins before the depth of the scores holds both a
         positive and another tile.
+    hit_ranks : (P,) int64 array, optional
+        Where scores read whole lists, which are not kept: for each query as many numbers as it
+        has positives, the ranks (from 1) that hold one, ascending, and 0 for those not ranked.
     """
 
     tiles: NDArray[np.int32]
     tie_dependent: Bools
+    hit_ranks: Ints | None = None
 
 
 def break_ties(

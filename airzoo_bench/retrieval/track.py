@@ -152,7 +152,11 @@ class RetrievalTrack(
     def template_note(self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]) -> str:
         """Say what random tiles score."""
         level = chance_level(truths, protocol.scores).overall
-        headline = [score for score in retrieval_scores(protocol.scores) if score.headline]
+        headline = [
+            score
+            for score in retrieval_scores(protocol.scores)
+            if score.headline and score.column in level
+        ]
         listed = ", ".join(f"{score.title} {level[score.column]:.2%}" for score in headline)
         return f"random tiles score by chance: {listed}"
 

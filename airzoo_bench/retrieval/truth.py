@@ -5,19 +5,16 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import conditions_of, read_queries
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.core.files import write_npz
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.retrieval.pairs import Positives
+from airzoo_bench.retrieval.pairs import Positives, read_pairs, write_pairs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,9 +23,11 @@ __all__ = [
     "ANCHOR_COLUMNS",
     "BOX_COLUMNS",
     "FOOTPRINT_COLUMNS",
+    "IMAGE_COLUMNS",
     "LONLAT_DECIMALS",
     "NO_GROUND_POINT",
     "NO_TILE",
+    "POSITION_COLUMNS",
     "RetrievalTruth",
     "boxes_of",
     "read_tiles",
@@ -46,13 +45,18 @@ NO_GROUND_POINT = "no ray meets the ground"
 NO_TILE = "the footprint meets no tile"
 _WINDOW_COLUMNS = ("x", "y", "width", "height")
 _TILE_COLUMNS = ("id", "size_px", "size_m", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
-_BYTES_OF_A_NUMBER = 8
-_POSITIVES = {"offsets", "tiles", "overlap"}
+
+IMAGE_COLUMNS = ("id", "image")
+"""Of the tiles of a gallery of images, next to one of `POSITION_COLUMNS`, or none."""
+POSITION_COLUMNS = (("image_lon", "image_lat"), ("image_x_m", "image_y_m"))
+"""Where an image is: degrees, or metres of a plane."""
 
 
 @dataclass(frozen=True)
 class RetrievalTruth:
     """Queries, tiles and which answers which.
+
+    Tiles are cut from a map, or are images that the benchmark gives; see `of_images`.
 
     Attributes
     ----------
@@ -61,9 +65,11 @@ class RetrievalTruth:
     queries : DataFrame
         A row a query, sorted by ``id``.
     footprints : DataFrame
-        A row a query: its anchor points on the ground and the footprint's centre, in degrees.
+        A row a query. With a map: its anchor points on the ground and the footprint's centre, in
+        degrees. With images: its position, where the benchmark gives one.
     tiles : DataFrame
-        A row a tile, sorted by ``id``; the row's number is the tile's index.
+        A row a tile, sorted by ``id``; the row's number is the tile's index. With a map: window
+        and box. With images: the file and, where the benchmark gives one, the position.
     positives : Positives
         Tile indices that answer each query.
     excluded : DataFrame
@@ -79,6 +85,20 @@ class RetrievalTruth:
     positives: Positives
     excluded: pd.DataFrame
     dropped_tiles: pd.DataFrame
+
+    @property
+    def of_images(self) -> bool:
+        """Whether the gallery is a set of images, not cut from a map."""
+        return "image" in self.tiles.columns
+
+    @property
+    def positions(self) -> tuple[Floats, Floats] | None:
+        """Where queries (Q, 2) and images (G, 2) are, if the benchmark gives that."""
+        columns = _position_columns(self.tiles)
+        if not columns:
+            return None
+        queries, tiles = (table[columns].to_numpy(float) for table in (self.footprints, self.tiles))
+        return queries, tiles
 
     @property
     def boxes(self) -> Floats:
@@ -98,6 +118,8 @@ class RetrievalTruth:
     @property
     def without_ground_point(self) -> int:
         """How many photos of the scene have no ground point, left out or not."""
+        if self.of_images:
+            return 0
         blind = np.isnan(self.footprint_centres).any(axis=1).sum()
         return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
 
@@ -107,12 +129,21 @@ class RetrievalTruth:
         digest = hashlib.sha256()
         for ids in (self.queries["id"], self.tiles["id"]):
             digest.update("\n".join(ids).encode() + b"\0")
-        sizes = self.tiles["size_m"].to_numpy(np.float64)
-        for array in (self.boxes, sizes, self.footprint_centres):
+        geometry: tuple[Floats, ...] = self.positions or ()
+        if not self.of_images:
+            sizes = self.tiles["size_m"].to_numpy(np.float64)
+            geometry = (self.boxes, sizes, self.footprint_centres)
+        for array in geometry:
             digest.update(array.astype("<f8").tobytes())
         for indices in (self.positives.offsets, self.positives.tiles):
             digest.update(indices.astype("<i8").tobytes())
         return digest.hexdigest()
+
+
+def _position_columns(tiles: pd.DataFrame) -> list[str]:
+    """Return the columns of `POSITION_COLUMNS` that a table of images has."""
+    found = [list(names) for names in POSITION_COLUMNS if set(names) <= set(tiles.columns)]
+    return found[0] if found and "image" in tiles.columns else []
 
 
 def boxes_of(tiles: pd.DataFrame) -> Floats:
@@ -130,7 +161,8 @@ def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> Non
     truth : RetrievalTruth
         What to write.
     overlaps : Positives
-        The overlap ratio of every query-tile pair that overlaps, for those who train with it.
+        The overlap ratio of every query-tile pair that overlaps, for those who train with it; of
+        a gallery of images, all pairs that the benchmark states.
     """
     home = folder / "retrieval"
     home.mkdir(parents=True, exist_ok=True)
@@ -138,8 +170,8 @@ def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> Non
         getattr(truth, name).to_csv(home / f"{name}.csv", index=False, lineterminator="\n")
     truth.dropped_tiles.to_csv(home / "dropped_tiles.csv", index=False, lineterminator="\n")
     truth.tiles.to_parquet(home / "tiles.parquet", index=False)
-    _save_sparse(home / "positives.npz", truth.positives)
-    _save_sparse(home / "overlaps.npz", overlaps)
+    write_pairs(home / "positives.npz", truth.positives)
+    write_pairs(home / "overlaps.npz", overlaps)
 
 
 def read_truth(folder: Path, scene: str) -> RetrievalTruth:
@@ -154,9 +186,9 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries = read_queries(folder, excluded)
-    footprints = read_table(home / "footprints.csv", ("id", *FOOTPRINT_COLUMNS))
     tiles = read_tiles(home)
-    dropped = read_table(home / "dropped_tiles.csv", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+    footprints = _read_footprints(home / "footprints.csv", tiles)
+    dropped = _read_tile_table(home / "dropped_tiles.csv")
     if footprints["id"].tolist() != queries["id"].tolist():
         raise BenchmarkError(
             "the footprints are not those of queries.csv",
@@ -171,7 +203,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
             fix="prepare the benchmark again with other photos, or leave the scene out of the "
             "protocol",
         )
-    positives = _load_sparse(home / "positives.npz", len(queries), len(tiles))
+    positives = read_pairs(home / "positives.npz", len(queries), len(tiles))
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
@@ -183,7 +215,9 @@ def read_tiles(home: Path) -> pd.DataFrame:
     BenchmarkError
         It is missing, lacks a column, or boxes or sizes are none.
     """
-    tiles = read_table(home / "tiles.parquet", _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+    tiles = _read_tile_table(home / "tiles.parquet")
+    if "image" in tiles.columns:
+        return tiles
     _check_boxes(boxes_of(tiles), home / "tiles.parquet")
     small = np.flatnonzero(~(tiles["size_m"].to_numpy(np.float64) > 0.0))
     if small.size:
@@ -194,6 +228,21 @@ def read_tiles(home: Path) -> pd.DataFrame:
             fix="prepare the benchmark again",
         )
     return tiles
+
+
+def _read_tile_table(path: Path) -> pd.DataFrame:
+    """Read a table of tiles or, as its columns tell, of images."""
+    found = read_table(path, ("id",))
+    if "image" in found.columns:
+        return read_table(path, IMAGE_COLUMNS, complete=_position_columns(found))
+    return read_table(path, _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+
+
+def _read_footprints(path: Path, tiles: pd.DataFrame) -> pd.DataFrame:
+    if "image" not in tiles.columns:
+        return read_table(path, ("id", *FOOTPRINT_COLUMNS))
+    columns = _position_columns(tiles)
+    return read_table(path, ("id", *columns), complete=columns)
 
 
 def _check_boxes(boxes: Floats, where: Path) -> None:
@@ -209,45 +258,3 @@ def _check_boxes(boxes: Floats, where: Path) -> None:
             "the 180th meridian), lat_min <= lat_max between -90 and 90",
             fix="prepare the benchmark again",
         )
-
-
-def _save_sparse(path: Path, pairs: Positives) -> None:
-    arrays: dict[str, NDArray[Any]] = {"offsets": pairs.offsets, "tiles": pairs.tiles}
-    if pairs.overlap is not None:
-        arrays["overlap"] = pairs.overlap
-    write_npz(path, arrays, compress=True)
-
-
-def _load_sparse(path: Path, n_queries: int, n_tiles: int) -> Positives:
-    if not path.is_file():
-        raise BenchmarkError(
-            "the benchmark folder has no truth here",
-            where=path,
-            fix="prepare the benchmark again; `check` needs no truth, `eval` does",
-        )
-    pairs = n_queries * n_tiles
-    try:
-        # No more than each query's offset, and the tile and overlap of every pair there can be.
-        file = NpzFile(path, _BYTES_OF_A_NUMBER * (n_queries + 1 + 2 * pairs))
-        arrays = {name: file.read(name) for name in _POSITIVES & set(file.entries)}
-    except PredictionError as error:
-        raise _damaged(path, error.what) from error
-    if not {"offsets", "tiles"} <= set(arrays):
-        raise _damaged(path, f"has the arrays {', '.join(sorted(file.entries)) or 'none'}")
-    return Positives.checked(
-        arrays["offsets"],
-        arrays["tiles"],
-        arrays.get("overlap"),
-        n_queries=n_queries,
-        n_tiles=n_tiles,
-        where=path,
-    )
-
-
-def _damaged(path: Path, what: str) -> BenchmarkError:
-    return BenchmarkError(
-        f"the positives are damaged: {what}",
-        where=path,
-        expected="offsets and tiles, as `airzoo-bench prepare` wrote them",
-        fix="prepare the benchmark again",
-    )

@@ -21,7 +21,8 @@ from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import read_scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sensitivity import NoiseFloor, Sensitivity, read_noise_floor
-from airzoo_bench.retrieval.sensitivity import AssumedRanges, Variant, _moved, sensitivity
+from airzoo_bench.retrieval.assumptions import AssumedRanges, Variant, moved_queries
+from airzoo_bench.retrieval.sensitivity import sensitivity
 from airzoo_bench.retrieval.truth import read_truth
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.verdicts import sentence, verdict
@@ -156,14 +157,14 @@ def queries() -> Any:
 
 
 def test_headings_turn_clockwise() -> None:
-    table = _moved(queries(), Variant("heading_deg", AssumedRanges(heading_deg=7.0)), 0)
+    table = moved_queries(queries(), Variant("heading_deg", AssumedRanges(heading_deg=7.0)), 0)
     angles = rotations_to_angles(poses_of(table).rotation, convergence_deg=0.0)
     np.testing.assert_allclose(angles, [[37, -60, 0], [177, -89, 5]], atol=1e-6)
     assert poses_of(table).centres.tolist() == poses_of(queries()).centres.tolist()
 
 
 def test_a_field_of_view_grows_by_its_share_across_and_along() -> None:
-    table = _moved(queries(), Variant("field_of_view", AssumedRanges(field_of_view=0.1)), 0)
+    table = moved_queries(queries(), Variant("field_of_view", AssumedRanges(field_of_view=0.1)), 0)
     before, after = (
         2 * np.arctan(np.array([100, 60]) / 2 / cameras_of(one).focal) for one in (queries(), table)
     )
@@ -173,7 +174,7 @@ def test_a_field_of_view_grows_by_its_share_across_and_along() -> None:
 def test_positions_are_drawn_by_seed_and_draw() -> None:
     by = AssumedRanges(position_m=2.0)
     draws = [
-        poses_of(_moved(queries(), Variant("position_m", by, draw), seed)).centres
+        poses_of(moved_queries(queries(), Variant("position_m", by, draw), seed)).centres
         for draw, seed in ((0, 0), (0, 0), (1, 0), (0, 1))
     ]
     assert draws[0].tolist() == draws[1].tolist()

@@ -191,7 +191,7 @@ def _region(options: AirZooRealOptions, scene: str) -> RegionFiles:
     from airzoo_bench.core.places import data_root
     from airzoo_bench.datasets.published.airzoo_real_photos import region_files
 
-    gallery = _retrieval(data_root()).gallery
+    gallery, _ = _retrieval(data_root()).map_rules()
     gsd = 0.0 if isinstance(gallery.gsd_m, str) else gallery.gsd_m
     said = _said_of(options, scene)
     return region_files(_home(options), scene, said, (gsd, gallery.gsd_tolerance))

@@ -92,8 +92,9 @@ _CURVE = re.compile(
     r"((?:pose )?m?auc|maa|mma|rra|rta|pck) ?@ ?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(deg|°|px|m)?"
 )
 _HIGHER = re.compile(
-    r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|cameras placed|psnr|ssim|sdm|pdm)\b.*"
+    r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|cameras placed|psnr|ssim|sdm|pdm|ma)\b.*"
 )
+_DISTANCE = re.compile(r"dis ?@ ?[0-9]{1,4}\b.*")
 _PARTS = re.compile(r" ?[,/] ?|(?<=[a-z°]) (?=[0-9])")
 _PART = re.compile(r"<?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(cm|mm|km|m|deg|°|px|%)?")
 
@@ -227,7 +228,8 @@ def _named(name: str, plain: str) -> Score:
     for pattern, family in _NAMES:
         if re.fullmatch(pattern, plain):
             return Score(name, family, higher_is_better=family not in _LOWER)
-    return Score(name, Family.OTHER, higher_is_better=True if _HIGHER.fullmatch(plain) else None)
+    better = True if _HIGHER.fullmatch(plain) else False if _DISTANCE.fullmatch(plain) else None
+    return Score(name, Family.OTHER, higher_is_better=better)
 
 
 def at_most(first: Score, second: Score) -> bool:

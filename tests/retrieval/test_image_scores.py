@@ -1,0 +1,328 @@
+"""Scores of galleries of images, against the benchmarks' own definitions worked out plainly."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.core.validation import validated
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.retrieval.chance import chance_scores
+from airzoo_bench.retrieval.distance_metrics import dis_at
+from airzoo_bench.retrieval.image_scores import rank_of_share
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.scene_predictions import match_scene
+from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import score_scene
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol
+from airzoo_bench.retrieval.stated_truth import ImageSet, build_truth, pairs_of_labels
+from airzoo_bench.retrieval.truth import RetrievalTruth
+
+QUERIES, IMAGES, CLASSES = 40, 330, 12
+
+
+def protocol(name: str) -> RetrievalProtocol:
+    found = load_protocol(shipped_protocols()[name])
+    assert isinstance(found, RetrievalProtocol)
+    return found
+
+
+def made_truth(
+    labels: tuple[list[str], list[str]], positions: tuple[Floats, Floats] | None = None, **how: bool
+) -> RetrievalTruth:
+    sets = [
+        ImageSet(
+            [f"{letter}{number:04d}" for number in range(len(of))],
+            [f"{number}.jpg" for number in range(len(of))],
+            None if positions is None else positions[which],
+            **how,
+        )
+        for which, (letter, of) in enumerate(zip("qt", labels, strict=True))
+    ]
+    rules = protocol("university-1652-drone-to-satellite").ground_truth
+    return build_truth("s", sets[0], sets[1], pairs_of_labels(*labels), rules).truth
+
+
+def records_of(truth: RetrievalTruth, settings: ImageScores, content: Any) -> pd.DataFrame:
+    ids = truth.queries["id"].to_numpy(str)
+    predictions = RetrievalPredictions(Path("p.npz"), None, ids, content)
+    rows = np.arange(len(ids))
+    predicted = match_scene(predictions, truth, rows, settings, Resources())
+    return score_scene(truth, predicted.ranking, predicted.answered, settings)
+
+
+class Made:
+    """Random descriptors of images of some classes; some classes have many images, some one."""
+
+    def __init__(self, seed: int) -> None:
+        random = np.random.default_rng(seed)
+        shares = np.arange(1, CLASSES + 1) / (CLASSES * (CLASSES + 1) / 2)
+        draw = random.choice(CLASSES, IMAGES - CLASSES, p=shares)
+        self.of_images = np.concatenate([np.arange(CLASSES), draw])
+        self.of_queries = random.integers(0, CLASSES, QUERIES)
+        means = random.standard_normal((CLASSES, 16))
+        self.images, self.queries = (
+            (means[of] + 1.5 * random.standard_normal((len(of), 16))).astype(np.float32)
+            for of in (self.of_images, self.of_queries)
+        )
+        # DenseUAV's place: metres are some 1e-5 degrees, and float32 has 7.6e-6 at 120.
+        self.places = np.array([120.385, 30.318]) + random.uniform(0, 0.004, (CLASSES, 2))
+
+    @property
+    def labels(self) -> tuple[list[str], list[str]]:
+        return [str(c) for c in self.of_queries], [str(c) for c in self.of_images]
+
+    @property
+    def orders(self) -> list[np.ndarray[Any, Any]]:
+        """Rows of the images for each query, the greatest inner product first."""
+        products = self.queries.astype(np.float64) @ self.images.astype(np.float64).T
+        return [np.argsort(-row) for row in products]
+
+    def content(self, truth: RetrievalTruth) -> Descriptors:
+        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), self.images)
+
+
+def curve_area(right: np.ndarray[Any, Any]) -> float:
+    """Area below precision over recall, both walked rank by rank, a trapezoid at every hit."""
+    area, hits, total = 0.0, 0, int(right.sum())
+    for rank, is_right in enumerate(right.tolist(), start=1):
+        precision_so_far = hits / (rank - 1) if rank > 1 else 1.0
+        if is_right:
+            hits += 1
+            area += (precision_so_far + hits / rank) / 2 / total
+    return area
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_university_1652_scores(seed: int) -> None:
+    made, settings = Made(seed), protocol("university-1652-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    truth = made_truth(made.labels)
+    records = records_of(truth, settings, made.content(truth))
+    hits = [made.of_images[o] == c for o, c in zip(made.orders, made.of_queries, strict=True)]
+    # Their code looks at place round(330 * 0.01) = 3 of a curve that counts from 0.
+    for column, place in (("recall@1", 0), ("recall@5", 4), ("recall@10", 9), ("recall@1%", 3)):
+        expected = np.mean([hit[: place + 1].any() for hit in hits])
+        assert records[column].mean() == pytest.approx(expected, abs=1e-12), column
+    areas = [curve_area(hit) for hit in hits]
+    np.testing.assert_allclose(records["ap/trapezoid"], areas, atol=1e-12)
+    precision = [np.mean((np.cumsum(h) / np.arange(1, IMAGES + 1))[h]) for h in hits]
+    np.testing.assert_allclose(records["map"], precision, atol=1e-12)
+    headline = [score.title for score in retrieval_scores(settings) if score.headline]
+    assert headline == ["R@1", "R@5", "R@10", "R@1%", "AP"]
+    assert not [name for name in records if name.startswith(("sdm", "dis", "ma@", "distance"))]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_denseuav_scores(seed: int) -> None:
+    made, settings = Made(seed), protocol("denseuav-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    places = made.places[made.of_queries], made.places[made.of_images]
+    truth = made_truth(made.labels, places, degrees=True)
+    records = records_of(truth, settings, made.content(truth))
+    single = made.places.astype(np.float32)
+    for k in (1, 3, 5, 10):
+        expected = []
+        for order, asked in zip(made.orders, made.of_queries, strict=True):
+            step = single[made.of_images[order[:k]]] - single[asked]
+            apart = np.sqrt((step.astype(np.float64) ** 2).sum(axis=1))
+            weight = 1 - np.arange(k) / k
+            expected.append((weight / np.exp(5000 * apart)).sum() / weight.sum())
+        np.testing.assert_allclose(records[f"sdm@{k}"], expected, atol=1e-9)
+    metres = [
+        haversine(made.places[asked], made.places[made.of_images[order[0]]])
+        for order, asked in zip(made.orders, made.of_queries, strict=True)
+    ]
+    np.testing.assert_allclose(records["dis@1"], metres, rtol=1e-6, atol=1e-6)
+    for limit in (5, 10, 20, 50):
+        assert records[f"ma@{limit}m"].mean() == np.mean(np.array(metres) < limit)
+    assert 0 < records["sdm@10"].mean() < 1
+
+
+def haversine(one: Floats, other: Floats) -> float:
+    (lon_a, lat_a), (lon_b, lat_b) = np.radians(one), np.radians(other)
+    half = math.sin((lat_a - lat_b) / 2) ** 2
+    half += math.cos(lat_a) * math.cos(lat_b) * math.sin((lon_a - lon_b) / 2) ** 2
+    return 2 * math.asin(math.sqrt(half)) * 6_378_137
+
+
+def test_float32_moves_the_scores_of_denseuav() -> None:
+    """A place 0.4 m off in float32 is what the authors' code scores, and so is ours."""
+    here = np.array([[120.3870025, 30.3240005]])
+    truth = made_truth((["1"], ["1"]), (here, here + np.array([[3e-6, 0]])), degrees=True)
+    settings = protocol("denseuav-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    content = RankedIds(np.array([["s/t0000"]]), None)
+    found = float(records_of(truth, settings, content)["sdm@1"].iloc[0])
+    apart = float(np.float32(120.3870055)) - float(np.float32(120.3870025))
+    assert found == pytest.approx(math.exp(-5000 * abs(apart)), abs=1e-9)
+    assert abs(found - math.exp(-5000 * 3e-6)) > 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gta_uav_scores(seed: int) -> None:
+    made, settings = Made(seed), protocol("gta-uav-cross-area-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    random = np.random.default_rng(seed)
+    places = random.uniform(0, 9000, (QUERIES, 2)), random.uniform(0, 9000, (IMAGES, 2))
+    truth = made_truth(made.labels, places)
+    records = records_of(truth, settings, made.content(truth))
+    for k in (1, 3, 5):
+        metres = np.array(
+            [
+                [math.dist(place, places[1][tile]) for tile in order[:k]]
+                for place, order in zip(places[0], made.orders, strict=True)
+            ]
+        )
+        weight = np.arange(k, 0, -1)
+        sdm = (weight * np.exp(-0.001 * metres)).sum(axis=1) / weight.sum()
+        np.testing.assert_allclose(records[f"sdm@{k}"], sdm, rtol=1e-12)
+        np.testing.assert_allclose(records[f"dis@{k}"], metres.mean(axis=1), rtol=1e-12)
+    titles = [score.title for score in retrieval_scores(settings) if score.headline]
+    near = [f"{name}@{k}" for name in ("SDM", "Dis") for k in (1, 3, 5)]
+    assert titles == ["R@1", "R@5", "R@10", "R@1%", "AP", *near]
+    [ap] = [score.column for score in retrieval_scores(settings) if score.title == "AP"]
+    assert ap == "map"  # scikit-learn's, not the trapezoids'
+
+
+def test_ranked_ids_score_as_the_descriptors_they_come_from() -> None:
+    made, settings = Made(5), protocol("university-1652-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    truth = made_truth(made.labels)
+    ids = truth.tiles["id"].to_numpy(str)
+    ranked = RankedIds(np.array([ids[order] for order in made.orders]), None)
+    one, other = (records_of(truth, settings, c) for c in (made.content(truth), ranked))
+    pd.testing.assert_frame_equal(one, other)
+
+
+def test_positives_that_are_not_ranked_are_never_found() -> None:
+    truth = made_truth((["1", "2"], ["1", "1", "2", "3"]))
+    settings = protocol("university-1652-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    ranked = RankedIds(np.array([["s/t0003", "s/t0001"], ["", ""]]), None)
+    records = records_of(truth, settings, ranked)
+    # One of two positives, at rank 2: half of (0 / 1 + 1 / 2) / 2.
+    assert records["ap/trapezoid"].tolist() == [1 / 8, 0.0]
+    assert records["map"].tolist() == [1 / 4, 0.0]
+    assert records["recall@5"].tolist() == [1.0, 0.0]
+    assert records["recall@1%"].tolist() == [0.0, 0.0]
+
+
+def test_equal_descriptors_gain_nothing() -> None:
+    truth = made_truth((["1", "2"], ["1", "2", "2", "3"]))
+    settings = protocol("university-1652-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    flat = Descriptors(np.ones((2, 4)), truth.tiles["id"].to_numpy(str), np.ones((4, 4)))
+    records = records_of(truth, settings, flat)
+    assert records[["recall@1", "recall@5", "ap/trapezoid", "map", "mrr"]].to_numpy().max() == 0
+    two = np.repeat([[1.0, 0.0], [0.0, 1.0]], 2, axis=0)  # t0, t1 tie, and t2, t3
+    tied = Descriptors(np.array([[1.0, 0.5], [1.0, 0.5]]), flat.gallery_ids, two)
+    assert records_of(truth, settings, tied)["recall@1"].tolist() == [0.0, 0.0]
+
+
+def test_missing_ranks_count_as_the_farthest_image() -> None:
+    distances = np.array([[3.0, np.inf], [np.inf, np.inf]])
+    worst = np.array([10.0, 20.0])
+    assert dis_at(distances, 1, worst).tolist() == [3.0, 20.0]
+    assert dis_at(distances, 3, worst).tolist() == [23 / 3, 20.0]
+
+
+@pytest.mark.parametrize("n_positives", [0, 1, 2, 5])
+def test_chance_is_the_mean_over_all_orders(n_positives: int) -> None:
+    n_tiles, settings = 5, protocol("university-1652-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    orders = list(permutations(range(n_tiles)))
+    labels = ["1"] * n_positives + ["2"] * (n_tiles - n_positives)
+    truth = (
+        made_truth((["1"] * len(orders), labels))
+        if n_positives
+        else made_truth((["1"] * (len(orders) - 1) + ["2"], labels))
+    )
+    ids = truth.tiles["id"].to_numpy(str)
+    ranked = RankedIds(np.array([ids[list(order)] for order in orders]), None)
+    records = records_of(truth, settings, ranked).iloc[: len(orders) - 1 + bool(n_positives)]
+    found = chance_scores(np.array([n_positives]), n_tiles, settings)
+    assert {"recall@1", "recall@1%", "ap/trapezoid", "map", "mrr"} <= set(found)
+    for name, value in found.items():
+        assert value[0] == pytest.approx(records[name].mean(), abs=1e-12), name
+
+
+def test_the_rank_of_one_percent_is_theirs() -> None:
+    for n_tiles in (7, 49, 50, 51, 150, 250, 951, 51_355):
+        assert rank_of_share(n_tiles, 0.01) == round(n_tiles * 0.01) + 1
+
+
+def refused(base: str, section: str, **changes: object) -> str:
+    """Return what is said of a shipped protocol with other values in a section."""
+    path = shipped_protocols()[base]
+    values = tomllib.loads(path.read_text(encoding="utf-8"))
+    values[section] = {k: v for k, v in (values[section] | changes).items() if v is not None}
+    with pytest.raises(ProtocolError) as error:
+        validated(values, RetrievalProtocol, ProtocolError, path, "protocol file")
+    return str(error.value)
+
+
+def test_sections_of_a_protocol_must_fit() -> None:
+    university, gta = "university-1652-drone-to-satellite", "gta-uav-same-area-drone-to-satellite"
+    near = tomllib.loads(shipped_protocols()[gta].read_text(encoding="utf-8"))["scores"][
+        "distances"
+    ]
+    assert "positions of the gallery's images" in refused(university, "scores", distances=near)
+    assert "positions of the gallery's images" in refused(gta, "scores", distances=None)
+    assert "'plane' is for positions in metres" in refused(gta, "gallery", positions="degrees")
+    degree = near | {"sdm_unit": "degree"}
+    assert "sdm_unit = 'degree' needs" in refused(gta, "scores", distances=degree)
+    assert "pairs is given with rule = 'pairs'" in refused(
+        university, "ground_truth", pairs="positive"
+    )
+    assert "ranks_kept must reach" in refused(gta, "scores", ranks_kept=4)
+    said = refused("uav-visloc-retrieval", "ground_truth", rule="labels", iou_above=None)
+    assert "key 'ground_truth.rule' is 'labels': Input should be 'plane', 'dsm' or 'iou'" in said
+
+
+def test_keys_are_named_as_they_stand_in_the_file() -> None:
+    university, map_one = "university-1652-drone-to-satellite", "uav-visloc-retrieval"
+    said = refused(university, "gallery", positions="somewhere")
+    assert "key 'gallery.positions' is 'somewhere'" in said
+    said = refused(university, "scores", recal_at=[1])
+    assert "unknown key 'scores.recal_at' (did you mean 'recall_at'" in said
+    said = refused(map_one, "gallery", overlap=1.5)
+    assert "key 'gallery.overlap' is 1.5" in said
+
+
+def test_own_photos_cannot_start_from_a_gallery_of_images() -> None:
+    with pytest.raises(ProtocolError, match="has a gallery of images"):
+        protocol("sues-200-drone-to-satellite").map_rules()
+
+
+def test_queries_that_the_predictions_lack_score_nothing() -> None:
+    made, settings = Made(0), protocol("denseuav-drone-to-satellite").scores
+    assert isinstance(settings, ImageScores)
+    places = made.places[made.of_queries], made.places[made.of_images]
+    truth = made_truth(made.labels, places, degrees=True)
+    ids = truth.queries["id"].to_numpy(str)
+    predictions = RetrievalPredictions(Path("p.npz"), None, ids, made.content(truth))
+    for given in (np.full(QUERIES, -1), np.where(np.arange(QUERIES) % 2, np.arange(QUERIES), -1)):
+        predicted = match_scene(predictions, truth, given, settings, Resources())
+        records = score_scene(truth, predicted.ranking, predicted.answered, settings)
+        lacking = records[given < 0]
+        best = lacking[["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]].to_numpy().max()
+        assert best == 0
+        farthest = [
+            max(haversine(made.places[asked], place) for place in made.places)
+            for asked in made.of_queries[given < 0]
+        ]
+        np.testing.assert_allclose(lacking["dis@1"], farthest, rtol=1e-9)
+        whole = match_scene(predictions, truth, np.arange(QUERIES), settings, Resources())
+        scored = score_scene(truth, whole.ranking, whole.answered, settings)
+        pd.testing.assert_frame_equal(records[given >= 0], scored[given >= 0])
