@@ -1,4 +1,4 @@
-"""The lists of docs/benchmark-folder.md that are made from the code; run this to write them anew.
+"""The parts of the docs that are made from what datasets say; run this to write them anew.
 
 python -m tests.datasets.documented
 """
@@ -8,11 +8,16 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.plausibility import Kind
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import Protocol
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "benchmark-folder.md"
+BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 
 # Where `prepare photos` refuses, by what is at fault.
 REFUSING = {
@@ -84,6 +89,53 @@ def lists() -> dict[str, str]:
     }
 
 
+def benchmarks() -> dict[str, str]:
+    """Return the parts of docs/benchmarks.md, by their markers."""
+    datasets = {name: DATASETS.get(name) for name in DATASETS.names()}
+    described = {name: one for name, one in datasets.items() if getattr(one, "about", None)}
+    published = {name: one for name, one in described.items() if protocols_of(name)}
+    rows = "".join(overview_row(name, one) for name, one in published.items())
+    title = "| benchmark | track | scenes | queries | protocol |\n| --- | --- | --- | --- | --- |\n"
+    about = {f"about {name}": about_lines(one) for name, one in described.items()}
+    return {"overview": f"\n{title}{rows}\n", **about}
+
+
+def protocols_of(name: str) -> list[Protocol]:
+    """Return the shipped protocols of a benchmark."""
+    every = (load_protocol(path) for path in shipped_protocols().values())
+    return [protocol for protocol in every if protocol.benchmark == name]
+
+
+def overview_row(name: str, dataset: Any) -> str:
+    """Return the rows of a benchmark, one for each of its protocols."""
+    rows = []
+    for number, protocol in enumerate(protocols_of(name)):
+        counts = [scene.queries for scene in protocol.scenes if scene.queries is not None]
+        title = dataset.about.title if number == 0 else ""
+        queries = f"{sum(counts):,}" if counts else ""
+        rows.append(
+            f"| {title} | {protocol.track} | {len(protocol.scenes)} | {queries} "
+            f"| {protocol.name} |\n"
+        )
+    return "".join(rows)
+
+
+def about_lines(dataset: Any) -> str:
+    """Return what a dataset says of itself, as lists."""
+    about = dataset.about
+    own = about.page.startswith("docs/")
+    where = [] if own else [f"<{about.page}>"]
+    if about.repository:
+        where.append(f"`airzoo-bench download {dataset.example.split()[0]}`")
+    lines = [f"- Where: {', '.join(where)}"] * bool(where)
+    lines += [f"- Licence: {about.licence}"] * (not own)
+    lines.append(f"- Command: `airzoo-bench prepare {dataset.example}`")
+    for title, sentences in (("Assumed", about.assumptions), ("Not verified", about.unverified)):
+        if sentences:
+            lines += [f"- {title}:", *(f"  - {sentence}" for sentence in sentences)]
+    return "\n" + "\n".join(lines) + "\n\n"
+
+
 def parts(page: str, name: str) -> tuple[str, str, str]:
     """Split a page into what stands before, in and after a list."""
     marker = f"<!-- {name}: made by tests/datasets/documented.py -->\n"
@@ -94,9 +146,10 @@ def parts(page: str, name: str) -> tuple[str, str, str]:
 
 def main() -> None:
     """Write the lists anew."""
-    for name, made in lists().items():
-        before, _, after = parts(PAGE.read_text(encoding="utf-8"), name)
-        PAGE.write_text(before + made + after, encoding="utf-8")
+    for page, found in ((PAGE, lists()), (BENCHMARKS, benchmarks())):
+        for name, made in found.items():
+            before, _, after = parts(page.read_text(encoding="utf-8"), name)
+            page.write_text(before + made + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

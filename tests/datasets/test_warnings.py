@@ -438,6 +438,13 @@ def test_the_docs_list_what_the_code_says(name: str) -> None:
     assert documented.parts(documented.PAGE.read_text(), name)[1] == documented.lists()[name]
 
 
+@pytest.mark.parametrize("name", documented.benchmarks())
+def test_the_page_of_benchmarks_says_what_datasets_say(name: str) -> None:
+    # Where this fails: python -m tests.datasets.documented
+    page = documented.BENCHMARKS.read_text(encoding="utf-8")
+    assert documented.parts(page, name)[1] == documented.benchmarks()[name]
+
+
 @pytest.mark.parametrize("case", list(SUSPECT))
 def test_what_is_suspect_is_named_then_and_later(
     case: str, place: Place, capsys: pytest.CaptureFixture[str]
