@@ -257,10 +257,11 @@ class BlindScene:
         """
         photos = self._photos("matching")
         truth = read_matching_truth(self._source, self.id)
-        windows, dom, dsm = truth.crops.copy(), truth.dom, truth.dsm
+        windows, maps = truth.crops.copy(), [truth.map_of(row) for row in range(len(truth.crops))]
 
         def crop(row: int) -> Crop:
-            return Crop(photos.photo(row), tuple(windows[row].tolist()), dom, dsm)
+            window, of = tuple(windows[row].tolist()), maps[row]
+            return Crop(photos.photo(row), window, of.dom, of.dsm)
 
         return Items(f"crops of {self.id}", len(windows), crop)
 

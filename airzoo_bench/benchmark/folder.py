@@ -95,6 +95,8 @@ class SceneFile(_Model):
         The map that photos are matched to, and the surface model.
     gallery : str, optional
         The map that tiles are cut from, where it is another than `dom`.
+    maps : str, optional
+        Folder of a map and a surface model for each photo, where the scene has none of the whole.
     cloud : str, optional
         The true cloud of the reconstruction track.
     truth_accuracy_m : float, optional
@@ -110,6 +112,7 @@ class SceneFile(_Model):
     dsm: str | None = None
     dsm_sha256: str | None = None
     gallery: str | None = None
+    maps: str | None = None
     cloud: str | None = None
     cloud_sha256: str | None = None
     truth_accuracy_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None

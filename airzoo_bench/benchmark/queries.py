@@ -201,6 +201,8 @@ class SceneInputs:
         File names of photos without a pose, which no track can ask.
     gallery : RasterInfo, optional
         The map that tiles are cut from, where it is another than `dom`.
+    maps : Path, optional
+        Folder of a map and a surface model for each photo, see `matching.maps.own_map`.
     """
 
     scene: str
@@ -211,6 +213,7 @@ class SceneInputs:
     plane_height_m: float | None
     unposed: tuple[str, ...] = ()
     gallery: RasterInfo | None = None
+    maps: Path | None = None
 
     @property
     def gallery_map(self) -> RasterInfo:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from airzoo_bench.benchmark.folder import Benchmark
+    from airzoo_bench.datasets.native import About
     from airzoo_bench.results.records import Scored
     from airzoo_bench.results.sensitivity import NoiseFloor, Sensitivity
     from airzoo_bench.retrieval.assumptions import AssumedRanges
@@ -107,7 +108,8 @@ def sensitivity(
         "height_m": height,
         "position_m": position,
     }
-    stated = _stated(found.name)
+    about = _about(found.name)
+    stated = {} if about is None else about.ranges
     ranges = AssumedRanges(
         **{name: stated.get(name, 0.0) if value is None else value for name, value in given.items()}
     )
@@ -116,20 +118,19 @@ def sensitivity(
     for name in score or ():
         check_score(name, moved.scores, "--score")
     chosen = [one for one in moved.scores if not score or {one.key, one.title} & set(score)]
-    show(sensitivity_table(moved, ranges.given, chosen), form)
+    without = () if about is None else about.without_range
+    show(sensitivity_table(moved, ranges.given, chosen, without), form)
     if out is not None:
         write_noise_floor(out, _floor(moved, methods, ranges, draws, seed))
         say(f"{out}: for `airzoo-bench compare` and `table`, --noise-floor {out}")
 
 
-def _stated(name: str) -> dict[str, float]:
-    """Return the ranges that a benchmark states of itself."""
+def _about(name: str) -> About | None:
+    """Return what is known of a published benchmark, or of a part of it."""
     from airzoo_bench.core.registry import DATASETS
 
-    if name not in DATASETS.names():
-        return {}
-    about = getattr(DATASETS.get(name), "about", None)
-    return {} if about is None else dict(about.ranges)
+    whole = name.removesuffix("-partial")
+    return getattr(DATASETS.get(whole), "about", None) if whole in DATASETS.names() else None
 
 
 def _protocol_of(

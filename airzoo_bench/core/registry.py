@@ -166,6 +166,7 @@ DATASETS = Registry(
         "airzoo-test": "airzoo_bench.datasets.published.airzoo_test:AIRZOO_TEST",
         "airzoo-real": "airzoo_bench.datasets.published.airzoo_real:AIRZOO_REAL",
         "aerialextrematch": "airzoo_bench.datasets.published.aerialextrematch:AERIALEXTREMATCH",
+        "ortholoc": "airzoo_bench.datasets.published.ortholoc:ORTHOLOC",
         "university-1652": "airzoo_bench.datasets.published.university_1652:UNIVERSITY_1652",
         "sues-200": "airzoo_bench.datasets.published.sues_200:SUES_200",
         "denseuav": "airzoo_bench.datasets.published.denseuav:DENSEUAV",

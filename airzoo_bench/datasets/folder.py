@@ -23,6 +23,7 @@ from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, raster_sha256
 from airzoo_bench.matching.crops import write_crop
+from airzoo_bench.matching.maps import own_map
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.protocol.model import Protocol
@@ -182,11 +183,22 @@ def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, str]:
     for name in scene.inputs.photos["image"]:
         _copy(scene.files["images"] / name, folder / home / "images" / name)
     kept = {"images": home / "images"}
+    if "maps" in scene.files:
+        kept["maps"] = home / "maps"
+        _copy_own_maps(scene, folder / kept["maps"])
     for key, source in scene.files.items():
-        if key != "images":
+        if key not in kept:
             kept[key] = home / f"{key}{source.suffix.lower()}"
             (_copy if key == "cloud" else copy_map)(source, folder / kept[key])
     return {key: path.as_posix() for key, path in kept.items()}
+
+
+def _copy_own_maps(scene: SceneContent, folder: Path) -> None:
+    for photo in scene.inputs.photos["id"]:
+        targets = own_map(folder, photo)
+        for source, target in zip(own_map(scene.files["maps"], photo), targets, strict=True):
+            if source.is_file():
+                _copy(source, target)
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -228,7 +240,7 @@ def _write_tiles(
         Image.fromarray(read_tile(gallery.path, tile)).save(folder / file)
     listed = tiles[["id", *BOX_COLUMNS, "size_m", *_WINDOW]].copy()
     listed.insert(1, "file", files)
-    _write_list(folder / "tiles.csv", listed, gallery)
+    _write_list(folder / "tiles.csv", listed, [gallery] * len(tiles))
 
 
 def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
@@ -240,19 +252,24 @@ def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None
 
     ids = truth.queries["id"].tolist()
     names = [_name(query) for query in ids]
-    for name, window in progress(zip(names, truth.crops.tolist(), strict=True), "crops", len(ids)):
-        write_crop(truth.dom.path, truth.dsm, tuple(window), folder, name)
+    doms = [truth.map_of(row).dom for row in range(len(ids))]
+    for row, name in progress(enumerate(names), "crops", len(ids)):
+        of = truth.map_of(row)
+        write_crop(of.dom.path, of.dsm, tuple(truth.crops[row].tolist()), folder, name)
     files = {f"{kind}_file": [f"{name}_{kind}.tif" for name in names] for kind in ("dom", "dsm")}
     windows = dict(zip(_WINDOW, truth.crops.T, strict=True))
-    _write_list(folder / "crops.csv", pd.DataFrame({"id": ids, **files, **windows}), truth.dom)
+    _write_list(folder / "crops.csv", pd.DataFrame({"id": ids, **files, **windows}), doms)
 
 
-def _write_list(path: Path, parts: pd.DataFrame, whole: RasterInfo) -> None:
-    """Write a row for each part of a map, with the transform of its pixels to the map's CRS."""
-    a, b, _, d, e, _ = whole.transform[:6]
-    corners = pixel_to_world(whole.transform, parts[["x", "y"]].to_numpy(np.float64))
-    transform = {"a": a, "b": b, "c": corners[:, 0], "d": d, "e": e, "f": corners[:, 1]}
-    columns = parts.assign(**transform, crs=whole.crs.to_string())
+def _write_list(path: Path, parts: pd.DataFrame, wholes: Sequence[RasterInfo]) -> None:
+    """Write a row for each part of its map, with the transform of its pixels to the map's CRS."""
+    places = parts[["x", "y"]].to_numpy(np.float64)
+    known = {whole.path: whole.crs.to_string() for whole in dict.fromkeys(wholes)}
+    columns = parts.assign(crs=[known[whole.path] for whole in wholes])
+    for place, name in enumerate("abcdef"):
+        columns.insert(len(columns.columns) - 1, name, [w.transform[place] for w in wholes])
+    corners = [pixel_to_world(w.transform, xy) for w, xy in zip(wholes, places, strict=True)]
+    columns[["c", "f"]] = np.array(corners, np.float64).reshape(-1, 2)
     path.parent.mkdir(parents=True, exist_ok=True)
     columns.to_csv(path, index=False, lineterminator="\n")
 

@@ -47,6 +47,8 @@ class About:
         A sentence for each part of the layout that nobody of us has seen.
     ranges : mapping of str to float
         How far assumed values may be off, see `retrieval.assumptions.AssumedRanges`.
+    without_range : tuple of str
+        Assumptions of the truth that `ranges` cannot express, such as which way an angle turns.
     scene_files : mapping of str to tuple of str
         Patterns (`fnmatch`) of the paths in the repository that are of one scene alone, by its id,
         for `download --scene`; empty where scenes cannot be fetched by themselves.
@@ -60,6 +62,7 @@ class About:
     assumptions: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
     ranges: Mapping[str, float] = field(default_factory=dict)
+    without_range: tuple[str, ...] = ()
     scene_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
@@ -85,6 +88,9 @@ class NativeScene:
     dom, dsm, gallery, cloud : Path or None
         Map, surface model, the map that tiles are cut from where it is another than `dom`, true
         cloud. Tracks that need one that is missing have no truth.
+    maps : Path or None
+        Folder of a map and a surface model for each photo, where there are none of the whole
+        scene, see `matching.maps.own_map`.
     plane_height_m : float or None
         z0; None for the median height of the surface model, or where there is no ground.
     priors : Poses or None
@@ -115,6 +121,7 @@ class NativeScene:
     dsm: Path | None = None
     gallery: Path | None = None
     cloud: Path | None = None
+    maps: Path | None = None
     plane_height_m: float | None = None
     priors: Poses | None = None
     metadata: Mapping[str, PhotoPrior] = field(default_factory=dict)
@@ -129,7 +136,7 @@ class NativeScene:
     def files(self) -> dict[str, Path]:
         """What the benchmark refers to, by the name that benchmark.toml has for it."""
         parts = {"images": self.images, "dom": self.dom, "dsm": self.dsm}
-        parts |= {"gallery": self.gallery, "cloud": self.cloud}
+        parts |= {"gallery": self.gallery, "cloud": self.cloud, "maps": self.maps}
         return {key: path for key, path in parts.items() if path is not None}
 
     @property

@@ -68,7 +68,8 @@ class HeightOptions:
         float | None,
         Option(
             "truth-accuracy",
-            "Standard error of the poses' positions in metres, such as the residuals of GCPs.",
+            "Standard error of the poses' positions in metres, such as the residuals of GCPs "
+            "(default: what the source states, if it does).",
         ),
     ] = None
 

@@ -76,7 +76,15 @@ def _measured(native: NativeScene) -> MeasuredScene:
     if native.conditions:
         table = table.merge(native.condition_table(), on="id", validate="one_to_one")
     inputs = SceneInputs(
-        native.scene, table, crs, maps[0], native.dsm, plane, native.unposed, maps[1]
+        native.scene,
+        table,
+        crs,
+        maps[0],
+        native.dsm,
+        plane,
+        native.unposed,
+        maps[1],
+        native.maps,
     )
     return MeasuredScene.of(inputs, native.metadata, survey, native.images)
 

@@ -215,7 +215,7 @@ def scene_facts(
         _share_inside(corners, inputs, dsm),
         None if dom is None else map_facts(dom, dsm),
         None if dom is None else gsd_m(dom),
-        None if matching is None else _crop_shares(matching),
+        None if matching is None or dom is None else _crop_shares(matching, dom),
         shares,
         cloud_over_surface_m,
         None if dom is None or dsm is None else map_shift(dom, dsm),
@@ -224,8 +224,8 @@ def scene_facts(
     )
 
 
-def _crop_shares(truth: MatchingTruth) -> Floats:
-    shares: Floats = truth.crops[:, 2] * truth.crops[:, 3] / (truth.dom.width * truth.dom.height)
+def _crop_shares(truth: MatchingTruth, dom: RasterInfo) -> Floats:
+    shares: Floats = truth.crops[:, 2] * truth.crops[:, 3] / (dom.width * dom.height)
     return shares
 
 

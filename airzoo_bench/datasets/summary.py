@@ -56,7 +56,8 @@ def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:
         found["retrieval"] = retrieval_summary(truths.retrieval.truth)
     if truths.matching is not None:
         count = len(truths.matching.queries)
-        text = f"{counted(count, 'query')} with a prior"
+        what = ", each with a map of its own" if truths.matching.own_maps else " with a prior"
+        text = f"{counted(count, 'query')}{what}"
         found["matching"] = TrackSummary(text, count, len(truths.matching.excluded))
     if truths.reconstruction is not None:
         count = len(truths.reconstruction.photos)

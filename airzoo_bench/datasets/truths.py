@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.matching.prepare import build_truth as build_matching_truth
+from airzoo_bench.matching.prepare import given_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.protocol.model import Protocol
@@ -133,9 +134,12 @@ def _retrieval_truth(inputs: SceneInputs, protocol: RetrievalProtocol) -> Prepar
 
 
 def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> MatchingTruth | None:
+    if protocol.crop is None:
+        truth = None if inputs.maps is None else given_truth(inputs, inputs.maps)
+        return None if truth is None or truth.queries.empty else truth
     if inputs.dom is None or inputs.dsm is None:
         return None
-    if protocol.prior.source == "metadata" and "prior_x" not in inputs.photos.columns:
+    if protocol.prior.is_measured and "prior_x" not in inputs.photos.columns:
         return None
     truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
     return None if truth.queries.empty else truth

@@ -111,15 +111,18 @@ def _lie(
 def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
     scene = benchmark.scene(truth.scene)
     images, cameras, priors = benchmark.resolve(scene.images), truth.cameras, truth.priors
+    ground = np.nan  # which nothing asks of photos without a prior
+    if not truth.own_maps:
+        ground = needed(scene.plane_height_m, "height of the ground", scene.id)
     return [
         plan(
             images / name,
             cameras.take(row),
-            priors.take(row),
+            None if truth.own_maps else priors.take(row),
             scene.crs,
-            truth.dom,
+            truth.map_of(row).dom,
             (int(x), int(y), int(width), int(height)),
-            ground_height_m=needed(scene.plane_height_m, "height of the ground", scene.id),
+            ground_height_m=ground,
         )
         for row, (name, (x, y, width, height)) in enumerate(
             zip(truth.queries["image"], truth.crops, strict=True)

@@ -67,7 +67,7 @@ def lifting_notes(
             for one, there in zip(given, centres, strict=True)
         )
         near = 0
-        if protocol.prior.source != "truth":
+        if protocol.prior.is_measured:
             near = sum(
                 count_near(one.poses, truth.priors, NEAR_M, NEAR_DEG)
                 for truth, one in zip(truths, given, strict=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,16 +19,17 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools
-from airzoo_bench.geometry.rasters import raster_sha256
+from airzoo_bench.geometry.rasters import open_info, raster_sha256
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
+from airzoo_bench.matching.maps import ReferenceMap, own_map
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, with_truth_as_prior
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["build_truth"]
+__all__ = ["build_truth", "given_truth"]
 
 # No GPS and no gimbal is as good as this in half of the photos. A truth that went through EXIF and
 # XMP comes back with the rounding of their digits: 3 mm, and up to 0.09 degrees where each of three
@@ -38,6 +40,37 @@ _NO_CROP = {
     CropStatus.OFF_MAP: "by the prior pose, it does not see the map",
     CropStatus.NO_RAY: "by the prior pose, no corner of the image has a ray",
 }
+
+
+def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
+    """Match each photo to the whole of its own map; those without one are left out.
+
+    Parameters
+    ----------
+    inputs : SceneInputs
+    maps : Path
+        Folder of the maps and surface models, see `maps.own_map`.
+
+    Raises
+    ------
+    RasterError
+        A map or surface model cannot be read.
+    """
+    photos = inputs.photos
+    files = [own_map(maps, photo) for photo in photos["id"]]
+    there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
+    kept = [pair for pair, found in zip(files, there, strict=True) if found]
+    found = tuple(ReferenceMap(open_info(dom), dsm, raster_sha256(dsm)) for dom, dsm in kept)
+    windows = np.array([(0, 0, one.dom.width, one.dom.height) for one in found], np.int64)
+    reasons = np.full(len(photos), "no map of its own", dtype=object)
+    return MatchingTruth(
+        inputs.scene,
+        with_truth_as_prior(photos[there].reset_index(drop=True)),
+        windows.reshape(-1, 4),
+        found,
+        with_unposed(_excluded(inputs, ~there, reasons), inputs),
+        own_maps=True,
+    )
 
 
 def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
@@ -60,10 +93,10 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     photos = inputs.photos
     dom = needed(inputs.dom, "map", inputs.scene)
     dsm = needed(inputs.dsm, "surface model", inputs.scene)
-    columns = PRIOR_COLUMNS if prior.source == "metadata" else POSE_COLUMNS
+    columns = PRIOR_COLUMNS if prior.is_measured else POSE_COLUMNS
     there = np.isfinite(photos[list(columns)].to_numpy(np.float64)).all(axis=1)
     asked = photos[there].reset_index(drop=True)
-    if prior.source == "metadata":
+    if prior.is_measured:
         _refuse_truth_as_prior(asked)
     else:
         asked = with_truth_as_prior(asked)
@@ -84,9 +117,7 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
         inputs.scene,
         asked[kept].reset_index(drop=True),
         found.windows[kept],
-        dom,
-        dsm,
-        raster_sha256(dsm),
+        (ReferenceMap(dom, dsm, raster_sha256(dsm)),),
         with_unposed(_excluded(inputs, left_out, reasons), inputs),
     )
 

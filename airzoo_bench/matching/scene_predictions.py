@@ -155,7 +155,7 @@ def _match_correspondences(
 
 def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: MatchingTruth) -> None:
     """Refuse pixels that float16 has moved by more than a centimetre of ground."""
-    gsd = float(np.mean(gsd_m(truth.dom)))
+    gsd = max(float(np.mean(gsd_m(one.dom))) for one in truth.maps)
     fields = {"query_xy": (query_xy, gsd * _zoom(truth)), "map_xy": (map_xy, gsd)}
     for name, (values, metres) in fields.items():
         if values is None or not was_rounded_to(values, np.float16):

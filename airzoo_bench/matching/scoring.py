@@ -107,7 +107,7 @@ def score_scene(
         posed = _solved(truth, predicted, protocol, resources)
     records = _records(truth, predicted.answered, posed, protocol.scores)
     counts = _result_counts(truth, records) | {"equal_to_prior": predicted.equal_to_prior(truth)}
-    if protocol.prior.source != "truth":
+    if protocol.prior.is_measured:
         poses = Poses(rotation=posed.rotations, centres=posed.centres)
         counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
     return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
@@ -207,10 +207,16 @@ def lifted_points(
         return predicted.points, np.full(len(predicted.points), LiftStatus.LIFTED, np.uint8)
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
-    lifted = lift(
-        predicted.map_xy + shift, truth.dom, truth.dsm, heights_above_m=heights, jobs=jobs
-    )
-    return lifted.points, lifted.status
+    map_xy, parts = predicted.map_xy + shift, predicted.parts() if truth.own_maps else [slice(None)]
+    lifted = [
+        lift(map_xy[part], one.dom, one.dsm, heights_above_m=heights, jobs=jobs)
+        for part, one in zip(parts, truth.maps, strict=True)
+    ]
+    if len(lifted) == 1:
+        return lifted[0].points, lifted[0].status
+    points = [np.zeros((0, 3)), *(one.points for one in lifted)]
+    status = [np.zeros(0, np.uint8), *(one.status for one in lifted)]
+    return np.concatenate(points), np.concatenate(status)
 
 
 def _of_all(estimate: PoseEstimate, lifted: Bools) -> Bools:

@@ -39,9 +39,17 @@ class Crop(Strict):
 
 
 class Prior(Strict):
-    """Where the crop comes from; never the truth, unless a protocol says so by name."""
+    """Where the crop comes from; never the truth, unless a protocol says so by name.
 
-    source: Literal["metadata", "truth"]
+    "given": each photo has a map of its own, which is its crop.
+    """
+
+    source: Literal["metadata", "truth", "given"]
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether photos say of themselves where they are."""
+        return self.source == "metadata"
 
 
 class Lift(Strict):
@@ -100,8 +108,14 @@ class MatchingProtocol(Protocol):
     truth_sections: ClassVar[tuple[str, ...]] = ("crop", "prior")
 
     track: Literal["matching"]
-    crop: Crop
+    crop: Crop | None = None
     prior: Prior
     lift: Lift
     solver: Solver
     scores: MatchingScores
+
+    @model_validator(mode="after")
+    def _crop_is_given_or_found(self) -> MatchingProtocol:
+        if (self.crop is None) != (self.prior.source == "given"):
+            raise ValueError("a section [crop] is needed, unless prior.source is 'given'")
+        return self

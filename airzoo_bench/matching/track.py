@@ -172,8 +172,8 @@ class MatchingTrack(
     def references(
         self, protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
     ) -> dict[str, Reference]:
-        """Score the priors as if they were a method's poses; where they are the truth, nothing."""
-        if protocol.prior.source == "truth":
+        """Score the priors as if they were a method's poses; where none are measured, nothing."""
+        if not protocol.prior.is_measured:
             return {}
         records = concatenate([score_priors(truth, protocol.scores) for truth in truths])
         scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]

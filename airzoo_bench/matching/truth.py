@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,19 +22,24 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import read_text
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, raster_sha256
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.matching.maps import (
+    ReferenceMap,
+    check_dsm,
+    check_map,
+    dsm_checksum,
+    grid_of,
+    read_own_maps,
+    write_own_maps,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["CROP_COLUMNS", "MatchingTruth", "read_truth", "with_truth_as_prior", "write_truth"]
-
-_MAP_LIMIT_BYTES = 1 << 20
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
 
@@ -50,24 +55,30 @@ class MatchingTruth:
     queries : DataFrame
         A row a query, sorted by ``id``.
     crops : (Q, 4) int64
-        Window of each query in the map: x, y, width, height in pixels.
-    dom : RasterInfo
-        The map; only its georeference is used for scoring.
-    dsm : Path
-        The surface model.
-    dsm_sha256 : str
-        Of the surface model's bytes.
+        Window of each query in its map: x, y, width, height in pixels.
+    maps : tuple of ReferenceMap
+        One of the whole scene, or one a query, in their order.
     excluded : DataFrame
         Photos that are no queries, with the reason.
+    own_maps : bool
+        Whether each query has a map of its own.
     """
 
     scene: str
     queries: pd.DataFrame
     crops: Ints
-    dom: RasterInfo
-    dsm: Path
-    dsm_sha256: str
+    maps: tuple[ReferenceMap, ...]
     excluded: pd.DataFrame
+    own_maps: bool = False
+
+    @property
+    def scene_map(self) -> ReferenceMap | None:
+        """The map of the whole scene; None where each query has its own."""
+        return None if self.own_maps else self.maps[0]
+
+    def map_of(self, query: int) -> ReferenceMap:
+        """Return the map that a query is matched to."""
+        return self.maps[query if self.own_maps else 0]
 
     @property
     def cameras(self) -> Cameras:
@@ -99,7 +110,8 @@ class MatchingTruth:
             *(cameras.distortion, poses.rotation, poses.centres, self.crops),
         ):
             digest.update(array.astype("<f8").tobytes())
-        digest.update(repr([*_grid(self.dom).values()]).encode() + self.dsm_sha256.encode())
+        for one in self.maps:
+            digest.update(repr([*grid_of(one.dom).values()]).encode() + one.dsm_sha256.encode())
         return digest.hexdigest()
 
 
@@ -118,7 +130,10 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
     crops = truth.queries[["id"]].assign(**columns)
     crops.to_csv(home / "crops.csv", index=False, lineterminator="\n")
     truth.excluded.to_csv(home / "excluded.csv", index=False, lineterminator="\n")
-    grid = json.dumps(_grid(truth.dom), indent=1)
+    if truth.own_maps:
+        write_own_maps(home / "maps.csv", truth.queries["id"].tolist(), truth.maps)
+        return
+    grid = json.dumps(grid_of(truth.maps[0].dom), indent=1)
     (home / "map.json").write_text(grid + "\n", encoding="utf-8")
 
 
@@ -137,9 +152,9 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     home = folder / "matching"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source")
-    priors = () if prior == "truth" else PRIOR_COLUMNS
+    priors = () if prior in ("truth", "given") else PRIOR_COLUMNS
     queries = read_queries(folder, excluded, (*CAMERA_COLUMNS, *POSE_COLUMNS, *priors))
-    if prior == "truth":
+    if prior in ("truth", "given"):
         queries = with_truth_as_prior(queries)
     crops = read_table(home / "crops.csv", ("id", *CROP_COLUMNS))
     if crops["id"].tolist() != queries["id"].tolist():
@@ -148,57 +163,28 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
             where=home / "crops.csv",
             fix="prepare the benchmark again",
         )
+    if entry.maps is not None:
+        own = read_own_maps(
+            home / "maps.csv", benchmark.resolve(entry.maps), queries["id"].tolist()
+        )
+        windows = _windows(crops, [one.dom for one in own], home / "crops.csv")
+        return MatchingTruth(scene, queries, windows, own, excluded, own_maps=True)
     dsm = benchmark.resolve(entry.dsm or "")
-    found = _dsm_checksum(dsm)
-    if found != entry.dsm_sha256:
-        raise BenchmarkError(
-            "the surface model is not the one that the benchmark was prepared with",
-            where=dsm,
-            expected=f"SHA-256 {(entry.dsm_sha256 or 'none')[:12]}…",
-            fix="put it back, or prepare the benchmark again",
-        )
+    found = dsm_checksum(dsm)
+    check_dsm(dsm, found, entry.dsm_sha256)
     dom = open_info(benchmark.resolve(needed(entry.dom, "map", scene)))
-    _check_map(home / "map.json", dom)
-    windows = _windows(crops, dom, home / "crops.csv")
-    return MatchingTruth(scene, queries, windows, dom, dsm, found, excluded)
+    check_map(home / "map.json", dom)
+    windows = _windows(crops, [dom] * len(crops), home / "crops.csv")
+    return MatchingTruth(scene, queries, windows, (ReferenceMap(dom, dsm, found),), excluded)
 
 
-def _grid(dom: RasterInfo) -> dict[str, Any]:
-    """All of a map that scores are computed from: size, geotransform, CRS."""
-    transform = [float(value) for value in dom.transform[:6]]
-    size = {"width": dom.width, "height": dom.height}
-    return size | {"transform": transform, "crs": dom.crs.to_string()}
-
-
-def _check_map(path: Path, dom: RasterInfo) -> None:
-    text = read_text(path, BenchmarkError, "grid of the map", _MAP_LIMIT_BYTES)
-    try:
-        prepared = json.loads(text)
-    except ValueError as error:
-        raise BenchmarkError(
-            f"not JSON: {error}", where=path, fix="prepare the benchmark again"
-        ) from error
-    if not isinstance(prepared, dict):
-        prepared = {}
-    # One CRS has several spellings: it is compared by what it means.
-    found = _grid(dom)
-    if prepared | {"crs": found["crs"]} != found:
-        raise BenchmarkError(
-            "the map's grid is not the one that the benchmark was prepared with: "
-            f"{json.dumps(found)}",
-            where=dom.path,
-            expected=json.dumps(prepared),
-            fix="put the map back, or prepare the benchmark again",
-        )
-    check_same_crs(dom.crs, prepared.get("crs"), f"{dom.path} and the map that was prepared")
-
-
-def _windows(crops: pd.DataFrame, dom: RasterInfo, path: Path) -> Ints:
-    """Return the crops (Q, 4), each inside the map; `read_table` has seen to whole numbers."""
+def _windows(crops: pd.DataFrame, doms: list[RasterInfo], path: Path) -> Ints:
+    """Return the crops (Q, 4), each inside its map; `read_table` has seen to whole numbers."""
     values = crops[list(CROP_COLUMNS)].to_numpy(np.int64)
-    far = max(dom.width, dom.height)
+    sizes = np.array([(dom.width, dom.height) for dom in doms], np.int64).reshape(-1, 2)
+    far = sizes.max(axis=1, initial=0, keepdims=True)
     _refuse_cells((values < (0, 0, 1, 1)) | (values > far), crops, "not inside the map", path)
-    over = values[:, :2] + values[:, 2:] > (dom.width, dom.height)
+    over = values[:, :2] + values[:, 2:] > sizes
     _refuse_cells(np.hstack((np.zeros_like(over), over)), crops, "beyond the map's edge", path)
     return values
 
@@ -215,14 +201,3 @@ def _refuse_cells(bad: Bools, crops: pd.DataFrame, what: str, path: Path) -> Non
         expected="a window of whole pixels, inside the map",
         fix="prepare the benchmark again",
     )
-
-
-def _dsm_checksum(dsm: Path) -> str:
-    if not dsm.is_file():
-        raise BenchmarkError(
-            "the surface model is not there",
-            where=dsm,
-            expected="the DSM that matches are lifted by",
-            fix="put it back where benchmark.toml says, or prepare with --copy",
-        )
-    return raster_sha256(dsm)

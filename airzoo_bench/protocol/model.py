@@ -57,7 +57,7 @@ class Protocol(Strict):
     def truth_settings(self) -> dict[str, dict[str, Any]]:
         """Return the values that the truth is made by, by section and key."""
         values = self.model_dump(mode="json", exclude_none=True)
-        return {section: values[section] for section in self.truth_sections}
+        return {name: values[name] for name in self.truth_sections if name in values}
 
     @property
     def fingerprint(self) -> str:

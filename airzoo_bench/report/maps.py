@@ -60,9 +60,8 @@ def maps(
     share = min(_MOST_BYTES, _TOTAL_BYTES // max(len(places), 1))
     unmapped = [place.scene for place in places if place.dom is None]
     if unmapped:
-        whose = "its gallery is" if len(unmapped) == 1 else "their galleries are"
-        kind = "a set" if len(unmapped) == 1 else "sets"
-        notes.append(f"no map of {', '.join(unmapped)}: {whose} {kind} of images")
+        whose = "it has" if len(unmapped) == 1 else "they have"
+        notes.append(f"no map of {', '.join(unmapped)}: {whose} many small ones, or images only")
     found = []
     for place in places:
         if place.dom is None:

@@ -18,6 +18,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
+from airzoo_bench.matching.maps import ReferenceMap
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import ScoredScene
 from airzoo_bench.matching.truth import MatchingTruth
@@ -205,18 +206,23 @@ def draw_figures(
     drawn, benchmark = 1, evaluation.benchmark
     for truth, predicted in zip(evaluation.truths, evaluation.scene_predictions, strict=True):
         scored = evaluation.scored[truth.scene]
-        _draw_map(truth, scored, titles[truth.scene], folder / f"{truth.scene}_map.png")
+        if truth.scene_map is not None:
+            path = folder / f"{truth.scene}_map.png"
+            _draw_map(truth, truth.scene_map, scored, titles[truth.scene], path)
+            drawn += 1
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
         rows = range(len(truth.queries) if predicted.map_xy is not None else 0)
         for row in resources.progress(rows, "pictures", len(rows)):
             _draw_query(truth, predicted, scored, row, images, folder)
-        drawn += 1 + len(rows)
+        drawn += len(rows)
     yield f"drew {drawn} pictures into {folder}"
 
 
-def _draw_map(truth: MatchingTruth, scored: ScoredScene, title: str, path: Path) -> None:
+def _draw_map(
+    truth: MatchingTruth, scene: ReferenceMap, scored: ScoredScene, title: str, path: Path
+) -> None:
     """Draw in metres along the map's sides: its CRS may differ from the scene's, and be rotated."""
-    dom, scene_crs = truth.dom, open_info(truth.dsm).crs
+    dom, scene_crs = scene.dom, open_info(scene.dsm).crs
     corners = pixel_to_world(dom.transform, [(0, 0), (dom.width, 0), (0, dom.height)])
     origin, right, down = change_of_plane(dom.crs, scene_crs)(corners)
     sides = np.linalg.norm([right - origin, down - origin], axis=1)
@@ -248,7 +254,8 @@ def _draw_query(
     query, part = truth.queries.iloc[row], predicted.parts()[row]
     x, y, width, height = (int(side) for side in truth.crops[row])
     photo = read_rgb_photo(images / query["image"], _LONG_SIDE_PX)
-    crop = read_rgb(truth.dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
+    dom = truth.map_of(row).dom
+    crop = read_rgb(dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
     shrunk = np.array([photo.shape[1] / query["width"], photo.shape[0] / query["height"]])
     map_xy = predicted.map_xy if predicted.map_xy is not None else np.zeros((0, 2))
     figure = draw_matches(

@@ -164,21 +164,25 @@ def _matching_places(section: Section, benchmark: Benchmark) -> list[Place]:
 def _matching_place(truth: MatchingTruth, benchmark: Benchmark) -> Place:
     entry = benchmark.scene(truth.scene)
     ids = truth.queries["id"].tolist()
-    flat = truth.poses.centres[:, :2]
-    centres = world_to_pixel(truth.dom.transform, change_of_plane(entry.crs, truth.dom.crs)(flat))
+    photos = _photos(truth.queries, benchmark.resolve(entry.images))
+    if truth.scene_map is None:  # there is no map that all queries are on
+        nowhere = np.full((len(ids), 4, 2), np.nan)
+        return Place(truth.scene, None, truth.maps[0].dom.path, photos, ids, nowhere, nowhere[:, 0])
+    dom, flat = truth.scene_map.dom, truth.poses.centres[:, :2]
+    centres = world_to_pixel(dom.transform, change_of_plane(entry.crs, dom.crs)(flat))
     return Place(
         truth.scene,
-        truth.dom,
-        truth.dom.path,
-        _photos(truth.queries, benchmark.resolve(entry.images)),
+        dom,
+        dom.path,
+        photos,
         ids,
-        _footprints(truth, benchmark),
+        _footprints(truth, dom, benchmark),
         centres,
         crops={name: tuple(window) for name, window in zip(ids, truth.crops.tolist(), strict=True)},
     )
 
 
-def _footprints(truth: MatchingTruth, benchmark: Benchmark) -> Floats:
+def _footprints(truth: MatchingTruth, dom: RasterInfo, benchmark: Benchmark) -> Floats:
     """Return footprints from the retrieval truth in the same folder, NaN where there are none."""
     outlines = np.full((len(truth.queries), 4, 2), np.nan)
     path = benchmark.scene_folder(truth.scene) / "retrieval" / "footprints.csv"
@@ -197,7 +201,7 @@ def _footprints(truth: MatchingTruth, benchmark: Benchmark) -> Floats:
             fix="prepare the benchmark again",
         )
     corners = anchors.reindex(truth.queries["id"]).to_numpy(np.float64)
-    return _on_map(truth.dom, corners.reshape(-1, 4, 2))
+    return _on_map(dom, corners.reshape(-1, 4, 2))
 
 
 def _photos(queries: pd.DataFrame, folder: Path) -> dict[str, Path]:

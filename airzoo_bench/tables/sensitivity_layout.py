@@ -24,7 +24,10 @@ _TITLES = {
 
 
 def sensitivity_table(
-    found: Sensitivity, ranges: Mapping[str, float], scores: Sequence[ScoreColumn]
+    found: Sensitivity,
+    ranges: Mapping[str, float],
+    scores: Sequence[ScoreColumn],
+    without: Sequence[str] = (),
 ) -> Table:
     """Lay out a row a score and method: its value, its range by assumed value, its ranks.
 
@@ -35,6 +38,8 @@ def sensitivity_table(
         Those that are not 0, see `AssumedRanges`.
     scores : sequence of ScoreColumn
         Those to show.
+    without : sequence of str
+        Assumptions of the truth that no range covers.
     """
     groups = list(dict.fromkeys(found.groups))
     columns = (
@@ -57,6 +62,7 @@ def sensitivity_table(
         (
             f"off by: {'; '.join(_range(name, value) for name, value in ranges.items())}; "
             f"{counted(count, 'variant')} of the truth",
+            *([f"not covered: {'; '.join(without)}"] if without else []),
             *_unanswerable(found),
             *_floors(found, scores),
         ),

@@ -45,7 +45,9 @@ class ColmapModels(Survey[ColmapOptions]):
         licence="your own data",
         assumptions=(
             "Without --georeference and --from-exif the model is in the CRS of --crs, in metres.",
-            "A similarity fits the model to positions; those farther than --inlier-m count not.",
+            "A similarity fits the model to positions; those farther than --inlier-m count not. "
+            "What remains (root mean square) is the accuracy of the truth, unless --truth-accuracy "
+            "says it.",
         ),
     )
     summary = (
@@ -71,8 +73,17 @@ class ColmapModels(Survey[ColmapOptions]):
 
         images = given(options.images, "images")
         sizes = photo_sizes(images, progress)
-        photos, notes = georeferenced(options, read_poses(options.source, sizes))
-        found = FoundSurvey(images, sizes, photos, options.source, options.dom, options.dsm, notes)
+        placed = georeferenced(options, read_poses(options.source, sizes))
+        found = FoundSurvey(
+            images,
+            sizes,
+            placed.photos,
+            options.source,
+            options.dom,
+            options.dsm,
+            placed.notes,
+            placed.accuracy_m,
+        )
         return survey_scene(options, scene, found, progress)
 
 

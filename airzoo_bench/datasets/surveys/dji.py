@@ -46,6 +46,8 @@ class DjiFolders(Survey[DjiOptions]):
         licence="your own data",
         assumptions=(
             "Positions are those of *_Timestamp.MRK where there is one, else the photos' own.",
+            "The accuracy of the truth is the median of the standard deviations that photos or "
+            "time stamps state (RtkStd), unless --truth-accuracy says it.",
             "Orientations are the gimbal's, good to a few degrees: no score of rotations is made.",
             "The camera is DewarpData's; with DewarpFlag 1 without its distortion; without "
             "DewarpData it follows from the focal length of 35 mm film, whose diagonal is "

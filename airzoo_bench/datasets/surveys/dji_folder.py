@@ -13,6 +13,7 @@ from pyproj import CRS
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
+from airzoo_bench.datasets.height_systems import check_accuracy
 from airzoo_bench.datasets.native import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors
 from airzoo_bench.datasets.priors import read_prior_file
@@ -48,6 +49,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     UserError
         Photos say too little, tables of time stamps belong to others, or priors are the truth.
     """
+    check_accuracy(options)
     images = options.images or options.source
     sizes = photo_sizes(images, progress)
     shown = list(progress(sorted(sizes), "metadata", len(sizes)))
@@ -59,7 +61,8 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     names = tuple(kept)
     crs = _crs(options, dom, kept, notes)
     poses = priors_to_poses(kept, crs)
-    notes.append(_accuracy(names, tags, stamps))
+    said, accuracy = _accuracy(names, tags, stamps)
+    notes.append(said)
     plane = options.plane_height
     if plane is None and options.dsm is None:
         plane = _plane(kept, images, notes)
@@ -79,6 +82,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
         metadata={name: metadata[name] for name in names},
         unposed=tuple(name for name in sorted(sizes) if name not in kept),
         notes=tuple(notes),
+        truth_accuracy_m=options.truth_accuracy or accuracy,
         poses_from=images,
         crs_from=f"--crs {options.crs}" if options.crs else str(options.dsm or dom),
     )
@@ -188,16 +192,19 @@ def _kept(
 
 def _accuracy(
     names: tuple[str, ...], tags: dict[str, DjiTags], stamps: dict[str, TimeStamp]
-) -> str:
+) -> tuple[str, float | None]:
+    """Say how good positions are stated to be; in metres of all three axes too."""
     known = [stamps[n].std_m if n in stamps else tags[n].std_m for n in names]
     stds = np.array([std for std in known if std is not None])
     if not len(stds):
-        return "photos do not state how good their positions are"
+        return "photos do not state how good their positions are", None
     level = np.median(np.hypot(stds[:, 0], stds[:, 1]))
-    return (
+    said = (
         f"positions are stated good to {level:.3f} m in plan and {np.median(stds[:, 2]):.3f} m in "
         f"height (medians of standard deviations of {len(stds)} photos); gimbal angles to no figure"
     )
+    # A file of zeros states nothing.
+    return said, round(float(np.median(np.linalg.norm(stds, axis=1))), 4) or None
 
 
 def _crs(options: DjiOptions, dom: Path, kept: dict[str, PhotoPrior], notes: list[str]) -> str:

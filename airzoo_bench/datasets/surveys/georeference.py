@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,16 +24,31 @@ from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, Rans
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 
-__all__ = ["georeferenced"]
+__all__ = ["PlacedPhotos", "georeferenced"]
 
 _LEAST_AGREEING = 0.5
 _LEAST_POSITIONS = 4  # three are always met
 
 
-def georeferenced(
-    options: ColmapOptions, photos: PosedPhotos
-) -> tuple[PosedPhotos, tuple[str, ...]]:
-    """Return the photos in a projected CRS, and sentences about how they came there.
+@dataclass(frozen=True, eq=False)
+class PlacedPhotos:
+    """Photos in a projected CRS, and how they came there.
+
+    Attributes
+    ----------
+    photos : PosedPhotos
+    notes : tuple of str
+    accuracy_m : float or None
+        What remains between the model and the positions that placed it (root mean square).
+    """
+
+    photos: PosedPhotos
+    notes: tuple[str, ...] = ()
+    accuracy_m: float | None = None
+
+
+def georeferenced(options: ColmapOptions, photos: PosedPhotos) -> PlacedPhotos:
+    """Bring the photos to a projected CRS.
 
     Raises
     ------
@@ -50,19 +65,19 @@ def georeferenced(
                 where=options.source,
                 fix="give --from-exif, or --georeference FILE, or --crs if the model is in it",
             )
-        return replace(photos, crs=stated.to_string()), ()
+        return PlacedPhotos(replace(photos, crs=stated.to_string()))
     crs = map_crs(options) if stated is None else stated
     if options.georeference is None:
-        transform, notes = _fitted(options, photos, _exif_positions(options, photos, crs))
+        transform, notes, left = _fitted(options, photos, _exif_positions(options, photos, crs))
     else:
         matrix = _matrix(options.georeference)
         if matrix is not None:
-            transform, notes = _similarity(matrix, options.georeference), ()
+            transform, notes, left = _similarity(matrix, options.georeference), (), None
         else:
             positions = _named_positions(options.georeference, photos.names)
-            transform, notes = _fitted(options, photos, positions)
+            transform, notes, left = _fitted(options, photos, positions)
     placed = replace(photos, poses=transform.apply_poses(photos.poses), crs=crs.to_string())
-    return placed, notes
+    return PlacedPhotos(placed, notes, left)
 
 
 def _exif_positions(
@@ -127,7 +142,7 @@ def _named_positions(path: Path, names: tuple[str, ...]) -> dict[str, tuple[floa
 
 def _fitted(
     options: ColmapOptions, photos: PosedPhotos, positions: dict[str, tuple[float, ...]]
-) -> tuple[Similarity, tuple[str, ...]]:
+) -> tuple[Similarity, tuple[str, ...], float | None]:
     where = options.georeference or options.images
     limit = options.inlier_m
     ransac = RansacSettings(
@@ -165,7 +180,9 @@ def _fitted(
             expected="at least half",
             fix="look at the positions, or give a larger --inlier-m",
         )
-    return found.transform, _residual_notes(found, positions)
+    assert found.inlier_centres is not None
+    left = round(found.inlier_centres.rms, 4) or None
+    return found.transform, _residual_notes(found, positions), left
 
 
 def _residual_notes(found: Alignment, positions: dict[str, tuple[float, ...]]) -> tuple[str, ...]:

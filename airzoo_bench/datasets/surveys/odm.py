@@ -41,6 +41,9 @@ class OdmProjects(Survey[OdmOptions]):
             "Without odm_dem/dsm.tif the surface is gridded from the georeferenced clouds: the "
             "highest point of each cell, whose side holds four points on average (--surface-cell).",
             "A photo of several submodels has the pose of the first.",
+            "What remains at ground control points (odm_report/stats.json), or between the poses "
+            "that submodels give one photo, is the accuracy of the truth, unless --truth-accuracy "
+            "says it.",
             "Map, surface and poses come from the same photos: there is no gap between them.",
         ),
         unverified=(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
 from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UserError, first_of
@@ -12,7 +14,7 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
 from airzoo_bench.geometry.rasters import open_info
 
-__all__ = ["find_parts", "find_project", "odm_text", "part_crs", "submodels_of"]
+__all__ = ["find_parts", "find_project", "odm_json", "odm_text", "part_crs", "submodels_of"]
 
 ORTHOPHOTO = Path("odm_orthophoto/odm_orthophoto.tif")
 SURFACE = Path("odm_dem/dsm.tif")
@@ -25,7 +27,10 @@ TRANSFORMATION = Path("opensfm/geocoords_transformation.txt")
 COORDS = Path("odm_georeferencing/coords.txt")
 PROJ = Path("odm_georeferencing/proj.txt")
 SHOTS = Path("odm_report/shots.geojson")
+STATISTICS = Path("odm_report/stats.json")
 CAMERAS = (Path("cameras.json"), Path("opensfm/camera_models.json"))
+
+_LIMIT_BYTES = 1 << 30
 
 
 def find_project(source: Path) -> Path:
@@ -116,3 +121,25 @@ def _crs_of(text: str, path: Path) -> CRS:
 def odm_text(path: Path) -> str:
     """Read a small text file of a project."""
     return read_text(path, BenchmarkError, "file of OpenDroneMap")
+
+
+def odm_json(path: Path, kind: Any) -> Any:
+    """Read a JSON file of a project as `kind`, a type that pydantic knows.
+
+    Raises
+    ------
+    BenchmarkError
+        It is missing, too large, no JSON, or of another form.
+    """
+    text = read_text(path, BenchmarkError, "file of OpenDroneMap", _LIMIT_BYTES)
+    try:
+        return TypeAdapter(kind).validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise BenchmarkError(
+            f"{place or 'the file'}: {first['msg']}",
+            where=path,
+            expected="as OpenDroneMap writes it",
+            fix="copy the project again",
+        ) from error

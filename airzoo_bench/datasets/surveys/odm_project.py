@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import BaseModel, Field
 from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
@@ -19,9 +22,11 @@ from airzoo_bench.datasets.surveys.odm import OdmOptions
 from airzoo_bench.datasets.surveys.odm_layout import (
     CLOUDS,
     ORTHOPHOTO,
+    STATISTICS,
     SURFACE,
     find_parts,
     find_project,
+    odm_json,
     part_crs,
     submodels_of,
 )
@@ -33,6 +38,8 @@ from airzoo_bench.geometry.crs import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 
 __all__ = ["read_project"]
+
+_Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
@@ -49,7 +56,9 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
     images = options.images or project / "images"
     sizes = photo_sizes(images, progress)
     parts = [read_part(folder) for folder in folders]
-    photos, notes = _joined(parts, sizes, crs)
+    photos, notes, apart = _joined(parts, sizes, crs)
+    left, said = _control_points(project)
+    notes += said
     if project != options.source:
         notes.insert(0, f"the project is {project}")
     without = [folder.name for folder in submodels_of(project) if folder not in folders]
@@ -62,7 +71,8 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
     if dsm is None and options.plane_height is None:
         dsm, said = _gridded(options, project, folders, crs)
         notes += said
-    return FoundSurvey(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes))
+    accuracy = round(max(apart, left), 4) or None
+    return FoundSurvey(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes), accuracy)
 
 
 def _crs(folders: list[Path]) -> CRS:
@@ -122,8 +132,11 @@ def _clouds(folder: Path) -> list[Path]:
 
 def _joined(
     parts: list[OdmPart], sizes: dict[str, tuple[int, int]], crs: CRS
-) -> tuple[PosedPhotos, list[str]]:
-    """Put the parts' photos together; one of several parts has the pose of the first."""
+) -> tuple[PosedPhotos, list[str], float]:
+    """Put the parts' photos together; one of several parts has the pose of the first.
+
+    The third value is how far, in metres, the poses of photos in two parts differ; 0 without any.
+    """
     first: dict[str, tuple[OdmPart, int]] = {}
     twice: list[np.ndarray] = []
     for part in parts:
@@ -136,7 +149,7 @@ def _joined(
     where = parts[0].poses_from
     meant = match_names(first, sizes, where)
     chosen = sorted((photo, *first[name]) for name, photo in meant.items())
-    notes = _overlap_notes(twice, parts)
+    notes, apart = _overlap_notes(twice, parts)
     absent = [name for name in first if name not in meant]
     if absent:
         notes.append(f"shots whose photo is not there: {first_of(absent, len(first))}")
@@ -151,12 +164,12 @@ def _joined(
         np.array([part.poses.centres[row] for _, part, row in chosen]),
         names,
     )
-    return PosedPhotos(names, cameras, poses, crs.to_string()), notes
+    return PosedPhotos(names, cameras, poses, crs.to_string()), notes, apart
 
 
-def _overlap_notes(differences: list[np.ndarray], parts: list[OdmPart]) -> list[str]:
+def _overlap_notes(differences: list[np.ndarray], parts: list[OdmPart]) -> tuple[list[str], float]:
     if len(parts) == 1:
-        return []
+        return [], 0.0
     notes = [f"its {len(parts)} submodels are one scene"]
     if differences:
         away = np.abs(np.array(differences))
@@ -166,4 +179,34 @@ def _overlap_notes(differences: list[np.ndarray], parts: list[OdmPart]) -> list[
             f"{level:.2f} m in plan and {up:.2f} m in height (medians), and the first submodel's "
             "is taken: no truth is better than that"
         )
-    return notes
+        return notes, float(np.median(np.linalg.norm(away, axis=1)))
+    return notes, 0.0
+
+
+class _AxisErrors(BaseModel):
+    x: _Metres
+    y: _Metres
+    z: _Metres
+
+
+class _ControlPoints(BaseModel):
+    error: _AxisErrors | None = None
+
+
+class _Statistics(BaseModel):
+    gcp_errors: _ControlPoints = _ControlPoints()
+
+
+def _control_points(project: Path) -> tuple[float, list[str]]:
+    """Return what remains at ground control points in metres, 0 without any, and say it."""
+    path = project / STATISTICS
+    if not path.is_file():
+        return 0.0, []
+    errors = odm_json(path, _Statistics).gcp_errors.error
+    if errors is None:
+        return 0.0, []
+    level = math.hypot(errors.x, errors.y)
+    return math.hypot(level, errors.z), [
+        f"at ground control points {level:.3f} m remain in plan and {errors.z:.3f} m in height "
+        "(root mean square): no truth is better than that"
+    ]

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
-from airzoo_bench.core.files import read_text
 from airzoo_bench.datasets.surveys.odm_layout import (
     CAMERAS,
     COORDS,
@@ -29,6 +28,7 @@ from airzoo_bench.datasets.surveys.odm_layout import (
     SHOTS,
     TOPOCENTRIC,
     TRANSFORMATION,
+    odm_json,
     odm_text,
 )
 from airzoo_bench.geometry.arrays import Floats
@@ -37,7 +37,6 @@ from airzoo_bench.geometry.poses import Poses
 __all__ = ["OdmPart", "read_part"]
 
 _EVERY = (RECONSTRUCTION, TOPOCENTRIC, TRANSFORMATION, COORDS, PROJ, SHOTS, *CAMERAS)
-_LIMIT_BYTES = 1 << 30
 _SAME_CENTRE_M = 0.1  # between two files of one project
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -139,7 +138,7 @@ def _from_reconstruction(folder: Path) -> OdmPart | None:
     else:
         return None
     every: dict[str, tuple[_Shot, Mapping[str, Any]]] = {}
-    for part in _parsed(path, list[_Reconstruction]):
+    for part in odm_json(path, list[_Reconstruction]):
         for name, shot in part.shots.items():
             if shot.camera in part.cameras:
                 every.setdefault(name, (shot, part.cameras[shot.camera]))
@@ -170,7 +169,7 @@ def _placed(poses: Poses, matrix: Floats) -> Poses:
 
 def _from_shots(folder: Path) -> OdmPart:
     path = folder / SHOTS
-    given = {f.properties.filename: f.properties for f in _parsed(path, _Shots).features}
+    given = {f.properties.filename: f.properties for f in odm_json(path, _Shots).features}
     _require_shots(path, given)
     poses = Poses.from_centres(
         _matrices([shot.rotation for shot in given.values()]),
@@ -191,7 +190,7 @@ def _with_cameras(folder: Path, part: OdmPart) -> OdmPart:
             expected=f"{' or '.join(map(str, CAMERAS))} next to it",
         )
     # Keys of cameras.json lack the "v2 " that those of shots have.
-    known = {key.removeprefix("v2 "): c for key, c in _parsed(path, Cameras).items()}
+    known = {key.removeprefix("v2 "): c for key, c in odm_json(path, Cameras).items()}
     only = next(iter(known.values())) if len(known) == 1 else None
     names = [camera["id"] for camera in part.cameras]
     found = [only if name is None else known.get(name.removeprefix("v2 ")) for name in names]
@@ -222,21 +221,6 @@ def _check_agreement(folder: Path, found: OdmPart, shots: OdmPart) -> None:
             expected="files of one run",
             fix=f"remove the older of the two, or {TRANSFORMATION} if that is left from before",
         )
-
-
-def _parsed(path: Path, kind: Any) -> Any:
-    text = read_text(path, BenchmarkError, "file of OpenDroneMap", _LIMIT_BYTES)
-    try:
-        return TypeAdapter(kind).validate_json(text)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise BenchmarkError(
-            f"{place or 'the file'}: {first['msg']}",
-            where=path,
-            expected="as OpenDroneMap writes it",
-            fix="copy the project again",
-        ) from error
 
 
 def _require_shots(path: Path, shots: Mapping[str, Any]) -> None:

@@ -37,6 +37,8 @@ class FoundSurvey:
         For messages.
     dom, dsm : Path or None
     notes : tuple of str
+    accuracy_m : float or None
+        Standard error of the positions, as the source has it.
     """
 
     images: Path
@@ -46,6 +48,7 @@ class FoundSurvey:
     dom: Path | None
     dsm: Path | None
     notes: tuple[str, ...] = ()
+    accuracy_m: float | None = None
 
 
 def stated_crs(options: SurveyOptions) -> CRS | None:
@@ -108,7 +111,7 @@ def survey_scene(
         metadata=metadata,
         unposed=tuple(sorted(set(found.sizes) - set(photos.names))),
         notes=(*found.notes, *notes, *more),
-        truth_accuracy_m=options.truth_accuracy,
+        truth_accuracy_m=options.truth_accuracy or found.accuracy_m,
         poses_from=found.poses_from,
         crs_from=place,
     )

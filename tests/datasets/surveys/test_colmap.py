@@ -27,6 +27,7 @@ def test_residuals_and_outliers_are_told(made: Made) -> None:
     first, out = found.notes
     assert "a similarity of scale 0.99978 places the model by 4 of 5 positions" in first
     assert "0.000 m remain (root mean square)" in first
+    assert (found.truth_accuracy_m or 0) < 5e-4
     assert out == "positions that do not fit: 1 of 5 (DJI_0003.JPG)"
 
 

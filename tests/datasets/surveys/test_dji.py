@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.surveys.dji_tags import read_tags, read_time_stamps
 from tests.datasets.surveys.layouts import (
     CORNER,
@@ -36,6 +37,14 @@ def test_photos_without_a_fix_are_left_out_and_named(made: Made) -> None:
     said = " ".join(found.notes)
     assert "without an RTK fix, left out: 2 of 5 (DJI_0002.JPG, DJI_0004.JPG)" in said
     assert "good to 0.014 m in plan and 0.020 m in height" in said
+    assert found.truth_accuracy_m == pytest.approx(np.sqrt(2 * 0.01**2 + 0.02**2), abs=1e-4)
+
+
+def test_the_users_accuracy_wins(made: Made) -> None:
+    folder = dji_folder(made)
+    assert scene(made, folder, "--truth-accuracy", 0.5).truth_accuracy_m == 0.5
+    with pytest.raises(UserError, match="is no accuracy"):
+        scene(made, folder, "--truth-accuracy", 0)
 
 
 def test_any_position_will_do_by_name(made: Made) -> None:

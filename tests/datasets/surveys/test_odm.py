@@ -68,6 +68,30 @@ def test_submodels_are_one_scene(made: Made) -> None:
     assert any("2 photos of two submodels" in n and "0.50 m in height" in n for n in found.notes)
 
 
+def test_submodels_that_differ_bound_the_truth(made: Made) -> None:
+    found = read_scene(["odm", "--source", split(made, up=0.4)])
+
+    assert found.truth_accuracy_m == pytest.approx(0.4, abs=1e-3)
+    assert "0.00 m in plan and 0.40 m in height" in " ".join(found.notes)
+
+
+def test_control_points_bound_the_truth(made: Made) -> None:
+    project = odm_project(made)
+    path = project / "odm_report/stats.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps({"gcp_errors": {}, "gps_errors": {"error": {"x": 9}}}))
+    assert read_scene(["odm", "--source", project]).truth_accuracy_m is None
+    errors = {"average_error": 0.1, "error": {"x": 0.03, "y": 0.04, "z": 0.12}}
+    path.write_text(json.dumps({"gcp_errors": errors}))
+
+    found = read_scene(["odm", "--source", project])
+
+    assert found.truth_accuracy_m == pytest.approx(0.13)
+    assert "at ground control points 0.050 m remain in plan and 0.120 m" in " ".join(found.notes)
+    stated = read_scene(["odm", "--source", project, "--truth-accuracy", 0.2])
+    assert stated.truth_accuracy_m == 0.2
+
+
 def test_submodels_may_have_either_file_of_shots(made: Made) -> None:
     project = split(made)
     second = project / "submodels/submodel_0001"
@@ -140,6 +164,11 @@ def other_photos(project: Path) -> None:
         path.rename(path.with_name(f"IMG_{number}.jpg"))
 
 
+def no_statistics(project: Path) -> None:
+    (project / "odm_report").mkdir(exist_ok=True)
+    (project / "odm_report/stats.json").write_text('{"gcp_errors": {"error": {"x": "far"}}}')
+
+
 def shots_elsewhere(project: Path) -> None:
     shot = {"filename": "DJI_0001.JPG", "rotation": [3.1, 0, 0], "translation": [0, 0, 0]}
     features = [{"type": "Feature", "properties": shot}]
@@ -160,6 +189,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], list[str]]] = {
         without("opensfm/geocoords_transformation.txt"),
         ["cannot be placed by opensfm/reconstruction.json", "geocoords_transformation.txt"],
     ),
+    "no statistics": (no_statistics, ["gcp_errors.error.x", "stats.json"]),
     "cut off": (cut_off, ["reconstruction.json", "as OpenDroneMap writes it"]),
     "no orthophoto": (without("odm_orthophoto/odm_orthophoto.tif"), ["--dom"]),
     "no surface": (without("odm_dem/dsm.tif"), ["odm_georeferenced_model.laz", "--dsm"]),

@@ -1,0 +1,229 @@
+"""Samples of OrthoLoC: an .npz each, which becomes a photo, a map and a surface model."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from affine import Affine
+from numpy.typing import NDArray
+from PIL import Image
+from rasterio.io import MemoryFile
+
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.places import data_root
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import LOCAL_CRS
+from airzoo_bench.geometry.poses import Poses
+
+__all__ = ["find_sets", "read_set"]
+
+SETS = ("test_outPlace", "test_inPlace")
+_SAMPLE = re.compile(r"(L\d+)_(R|xDOP|xDOPDSM)\d+")
+_LIMIT_BYTES = 1 << 30
+_OFF_GRID_PX = 0.1
+# GeoTIFFs without a CRS are not read; this one has metres near its origin.
+_MADE_UP_CRS = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
+_SHAPES: dict[str, tuple[int | None, ...]] = {
+    "image_query": (None, None, 3),
+    "image_dop": (None, None, 3),
+    "dsm": (None, None, 3),
+    "scale": (2,),
+    "extrinsics": (3, 4),
+    "intrinsics": (3, 3),
+}
+_HALF_PIXEL = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """What is kept of a sample when its files are written."""
+
+    size: tuple[int, int]
+    intrinsics: Floats
+    extrinsics: Floats
+
+
+def find_sets(source: Path) -> dict[str, Path]:
+    """Return the folders of the test sets: the source, or below it, or below its ``full``.
+
+    Raises
+    ------
+    BenchmarkError
+        None is there.
+    """
+    if source.name in SETS and source.is_dir():
+        return {source.name: source}
+    for home in (source, source / "full"):
+        found = {name: home / name for name in SETS if (home / name).is_dir()}
+        if found:
+            return found
+    there = sorted(path.name for path in source.iterdir()) if source.is_dir() else []
+    raise BenchmarkError(
+        f"holds no test set; there is {first_of(there, noun='entry') if there else 'nothing'}",
+        where=source,
+        expected=f"{' and '.join(SETS)}, with samples such as L08_R0000.npz",
+        fix="name the folder that holds them, such as OrthoLoC/full",
+    )
+
+
+def read_set(source: Path, scene: str, progress: Progress) -> NativeScene:
+    """Read a set's samples, and write the files of those that were not written before.
+
+    Raises
+    ------
+    BenchmarkError
+        There is no sample, or one is damaged or not as OrthoLoC's loader has it.
+    """
+    folder = find_sets(source)[scene]
+    paths, made = _samples(folder), data_root() / "made" / "ortholoc" / scene
+    read = {p.stem: _read(p, made) for p in progress(paths, "samples", len(paths))}
+    samples = {name: sample for name, sample in read.items() if sample is not None}
+    if not samples:
+        raise BenchmarkError("all photos are black", where=folder)
+    names = tuple(f"{name}.png" for name in samples)
+    size = np.array([sample.size for sample in samples.values()])
+    matrices = np.array([sample.intrinsics for sample in samples.values()]) + _HALF_PIXEL
+    extrinsics = np.array([sample.extrinsics for sample in samples.values()], np.float64)
+    kinds = [_kind(name) for name in samples]
+    black = [name for name, sample in read.items() if sample is None]
+    return NativeScene(
+        scene,
+        made / "photos",
+        names,
+        Cameras.from_matrices(matrices, size[:, 0], size[:, 1], names=names),
+        Poses.from_translations(extrinsics[:, :, :3], extrinsics[:, :, 3], names),
+        LOCAL_CRS,
+        maps=made / "maps",
+        conditions={
+            "location": [location for location, _ in kinds],
+            "domain": [domain for _, domain in kinds],
+        },
+        notes=(f"black photos, left out: {first_of(black, len(read))}",) if black else (),
+        poses_from=folder,
+    )
+
+
+def _kind(name: str) -> tuple[str, str]:
+    """Return location and domain by a sample's name: R is the photos' own."""
+    match = _SAMPLE.fullmatch(name)
+    assert match is not None
+    return match[1], match[2]
+
+
+def _samples(folder: Path) -> list[Path]:
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".npz")
+    odd = [path.name for path in paths if _SAMPLE.fullmatch(path.stem) is None]
+    if odd or not paths:
+        raise BenchmarkError(
+            f"holds {first_of(odd, len(paths))}, which is no sample" if odd else "holds no .npz",
+            where=folder,
+            expected="samples such as L08_R0000.npz, L08_xDOP0001.npz, L08_xDOPDSM0002.npz",
+            fix="download the set again, or take other files out of the folder",
+        )
+    return paths
+
+
+def _read(path: Path, made: Path) -> _Sample | None:
+    """Read a sample and write what is missing of its files; None where its photo is black."""
+    arrays = _arrays(path)
+    photo, dop = arrays["image_query"], arrays["image_dop"]
+    if not photo.any():
+        return None
+    files = (
+        made / "photos" / f"{path.stem}.png",
+        made / "maps" / f"{path.stem}_dom.tif",
+        made / "maps" / f"{path.stem}_dsm.tif",
+    )
+    transform = _transform(arrays["dsm"], arrays["scale"], path)
+    age = path.stat().st_mtime_ns
+    if not all(file.is_file() and file.stat().st_mtime_ns >= age for file in files):
+        for file in files:
+            file.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(files[0]) as stream:
+            Image.fromarray(photo).save(stream, "PNG")
+        _write_raster(files[1], np.moveaxis(dop, -1, 0), transform)
+        _write_raster(files[2], arrays["dsm"][None, ..., 2], transform, nodata=np.nan)
+    size = photo.shape[1], photo.shape[0]
+    return _Sample(size, arrays["intrinsics"].astype(np.float64), arrays["extrinsics"])
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        file = NpzFile(path, _LIMIT_BYTES)
+        missing = [name for name in _SHAPES if name not in file.entries]
+        if missing:
+            raise _unlike(path, f"has no {', '.join(missing)}; it has {', '.join(file.entries)}")
+        arrays = {name: file.read(name) for name in _SHAPES}
+    except PredictionError as error:
+        raise _unlike(path, error.what) from error
+    for name, shape in _SHAPES.items():
+        _check_array(path, name, arrays[name], shape)
+    if arrays["image_dop"].shape != arrays["dsm"].shape:
+        sizes = [f"{name} {arrays[name].shape}" for name in ("image_dop", "dsm")]
+        raise _unlike(path, f"map and surface model differ in size: {' and '.join(sizes)}")
+    return arrays
+
+
+def _check_array(path: Path, name: str, array: NDArray[Any], shape: tuple[int | None, ...]) -> None:
+    fits = array.ndim == len(shape) and all(
+        want in (None, have) for want, have in zip(shape, array.shape, strict=True)
+    )
+    kinds = "u" if name.startswith("image") else "f"
+    if not fits or array.dtype.kind not in kinds or (kinds == "u" and array.dtype != np.uint8):
+        raise _unlike(path, f"{name} has shape {array.shape}, {array.dtype}")
+
+
+def _transform(dsm: NDArray[Any], scale: NDArray[Any], path: Path) -> Affine:
+    """Return the geotransform of a sample's map, whose grid must be the one that dsm has."""
+    step, first = scale.astype(np.float64), dsm[0, 0, :2].astype(np.float64)
+    if not (np.isfinite(step).all() and step.all() and np.isfinite(first).all()):
+        raise _unlike(path, f"scale is {scale}, and the first cell of dsm {dsm[0, 0]}")
+    rows, columns = np.indices(dsm.shape[:2])
+    off = np.abs((dsm[..., :2] - first) / step - np.stack((columns, rows), axis=-1))
+    if np.nanmax(off) > _OFF_GRID_PX:
+        raise _unlike(
+            path, f"x and y of dsm lie up to {np.nanmax(off):.3g} px off the grid of scale {scale}"
+        )
+    (x, y), (across, down) = first - step / 2, step
+    return Affine(across, 0.0, x, 0.0, down, y)
+
+
+def _write_raster(
+    path: Path, bands: NDArray[Any], transform: Affine, nodata: float | None = None
+) -> None:
+    count, height, width = bands.shape
+    with MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff",
+            count=count,
+            height=height,
+            width=width,
+            dtype=bands.dtype,
+            crs=_MADE_UP_CRS,
+            transform=transform,
+            nodata=nodata,
+            compress="deflate",
+            tiled=True,
+        ) as raster:
+            raster.write(bands)
+        with atomic_write(path) as stream:
+            stream.write(memory.getbuffer())
+
+
+def _unlike(path: Path, what: str) -> BenchmarkError:
+    return BenchmarkError(
+        what,
+        where=path,
+        expected="a sample of OrthoLoC: image_query and image_dop (H, W, 3) uint8, dsm (H, W, 3), "
+        "scale (2), extrinsics (3, 4), intrinsics (3, 3), numbers all",
+        fix="download it again",
+    )
