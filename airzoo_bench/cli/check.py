@@ -58,7 +58,7 @@ def check(
         read_by=ReadBy(reader, names),
     )
     for line in checked.described:
-        put(f"{predictions}: {line}\n")
+        (say if checked.errors else _print)(f"{predictions}: {line}")
     for error in checked.errors:
         say(str(error))
     for note in checked.notes:
@@ -69,3 +69,7 @@ def check(
         put(f"{predictions}: nothing that eval refuses was found; see the notes\n")
     else:
         put(f"{predictions}: nothing wrong was found\n")
+
+
+def _print(line: str) -> None:
+    put(f"{line}\n")

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -52,6 +52,12 @@ AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not t
 
 class _EvalGroup(BuiltGroup):
     registry = TRACKS
+    own_panel = "Figures and checks"
+    panels: ClassVar[dict[str, tuple[str, ...]]] = {
+        "Predictions": ("protocol", "data", "reader", "names"),
+        "Output": ("out", "method", "form", "every_score"),
+        "Resources": ("jobs", "max_memory"),
+    }
 
     def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str]:
         parameters = [

@@ -40,7 +40,7 @@ def surface_heights_crs(dsm: Path | None, named: str | None) -> CRS | None:
     """
     if named is None:
         return None if dsm is None else stated_heights_crs(open_info(dsm).crs)
-    return named_heights_crs(named, f"--dsm-vertical-crs {named}")
+    return named_heights_crs(named, f"--dsm-vertical {named}")
 
 
 def named_heights_crs(named: str, option: str) -> CRS:
@@ -89,7 +89,7 @@ def heights_of_surface(
             "the vertical CRS of the surface model is not known",
             where=option,
             expected="what heights are to be converted to",
-            fix="give --dsm-vertical-crs, such as EPSG:5773 (EGM96), or leave this option out",
+            fix="give --dsm-vertical, such as EPSG:5773 (EGM96), or leave this option out",
         )
     if source.equals(surface):
         return heights_m, ""
@@ -189,7 +189,7 @@ def surface_altitudes(
     rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]
     values = np.array(rows, dtype=np.float64).reshape(-1, 3)
     surface = surface_heights_crs(dsm, options.dsm_vertical_crs)
-    place = f"--priors-vertical-crs {own}"
+    place = f"--priors-vertical {own}"
     source = named_heights_crs(own, place)
     heights, by = heights_of_surface(values[:, 2], values[:, :2], source, surface, place)
     found = {

@@ -58,11 +58,11 @@ class HeightOptions:
     ] = None
     priors_vertical_crs: Annotated[
         str | None,
-        Option("priors-vertical-crs", "Vertical CRS of altitudes in metadata and --priors."),
+        Option("priors-vertical", "Vertical CRS of altitudes in metadata and --priors."),
     ] = None
     dsm_vertical_crs: Annotated[
         str | None,
-        Option("dsm-vertical-crs", "Vertical CRS of the DSM (default: what its file says)."),
+        Option("dsm-vertical", "Vertical CRS of the DSM (default: what its file says)."),
     ] = None
     truth_accuracy: Annotated[
         float | None,

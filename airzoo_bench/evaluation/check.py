@@ -80,7 +80,9 @@ def check(
         found = _checked(given, resources)
     except (PredictionError, CameraError) as error:
         found = Checked([error], [])
-    described = [*_described(given), *found.described]
+    # Of the suite's own files the errors say all; of others, who reads them comes first.
+    sound = not found.errors or given.reader is not None
+    described = [*_described(given), *found.described] if sound else []
     return replace(found, notes=[*given.notes, *found.notes], described=described)
 
 

@@ -39,7 +39,7 @@ def test_poses_above_the_ellipsoid_become_those_above_the_geoid(
     place: Place, geoids: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     above_the_ellipsoid(place)
-    given = {"vertical-crs": "EPSG:4979", "dsm-vertical-crs": "EPSG:3855"}
+    given = {"vertical-crs": "EPSG:4979", "dsm-vertical": "EPSG:3855"}
     assert run_main(*place.arguments(**given)) == 0
     said = capsys.readouterr().err
     assert "heights of the poses are converted to the surface model's, by -44.81 m (median" in said
@@ -55,7 +55,7 @@ def test_altitudes_of_photos_are_converted_too(
 ) -> None:
     for name in NAMES:
         tag(place, name, up=2.0 + N_M)
-    given = {"priors-vertical-crs": "EPSG:4979", "dsm-vertical-crs": "EPSG:3855"}
+    given = {"priors-vertical": "EPSG:4979", "dsm-vertical": "EPSG:3855"}
     assert run_main(*place.arguments(**given)) == 0
     said = capsys.readouterr()
     assert "altitudes of the photos are converted likewise, by -44.81 m" in said.err
@@ -110,22 +110,22 @@ def test_feet_of_one_datum_are_metres_without_a_conversion(
     ("given", "said"),
     [
         (
-            {"vertical-crs": "EPSG:4979", "dsm-vertical-crs": "EPSG:3855"},
+            {"vertical-crs": "EPSG:4979", "dsm-vertical": "EPSG:3855"},
             ["--vertical-crs EPSG:4979: heights cannot be taken", "us_nga_egm08_25.tif is not ins"],
         ),
         (
-            {"priors-vertical-crs": "EPSG:5773", "dsm-vertical-crs": "EPSG:4979"},
-            ["--priors-vertical-crs EPSG:5773", "us_nga_egm96_15.tif", "pyproj sync --file"],
+            {"priors-vertical": "EPSG:5773", "dsm-vertical": "EPSG:4979"},
+            ["--priors-vertical EPSG:5773", "us_nga_egm96_15.tif", "pyproj sync --file"],
         ),
         (
             {"vertical-crs": "EPSG:4979"},
-            ["vertical CRS of the surface model is not known", "--dsm-vertical-crs"],
+            ["vertical CRS of the surface model is not known", "--dsm-vertical"],
         ),
         (
-            {"vertical-crs": "EPSG:32633", "dsm-vertical-crs": "EPSG:3855"},
+            {"vertical-crs": "EPSG:32633", "dsm-vertical": "EPSG:3855"},
             ["EPSG:32633 (WGS 84 / UTM zone 33N) has no heights"],
         ),
-        ({"dsm-vertical-crs": "sea"}, ["--dsm-vertical-crs sea: unknown vertical CRS 'sea'"]),
+        ({"dsm-vertical": "sea"}, ["--dsm-vertical sea: unknown vertical CRS 'sea'"]),
         ({"vertical-crs": "sea"}, ["unknown vertical CRS 'sea'"]),
     ],
 )

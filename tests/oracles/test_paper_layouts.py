@@ -46,7 +46,12 @@ DATA = SOURCE.with_suffix(".csv")
 SHA256_OF_THE_PAPERS = "9d3da0538e5ad4b79788c9e7cf3fee14e330b31721ff0b714f32937beebe8913"
 NUMBER = re.compile(r"[0-9]+\.[0-9]+")
 
-HEADS = {"airzoo-real": "AirZoo-Real"}
+HEADS = {
+    "airzoo-real": "AirZoo-Real",
+    "airzoo-test": "AirZoo-Test",
+    "uavscenes": "UAVScenes",
+    "urbanscene3d": "UrbanScene3D",
+}
 
 # What the paper calls a score, by the score's key.
 PAPER_NAMES = {
@@ -87,8 +92,8 @@ OTHER_GAINS = {
     ("tab:ourflight-retrieval", "MegaLoc (Ours)", "Average", "R@5"): ("+28.38", "+28.37"),
     ("tab:uav_visloc_scenes", "MegaLoc (Ours)", "Average", "R@5"): ("+6.96", "+6.97"),
     ("tab:uav_real_scenes", "MegaLoc (Ours)", "Average", "R@5"): ("+28.38", "+28.37"),
-    ("tab:uav-recon", "VGGT (Ours)", "urbanscene3d", "F1"): ("+8.23", "+9.23"),
-    ("tab:uav-recon", "DA3-Large (Ours)", "uavscenes", "F1"): ("+2.93", "+4.04"),
+    ("tab:uav-recon", "VGGT (Ours)", "UrbanScene3D", "F1"): ("+8.23", "+9.23"),
+    ("tab:uav-recon", "DA3-Large (Ours)", "UAVScenes", "F1"): ("+2.93", "+4.04"),
 }
 
 # Printed in bold without being the best: what is best is the row below.

@@ -107,7 +107,7 @@ def _time_stamps(
         return {}, []
     _check_stamps(tables, found, metadata)
     return found, [
-        f"positions of {len(found)} of {len(metadata)} photos are those of "
+        f"positions of {len(found)} of {len(metadata)} photos come from "
         f"{first_of([table.name for table in tables], noun='table')} of time stamps, above the "
         "ellipsoid"
     ]

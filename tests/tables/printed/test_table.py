@@ -71,7 +71,7 @@ BAD = {
     "a footnote": (HEAD + "A,E,R@1,96.21†\n", ["what is '†'", "footnotes out"]),
     "two gains that differ": (
         HEAD[:-1] + ",gain\nA,E,R@1,5 (+1.0),+2.0\n",
-        ["column 'gain'", "gain +2.0 here and +1.0 beside"],
+        ["column 'gain'", "gain +2.0 here and +1.0 next to"],
     ),
     "nan": (HEAD + "A,E,R@1,nan\n", ["line 2", "'nan'"]),
     "huge": (HEAD + f"A,E,R@1,{'9' * 400}\n", ["line 2", "no printed number"]),
