@@ -65,15 +65,21 @@ def test_fingerprint_sees_the_queries(world: World, column: str) -> None:
 
 
 def test_fingerprint_sees_crops_map_and_surface(world: World) -> None:
-    truth, dom = world.truth, world.truth.maps[0].dom
+    truth, known = world.truth, world.truth.maps[0]
+    dom = known.dom
     crops = truth.crops.copy()
     crops[2, 3] += 1
     shifted = dom.transform @ Affine.translation(0.5, 0.5)
     others = [
         replace(truth, crops=crops),
-        replace(truth, dsm_sha256="0" * 64),
-        replace(truth, dom=replace(dom, transform=shifted)),
-        replace(truth, dom=replace(dom, width=dom.width + 1)),
+        *(
+            replace(truth, maps=(replace(known, **{name: value}),))
+            for name, value in (
+                ("dsm_sha256", "0" * 64),
+                ("dom", replace(dom, transform=shifted)),
+                ("dom", replace(dom, width=dom.width + 1)),
+            )
+        ),
     ]
     prints = {truth.fingerprint, *(other.fingerprint for other in others)}
     assert len(prints) == 5
