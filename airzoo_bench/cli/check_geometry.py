@@ -185,8 +185,11 @@ def _checked(
     has_depth = depth is not None or folder.is_dir()
     if scene.crs is None and not has_depth:
         raise UsageError(
-            "nothing can be checked: neither the CRS of the poses nor depth is known",
-            fix="give --crs EPSG:..., or --depth DIR",
+            f"nothing can be checked of {scene.name}: {scene.without_crs}, and there is no depth",
+            where=folder,
+            expected="depth maps, or poses in a projected CRS",
+            fix="name the folder of the depth maps with --depth"
+            + ", or the CRS with --crs" * (scene.benchmark is None),
         )
     chain = None if scene.crs is None else check_frame_chain(scene.cameras, scene.poses, scene.crs)
     consistency = (

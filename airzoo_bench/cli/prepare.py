@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from enum import StrEnum
 from functools import partial
@@ -142,13 +143,20 @@ def _print_prepared(dataset: Dataset[Any], prepared: Prepared) -> None:
     _print_about(dataset.about)
     for scene, summary in prepared.summaries.items():
         _print_scene(dataset, prepared, scene, summary)
-    for summary in prepared.summaries.values():
+    several = len(prepared.summaries) > 1
+    for scene, summary in prepared.summaries.items():
         for sentence in summary.warnings:
-            say(f"warning: {sentence}")
+            say(f"warning: {_of_scene(scene, sentence) if several else sentence}")
         for sentence in summary.notes:
-            say(sentence)
+            say(_of_scene(scene, sentence) if several else sentence)
     for scene, why in prepared.failed.items():
         say(f"left out, scene {scene}: {why}")
+
+
+def _of_scene(scene: str, sentence: str) -> str:
+    """Name the scene that a sentence is about, unless it begins so: "flight 07: ..."."""
+    named = re.match(rf"\w+ {re.escape(scene)}\b", sentence)
+    return sentence if named else f"scene {scene}: {sentence}"
 
 
 def _print_about(about: About | None) -> None:

@@ -7,18 +7,20 @@ was, and scenes whose files did not change are not made again.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.folder import Benchmark, differences
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.temporaries import only_writer, temporary_folder
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import served_protocols, write_folder_files, write_scene
+from airzoo_bench.datasets.scene_additions import extended_protocols, parts_of
 from airzoo_bench.datasets.scene_content import scene_content
 from airzoo_bench.datasets.scene_parts import (
     RECORDS,
@@ -27,14 +29,11 @@ from airzoo_bench.datasets.scene_parts import (
     link_or_copy,
     read_parts,
     scene_keys,
-    tracks_only,
     write_records,
 )
 from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
-from airzoo_bench.protocol.lookup import load_protocol
-from airzoo_bench.protocol.model import Protocol
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.scene_facts import SceneFacts
@@ -72,8 +71,11 @@ def is_prepared(
     """
     if not (settings.folder / RECORDS).is_file():
         return False
-    keys = {scene: part.key for scene, part in read_parts(settings.folder).items()}
+    parts = read_parts(settings.folder)
+    keys = {scene: part.key for scene, part in parts.items()}
     if keys != scene_keys(source, protocols, settings):
+        return False
+    if not all(part.is_whole for part in parts.values()):
         return False
     Benchmark.open(settings.folder)
     return True
@@ -100,14 +102,42 @@ def prepare_scenes(
     """
     before: dict[str, ScenePart] = {}
     if settings.add_to is not None:
-        before, source = _parts_of(settings.add_to), replace(source, keep_going=False)
-        protocols = _extended(settings.add_to, protocols, source.scenes)
+        before, source = parts_of(settings.add_to), replace(source, keep_going=False)
+        protocols = extended_protocols(settings.add_to, protocols, source.scenes)
     run = _Run(source, protocols, settings)
+    with _only_run(run.staging):
+        try:
+            run.finish()
+            return _assembled(run, before)
+        finally:
+            run.clear()
+
+
+@contextmanager
+def _only_run(staging: Path) -> Iterator[None]:
+    """Keep other runs from the folder of finished scenes, which they would share.
+
+    Raises
+    ------
+    UsageError
+        Another run makes the same benchmark at the same place.
+    """
+    missing = [home for home in staging.parents if not home.exists()]
+    staging.parent.mkdir(parents=True, exist_ok=True)
     try:
-        run.finish()
-        return _assembled(run, before)
+        with only_writer(staging):
+            yield
+    except BlockingIOError as error:
+        raise UsageError(
+            "another run is preparing this benchmark here",
+            where=staging.parent,
+            expected="one run at a time",
+            fix="wait until it has ended, or write to another folder with --out",
+        ) from error
     finally:
-        run.clear()
+        with suppress(OSError):  # folders that hold something by now stay
+            for home in missing:
+                home.rmdir()
 
 
 def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
@@ -178,6 +208,7 @@ class _Run:
             except UserError as error:
                 if not self.source.keep_going:
                     self._say_kept()
+                    self._add_way_out(error)
                     raise
                 self.failed[scene] = str(error)
             except KeyboardInterrupt:
@@ -197,7 +228,7 @@ class _Run:
             places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
         found: dict[str, ScenePart] = {}
         for place in places:
-            found |= {part.key: part for part in read_parts(place).values()}
+            found |= {part.key: part for part in read_parts(place).values() if part.is_whole}
         return found
 
     def _part(self, scene: str, key: str, found: Mapping[str, ScenePart]) -> ScenePart:
@@ -218,6 +249,12 @@ class _Run:
         if content.facts is not None:
             self.facts[scene] = content.facts
         return part
+
+    def _add_way_out(self, error: UserError) -> None:
+        """Add to the error of one scene of several how the others are made without it."""
+        if len(self.source.scenes) > 1 and hasattr(self.source.options, "keep_going"):
+            others = "leave the scene out with --keep-going, or name those to make with --scene"
+            error.fix = f"{error.fix}; or {others}" if error.fix else others
 
     def _say_kept(self) -> None:
         if self.parts and len(self.source.scenes) > 1:
@@ -241,50 +278,3 @@ def _only_some(whole: BenchmarkProtocols, made: BenchmarkProtocols) -> str:
         f"{', '.join(left_out)}: the benchmark is named {made.every[0].benchmark}, and its scores "
         "are not those of the whole"
     )
-
-
-def _parts_of(folder: Path) -> dict[str, ScenePart]:
-    """Return the scenes of a complete benchmark folder, from wherever it is."""
-    known, benchmark = read_parts(folder), Benchmark.open(folder)
-    return {
-        entry.id: known.get(entry.id)
-        or ScenePart(folder, "", entry, tracks_only(benchmark.scene_folder(entry.id)))
-        for entry in benchmark.file.scenes
-    }
-
-
-def _extended(
-    folder: Path, protocols: BenchmarkProtocols, scenes: Sequence[str]
-) -> BenchmarkProtocols:
-    """Return the protocols of a folder with further scenes.
-
-    Raises
-    ------
-    BenchmarkError
-        It has one of them already, or its truth was made by other settings.
-    """
-    benchmark = Benchmark.open(folder)
-    twice = [scene for scene in scenes if scene in {one.id for one in benchmark.file.scenes}]
-    if twice:
-        raise BenchmarkError(
-            f"has a scene {twice[0]} already", where=folder, fix="name the scene to add otherwise"
-        )
-    olds = [load_protocol(path) for path in sorted((folder / "protocols").glob("*.toml"))]
-    found: dict[str, Protocol] = {}
-    for old in olds:
-        new = next((of for of in protocols.every if of.track == old.track), None)
-        if new is None:
-            raise BenchmarkError(
-                f"has truth for {old.track}, and the scenes to add have none", where=folder
-            )
-        differ = differences(benchmark.file.tracks[old.track], new.truth_settings())
-        if differ:
-            raise BenchmarkError(
-                "its truth was made by other settings:\n    " + "\n    ".join(differ),
-                where=folder,
-                expected="the same settings for all scenes of a benchmark",
-                fix="give the options that the folder was made with, such as --tile-size",
-            )
-        added = tuple(one for one in new.scenes if one.id in scenes)
-        found[old.track] = old.model_copy(update={"scenes": (*old.scenes, *added)})
-    return BenchmarkProtocols(**found)  # type: ignore[arg-type]

@@ -35,6 +35,7 @@ __all__ = [
 
 RECORDS = "prepared.json"
 _PARTS = ("scenes", "data")
+_FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
 # Options that do not change a scene.
 _OF_THE_RUN = ("scene", "keep_going")
 
@@ -82,6 +83,12 @@ class ScenePart:
     key: str
     entry: SceneFile
     summary: SceneSummary
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all that the scene refers to is still there, such as a map made of its tiles."""
+        named = (getattr(self.entry, name) for name in _FILES)
+        return all((self.home / path).exists() for path in named if path is not None)
 
     def add_to(self, folder: Path, copy: Callable[[str, str], object]) -> None:
         """Put the scene's files into a benchmark folder."""

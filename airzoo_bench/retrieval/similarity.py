@@ -94,8 +94,9 @@ def _dot(a: Floats, b: Floats) -> Floats:
 def _scaled(rows: NDArray[Any]) -> tuple[Floats, Ints]:
     """Divide rows by powers of two, which is exact, so that their squares do not underflow."""
     double = rows.astype(np.float64)
-    _, exponents = np.frexp(np.abs(double).max(axis=1, initial=0.0))
-    return np.ldexp(double, -exponents[:, None]), exponents
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused elsewhere
+        _, exponents = np.frexp(np.abs(double).max(axis=1, initial=0.0))
+        return np.ldexp(double, -exponents[:, None]), exponents
 
 
 def _euclidean(rows: NDArray[Any]) -> Floats:

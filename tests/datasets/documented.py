@@ -36,7 +36,7 @@ REFUSING = {
     "Cloud": ["datasets/cloud_checks"],
     "All together": [
         *("datasets/photos", "datasets/photos_dataset", "datasets/scene_content"),
-        "datasets/native_prepare",
+        *("datasets/native_prepare", "datasets/scene_additions"),
     ],
 }
 # Which argument of a function that refuses is the message.

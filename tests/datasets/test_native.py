@@ -18,6 +18,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.core.temporaries import only_writer
 from airzoo_bench.datasets.facts_lines import fact_lines, plausibility_warnings
 from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
 from airzoo_bench.datasets.scene_content import scene_content
@@ -440,3 +441,77 @@ def test_photos_that_are_missing_are_named(flights: Flights, source: Path) -> No
         BenchmarkError, match=f"photos of scene one are missing: 1 of 4.*{NAMES[1]}"
     ):
         scene_content(read, BenchmarkProtocols())
+
+
+def test_two_runs_do_not_share_what_they_make(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data.mkdir()
+    with only_writer(data / ".flights.prepare"):
+        assert prepare(source) == 2
+    said = capsys.readouterr().err
+    assert "another run is preparing this benchmark here" in said
+    assert "--out" in said
+    assert flights.read_scenes == []
+    assert prepare(source) == 0
+
+
+def test_a_failed_run_leaves_no_data_root(flights: Flights, source: Path, tmp_path: Path) -> None:
+    (source / "one" / "broken").touch()
+    assert prepare(source, "--out", tmp_path / "a" / "b" / "made") == 2
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("part", ["photos", "dom.tif", "dsm.tif"])
+def test_a_part_that_is_gone_is_noticed(
+    flights: Flights, source: Path, data: Path, part: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing that the scene was read from changed, but what its folder refers to was removed."""
+    assert prepare(source) == 0
+    home = source / "two"
+    flights.files = lambda options, scene: []  # type: ignore[method-assign, assignment]
+    assert prepare(source, "--force") == 0
+    flights.read_scenes.clear()
+    assert prepare(source) == 0
+    assert flights.read_scenes == []
+    (home / part).rename(home / f"{part}.away")
+    capsys.readouterr()
+    assert prepare(source) == 2  # the folder is there, and is not what was asked for
+    assert "--force" in capsys.readouterr().err
+    (home / f"{part}.away").rename(home / part)
+    assert prepare(source) == 0
+
+
+def test_notes_name_their_scene_where_there_are_several(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert prepare(source) == 0
+    assert "scene two: its heading is assumed" in capsys.readouterr().err
+    assert prepare(source, "--scene", "two", "--out", data / "alone") == 0
+    assert "\nits heading is assumed" in "\n" + capsys.readouterr().err
+
+
+def test_an_error_of_one_scene_tells_how_to_go_on_without(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (source / "two" / "broken").touch()
+    assert prepare(source) == 2
+    assert "--keep-going, or name those to make with --scene" in capsys.readouterr().err
+    assert prepare(source, "--scene", "two") == 2
+    assert "--keep-going" not in capsys.readouterr().err
+
+
+def test_geometry_of_a_local_scene_needs_depth(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for scene in SCENES:
+        cloud = np.random.default_rng(0).uniform(0, 200, (500, 3)) - (0, 200, 0)
+        np.save(source / scene / "cloud.npy", cloud + np.array((*NORTH_WEST, 0)))
+    parts = ("--parts", "local cloud", "--track", "reconstruction")
+    assert prepare(source, *parts) == 0
+    capsys.readouterr()
+    assert run_main("check-geometry", "flights") == 2
+    said = capsys.readouterr().err
+    assert "nothing can be checked of one: their frame is local, and there is no depth" in said
+    assert "--depth" in said
+    assert "--crs" not in said

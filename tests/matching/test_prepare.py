@@ -142,4 +142,4 @@ def test_the_surface_model_is_named_by_its_bytes(inputs: SceneInputs, tmp_path: 
     other = tmp_path / "dsm.tif"
     other.write_bytes(inputs.dsm.read_bytes() + b"\0")
     moved = build_truth(replace(inputs, dsm=other), CROP, METADATA)
-    assert moved.dsm_sha256 != built(inputs, inputs.photos).dsm_sha256
+    assert moved.maps[0].dsm_sha256 != built(inputs, inputs.photos).maps[0].dsm_sha256

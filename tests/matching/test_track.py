@@ -140,7 +140,7 @@ def on_surface(
     """Score exact matches on another surface model, a pixel 100 m unless `grid` says."""
     transform = Affine(100.0, 0, EAST, 0, -100.0, NORTH)
     dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
-    truth = replace(world.truth, dsm=dsm)
+    truth = replace(world.truth, maps=(replace(world.truth.maps[0], dsm=dsm),))
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
     predicted = match_scene(read, truth, np.arange(N_QUERIES))
     return score_scene(truth, predicted, world.protocol, Resources())

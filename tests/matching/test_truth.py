@@ -30,9 +30,9 @@ def copied(world: World, tmp_path: Path) -> Path:
     """Return a copy of the benchmark folder with the surface model in it."""
     folder = tmp_path / SCENE
     shutil.copytree(world.folder, folder)
-    shutil.copy(world.truth.dsm, folder / "dsm.tif")
+    shutil.copy(world.truth.maps[0].dsm, folder / "dsm.tif")
     file = folder / "benchmark.toml"
-    file.write_text(file.read_text().replace(f'"{world.truth.dsm}"', '"dsm.tif"'))
+    file.write_text(file.read_text().replace(f'"{world.truth.maps[0].dsm}"', '"dsm.tif"'))
     return folder
 
 
@@ -41,7 +41,7 @@ def test_truth_is_read_as_it_was_written(world: World) -> None:
     pd.testing.assert_frame_equal(read.queries, world.truth.queries)
     np.testing.assert_array_equal(read.crops, world.truth.crops)
     assert read.crops.dtype == np.int64
-    assert read.dsm_sha256 == world.truth.dsm_sha256
+    assert read.maps[0].dsm_sha256 == world.truth.maps[0].dsm_sha256
     assert read.fingerprint == world.truth.fingerprint
     assert read.conditions.columns.tolist() == ["altitude_m", "pitch_deg"]
 
@@ -65,15 +65,21 @@ def test_fingerprint_sees_the_queries(world: World, column: str) -> None:
 
 
 def test_fingerprint_sees_crops_map_and_surface(world: World) -> None:
-    truth, dom = world.truth, world.truth.dom
+    truth, known = world.truth, world.truth.maps[0]
+    dom = known.dom
     crops = truth.crops.copy()
     crops[2, 3] += 1
     shifted = dom.transform @ Affine.translation(0.5, 0.5)
     others = [
         replace(truth, crops=crops),
-        replace(truth, dsm_sha256="0" * 64),
-        replace(truth, dom=replace(dom, transform=shifted)),
-        replace(truth, dom=replace(dom, width=dom.width + 1)),
+        *(
+            replace(truth, maps=(replace(known, **{name: value}),))
+            for name, value in (
+                ("dsm_sha256", "0" * 64),
+                ("dom", replace(dom, transform=shifted)),
+                ("dom", replace(dom, width=dom.width + 1)),
+            )
+        ),
     ]
     prints = {truth.fingerprint, *(other.fingerprint for other in others)}
     assert len(prints) == 5
@@ -171,7 +177,7 @@ def test_a_bad_crop_is_named_by_its_cell(world: World, copied: Path, value: str,
 
 def test_a_map_of_another_grid_is_refused(world: World, copied: Path) -> None:
     read_truth(Benchmark.open(copied), SCENE)
-    moved = rewritten(copied, "map.json", f"{world.truth.dom.transform.c}", "500030.0")
+    moved = rewritten(copied, "map.json", f"{world.truth.maps[0].dom.transform.c}", "500030.0")
     with pytest.raises(BenchmarkError, match="the map's grid is not the one") as caught:
         read_truth(moved, SCENE)
     assert "500030.0" in str(caught.value)

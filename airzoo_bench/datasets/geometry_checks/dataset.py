@@ -85,6 +85,12 @@ class PosedScene:
     plane_height_m: float | None = None
     benchmark: Benchmark | None = None
 
+    @property
+    def without_crs(self) -> str:
+        """Why there is no CRS: scenes of benchmarks name it, unless they are local."""
+        local = self.benchmark is not None
+        return "their frame is local" if local else "the CRS of the poses is not known (--crs)"
+
     def facts(self) -> SceneFacts | None:
         """Compare the parts of the scene's folder; None for pose files and where maps are missing.
 

@@ -90,7 +90,7 @@ class SceneGeometry:
         if self.sources is None and self.scene.benchmark is not None:
             notes.append("poses not held against GPS and maps: map or surface model are not there")
         if self.chain is None:
-            notes.append("frame chain not checked: the CRS of the poses is not known (--crs)")
+            notes.append(f"frame chain not checked: {self.scene.without_crs}")
         if self.depth is None:
             notes.append("depth not checked: there are no depth maps (--depth)")
         elif self.depth.without_depth:

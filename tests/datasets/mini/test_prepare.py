@@ -166,7 +166,7 @@ def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Resul
     photo_xy, map_xy = [], []
     for scene in SCENES:
         truth = read_matching(mini.benchmark, scene)
-        surface = HeightField.read(truth.dsm)
+        surface = HeightField.read(truth.maps[0].dsm)
         for row, (query, image) in enumerate(
             zip(truth.queries["id"], truth.queries["image"], strict=True)
         ):
@@ -174,11 +174,11 @@ def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Resul
             points, pixels = sampled(depth, truth.cameras.take(row), truth.poses.take(row))
             # What lies under a roof's edge or a tree is not what the surface model shows there.
             level = np.abs(surface.sample(points[:, :2]) - points[:, 2]) < 0.05
-            there = world_to_pixel(truth.dom.transform, points[level, :2])
+            there = world_to_pixel(truth.maps[0].dom.transform, points[level, :2])
             there += random.normal(0, noise_px, there.shape) if noise_px else 0.0
             wrong = random.random(len(there)) < outliers
-            there[wrong] = random.uniform(0, truth.dom.width, (wrong.sum(), 2))
-            inside = ((there >= 0) & (there <= truth.dom.width)).all(axis=1)
+            there[wrong] = random.uniform(0, truth.maps[0].dom.width, (wrong.sum(), 2))
+            inside = ((there >= 0) & (there <= truth.maps[0].dom.width)).all(axis=1)
             ids.append(query)
             photo_xy.append(pixels[level][inside])
             map_xy.append(there[inside])
