@@ -197,7 +197,8 @@ class _Run:
             places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
         found: dict[str, ScenePart] = {}
         for place in places:
-            found |= {part.key: part for part in read_parts(place).values()}
+            if _is_as_written(place):
+                found |= {part.key: part for part in read_parts(place).values()}
         return found
 
     def _part(self, scene: str, key: str, found: Mapping[str, ScenePart]) -> ScenePart:
@@ -226,6 +227,17 @@ class _Run:
                 f"{agreeing(len(self.parts), 'is', 'are')} kept in {self.staging}; the same "
                 "command goes on from there"
             )
+
+
+def _is_as_written(place: Path) -> bool:
+    """Whether scenes can be taken from a place: a benchmark folder's files are as it was sealed."""
+    if not (place / "benchmark.toml").is_file():
+        return True  # a scene that an earlier run has finished
+    try:
+        Benchmark.open(place)
+    except BenchmarkError:
+        return False
+    return True
 
 
 def _named(folder: Path, whole: BenchmarkProtocols, made: BenchmarkProtocols) -> Path:
