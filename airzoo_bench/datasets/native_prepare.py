@@ -7,7 +7,8 @@ was, and scenes whose files did not change are not made again.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from airzoo_bench.benchmark.folder import Benchmark, differences
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.temporaries import only_writer, temporary_folder
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import served_protocols, write_folder_files, write_scene
 from airzoo_bench.datasets.scene_content import scene_content
@@ -98,16 +99,53 @@ def prepare_scenes(
     UserError
         A scene's files are missing or wrong, or no photo of it can be answered.
     """
+    with _alone(settings.folder):
+        return _prepared(source, protocols, settings)
+
+
+def _prepared(
+    source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
+) -> Prepared:
     before: dict[str, ScenePart] = {}
     if settings.add_to is not None:
         before, source = _parts_of(settings.add_to), replace(source, keep_going=False)
         protocols = _extended(settings.add_to, protocols, source.scenes)
     run = _Run(source, protocols, settings)
+    # Runs into other folders share the finished scenes, by the benchmark's name.
+    with _alone(run.staging):
+        try:
+            run.finish()
+            return _assembled(run, before)
+        finally:
+            run.clear()
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other runs from a folder that both would fill or clear.
+
+    Raises
+    ------
+    UsageError
+        Another run is at it.
+    """
+    made = [one for one in (folder.parent, *folder.parent.parents) if not one.exists()]
+    folder.parent.mkdir(parents=True, exist_ok=True)
     try:
-        run.finish()
-        return _assembled(run, before)
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(only_writer(folder))
+            except BlockingIOError as error:
+                raise UsageError(
+                    "another run is making this benchmark here",
+                    where=folder.parent,
+                    fix="wait until it has ended, or name a folder elsewhere with --out",
+                ) from error
+            yield
     finally:
-        run.clear()
+        for one in made:
+            with suppress(OSError):  # where something was made, it stays
+                one.rmdir()
 
 
 def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:

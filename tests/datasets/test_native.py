@@ -287,6 +287,26 @@ def test_a_scene_that_was_changed_within_is_not_taken_into_the_whole(
     assert everything(data / "flights") == whole
 
 
+def test_a_second_run_does_not_take_the_scenes_of_one_that_is_at_work(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inner: list[int] = []
+    read = flights.read
+
+    def with_another(options: FlightOptions, scene: str, progress: Progress) -> NativeScene:
+        if scene == "three" and not inner:
+            inner.append(prepare(source, "--out", data / "other", "--published", 5))
+        return read(options, scene, progress)
+
+    flights.read = with_another  # type: ignore[method-assign]
+    assert prepare(source, "--out", data / "one") == 0
+    assert inner == [2]
+    assert "another run is making this benchmark here" in capsys.readouterr().err
+    assert sorted(path.name for path in data.iterdir()) == ["one"]
+    Benchmark.open(data / "one")
+    assert sorted(path.name for path in (data / "one" / "scenes").iterdir()) == sorted(SCENES)
+
+
 def test_files_that_go_with_a_map_are_looked_at_too(
     tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
