@@ -16,7 +16,7 @@ from airzoo_bench.results.comparable import check_same_queries
 from airzoo_bench.results.comparison import Pair
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.records import Scored, checked_records, read_scored
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import ScoreColumn, read_result
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.results.selection import choose_scores, find_scene, score_keys
 from airzoo_bench.results.sensitivity import NoiseFloor, read_noise_floor
@@ -171,16 +171,16 @@ def compare(
         method=text_of("method", method),
         scene=asked.scene,
         resampling=plan,
-        noise_floor=_floor(noise_floor, asked.methods[0].result),
+        noise_floor=_floor(noise_floor, asked.methods),
     )
     return Comparison(comparison_table(found), _frame([_pair(pair) for pair in found.pairs]))
 
 
-def _floor(path: str | Path | None, result: Result) -> NoiseFloor | None:
+def _floor(path: str | Path | None, methods: Sequence[Scored]) -> NoiseFloor | None:
     if path is None:
         return None
     floor = read_noise_floor(Path(path))
-    floor.check_fits(result, Path(path))
+    floor.check_fits(methods[0].result, Path(path), [method.name for method in methods])
     return floor
 
 

@@ -151,7 +151,7 @@ class _TableMaker:
         from airzoo_bench.tables.wording import noise_floor_note
 
         floor, scene = read_noise_floor(path), self.request.scene
-        floor.check_fits(result, path)
+        floor.check_fits(result, path, [entry.method for entry in table.rows])
         scene = None if scene is None else find_scene(table.scenes, scene)
         note = noise_floor_note({score: floor.of(score.key, scene) for score in table.scores})
         return table.noted(*note, legend=True)

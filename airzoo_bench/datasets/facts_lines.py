@@ -109,9 +109,11 @@ def _surface(facts: SceneFacts) -> str:
     survey, plane = facts.survey, facts.inputs.plane_height_m
     if survey is None:
         return "" if plane is None else f"none; the ground is taken as a plane at {plane:.1f} m"
+    within = plane is None or survey.low <= plane <= survey.high
+    what = "median" if within else "the plane at"
     return (
         f"{survey.valid_share:.0%} of its pixels have a height, {survey.low:.1f} to "
-        f"{survey.high:.1f} m, median {plane:.1f} m"
+        f"{survey.high:.1f} m, {what} {plane:.1f} m"
     )
 
 

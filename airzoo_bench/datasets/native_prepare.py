@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -100,12 +100,20 @@ def prepare_scenes(
     UserError
         A scene's files are missing or wrong, or no photo of it can be answered.
     """
+    with _alone(settings.folder):
+        return _prepared(source, protocols, settings)
+
+
+def _prepared(
+    source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
+) -> Prepared:
     before: dict[str, ScenePart] = {}
     if settings.add_to is not None:
         before, source = parts_of(settings.add_to), replace(source, keep_going=False)
         protocols = extended_protocols(settings.add_to, protocols, source.scenes)
     run = _Run(source, protocols, settings)
-    with _only_run(run.staging):
+    # Runs into other folders share the finished scenes, by the benchmark's name.
+    with _alone(run.staging):
         try:
             run.finish()
             return _assembled(run, before)
@@ -114,30 +122,31 @@ def prepare_scenes(
 
 
 @contextmanager
-def _only_run(staging: Path) -> Iterator[None]:
-    """Keep other runs from the folder of finished scenes, which they would share.
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other runs from a folder that both would fill or clear.
 
     Raises
     ------
     UsageError
-        Another run makes the same benchmark at the same place.
+        Another run is at it.
     """
-    missing = [home for home in staging.parents if not home.exists()]
-    staging.parent.mkdir(parents=True, exist_ok=True)
+    made = [one for one in (folder.parent, *folder.parent.parents) if not one.exists()]
+    folder.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with only_writer(staging):
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(only_writer(folder))
+            except BlockingIOError as error:
+                raise UsageError(
+                    "another run is making this benchmark here",
+                    where=folder.parent,
+                    fix="wait until it has ended, or name a folder elsewhere with --out",
+                ) from error
             yield
-    except BlockingIOError as error:
-        raise UsageError(
-            "another run is preparing this benchmark here",
-            where=staging.parent,
-            expected="one run at a time",
-            fix="wait until it has ended, or write to another folder with --out",
-        ) from error
     finally:
-        with suppress(OSError):  # folders that hold something by now stay
-            for home in missing:
-                home.rmdir()
+        for one in made:
+            with suppress(OSError):  # where something was made, it stays
+                one.rmdir()
 
 
 def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
@@ -228,7 +237,8 @@ class _Run:
             places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
         found: dict[str, ScenePart] = {}
         for place in places:
-            found |= {part.key: part for part in read_parts(place).values() if part.is_whole}
+            if _is_as_written(place):
+                found |= {part.key: part for part in read_parts(place).values()}
         return found
 
     def _part(self, scene: str, key: str, found: Mapping[str, ScenePart]) -> ScenePart:
@@ -263,6 +273,17 @@ class _Run:
                 f"{agreeing(len(self.parts), 'is', 'are')} kept in {self.staging}; the same "
                 "command goes on from there"
             )
+
+
+def _is_as_written(place: Path) -> bool:
+    """Whether scenes can be taken from a place: a benchmark folder's files are as it was sealed."""
+    if not (place / "benchmark.toml").is_file():
+        return True  # a scene that an earlier run has finished
+    try:
+        Benchmark.open(place)
+    except BenchmarkError:
+        return False
+    return True
 
 
 def _named(folder: Path, whole: BenchmarkProtocols, made: BenchmarkProtocols) -> Path:

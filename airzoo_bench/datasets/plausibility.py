@@ -74,6 +74,7 @@ class Kind(Enum):
         f"convert to {MAP_DATUM_M:g} m and {GPS_DATUM_M:g} m"
     )
     FLAT = "a surface model all of whose heights are the same"
+    PLANE = "a ground plane that is lower or higher than the whole surface model"
     LOWEST = (
         f"a lowest height that more than {LOWEST_SHARE:.0%} of the surface model has: perhaps an "
         "untagged nodata value"
@@ -106,6 +107,7 @@ def height_warnings(facts: SceneFacts) -> Found:
     """Yield warnings about a scene's surface model, and about its cloud over it."""
     if facts.survey is not None:
         yield from _of_surface(facts.survey)
+        yield from _of_plane(facts.survey, facts.inputs.plane_height_m)
     yield from _of_cloud(facts)
     yield from _of_datums(facts)
 
@@ -129,6 +131,16 @@ def _of_surface(survey: HeightSurvey) -> Found:
             Kind.LOWEST,
             f"{share:.0%} of the surface model's heights are exactly {survey.low:.10g} m, "
             "its lowest: unless that is water, tag it as missing (gdal_edit.py -a_nodata)",
+        )
+
+
+def _of_plane(survey: HeightSurvey, plane: float | None) -> Found:
+    if plane is not None and not survey.low <= plane <= survey.high:
+        yield (
+            Kind.PLANE,
+            f"the ground plane is at {plane:.1f} m, and the surface model is {survey.low:.1f} to "
+            f"{survey.high:.1f} m high: footprints on the plane are not those on the ground; look "
+            "at --plane-height and its vertical datum",
         )
 
 

@@ -16,11 +16,13 @@ from typing import Any
 
 from airzoo_bench import __version__
 from airzoo_bench.benchmark.folder import SceneFile
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.dataset import PrepareSettings, SceneSummary, TrackSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
+from airzoo_bench.geometry.rasters import raster_files
 
 __all__ = [
     "RECORDS",
@@ -36,6 +38,7 @@ __all__ = [
 RECORDS = "prepared.json"
 _PARTS = ("scenes", "data")
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
+_MAPS = (".vrt", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".jp2", ".img", ".ecw", ".asc", ".bil")
 # Options that do not change a scene.
 _OF_THE_RUN = ("scene", "keep_going")
 
@@ -188,14 +191,26 @@ def _published(protocol: Any, scene: str) -> list[Any]:
     return [[one.title, one.queries] for one in protocol.scenes if one.id == scene]
 
 
+def _files_of(path: Path) -> list[Path]:
+    """Return a file, and those that a map has next to it or is made of."""
+    if path.suffix.lower() not in _MAPS or not path.is_file():
+        return [path] if path.exists() else []
+    try:
+        return raster_files(path)
+    except RasterError:  # no raster, which whoever reads it will say
+        return [path]
+
+
 def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
     """Yield name, size and time of change of a file, or of every file below a folder.
 
     Hidden folders are left aside, and so is the benchmark folder, where it is made below.
     """
     if not path.is_dir():
-        if path.exists():
-            yield "", path.stat().st_size, path.stat().st_mtime_ns
+        for file in _files_of(path):
+            found = file.stat()
+            name = "" if file == path else str(file)
+            yield name, found.st_size, found.st_mtime_ns
         return
     made = target.resolve()
     for home, folders, files in os.walk(path, followlinks=True):

@@ -10,6 +10,7 @@ from airzoo_bench.benchmark.queries import read_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.validation import read_toml, validated
+from airzoo_bench.geometry.rasters import raster_sha256
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.protocol.model import Protocol
 
@@ -46,7 +47,7 @@ def seal_folder(folder: Path, *, replace: bool = False) -> list[str]:
         _check_files(folder, scene, protocols)
     if file.checksums and not replace:
         verify(folder, file)
-    scenes = tuple(_with_checksums(folder, scene, said) for scene in file.scenes)
+    scenes = tuple(_with_checksums(folder, scene, said, replace) for scene in file.scenes)
     write_benchmark_file(folder, file.model_copy(update={"scenes": scenes}))
     return [*said, "checksums of all files below scenes/"]
 
@@ -96,12 +97,20 @@ def _check_files(folder: Path, scene: SceneFile, protocols: list[Protocol]) -> N
             )
 
 
-def _with_checksums(folder: Path, scene: SceneFile, said: list[str]) -> SceneFile:
+def _with_checksums(folder: Path, scene: SceneFile, said: list[str], replace: bool) -> SceneFile:
     found = {}
-    for part in ("dsm", "cloud"):
-        place = getattr(scene, part)
-        if place is not None and (folder / place).is_file():
-            found[f"{part}_sha256"] = sha256_of(folder / place)
-            if getattr(scene, f"{part}_sha256") is None:
-                said.append(f"{part}_sha256 of scene {scene.id}")
+    for part, sha256 in (("dsm", raster_sha256), ("cloud", sha256_of)):
+        place, before = getattr(scene, part), getattr(scene, f"{part}_sha256")
+        if place is None or not (folder / place).is_file():
+            continue
+        now = found[f"{part}_sha256"] = sha256(folder / place)
+        if before not in (None, now) and not replace:
+            raise BenchmarkError(
+                f"the {part} of scene {scene.id} was changed since the folder was sealed",
+                where=folder / place,
+                expected=f"SHA-256 {before[:12]}…",
+                fix="put it back; or, if the truth is that of the changed file, add --force",
+            )
+        if before is None:
+            said.append(f"{part}_sha256 of scene {scene.id}")
     return scene.model_copy(update=found)

@@ -34,6 +34,7 @@ __all__ = [
     "open_info",
     "opened",
     "pixel_to_world",
+    "raster_files",
     "raster_sha256",
     "world_to_pixel",
     "world_to_pixel_steps",
@@ -116,6 +117,26 @@ def opened(path: str | Path) -> Iterator[Any]:
             where=path,
             expected="a complete file that GDAL reads, such as GeoTIFF",
         ) from error
+
+
+def raster_files(path: Path) -> list[Path]:
+    """Return the files of a raster that its content rests on, its own first.
+
+    These are world files and other side files, and what a virtual raster is made of.
+
+    Raises
+    ------
+    RasterError
+        It cannot be read.
+    """
+    found, waiting = [path], [path]
+    while waiting:
+        with opened(waiting.pop()) as dataset:
+            parts = [Path(name).absolute() for name in dataset.files]
+        more = [part for part in parts if part not in found and part.is_file()]
+        waiting += [part for part in more if part.suffix.lower() == ".vrt"]
+        found += more
+    return [path, *sorted(set(found) - {path, path.absolute()})]
 
 
 def raster_sha256(path: Path) -> str:

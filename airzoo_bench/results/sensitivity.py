@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
-from airzoo_bench.core.errors import ResultError
+from airzoo_bench.core.errors import ResultError, first_of
 from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.validation import Strict, validation_message
 from airzoo_bench.geometry.arrays import Floats
@@ -133,8 +134,8 @@ class NoiseFloor(Strict):
         floors = self.overall if scene is None else self.scenes.get(scene, {})
         return floors.get(score)
 
-    def check_fits(self, result: Result, path: Path) -> None:
-        """Refuse floors of another protocol or truth than a result's.
+    def check_fits(self, result: Result, path: Path, methods: Sequence[str]) -> None:
+        """Refuse floors of another protocol or truth than a result's, or of other methods.
 
         Raises
         ------
@@ -148,6 +149,15 @@ class NoiseFloor(Strict):
                 where=path,
                 expected=f"{result.protocol.name}, protocol {result.protocol.fingerprint[:12]}, "
                 f"truth {result.truth.fingerprint[:12]}",
+                fix=_MAKE,
+            )
+        others = [name for name in methods if name not in self.methods]
+        if others:
+            raise ResultError(
+                f"noise floors of differences between {', '.join(self.methods)}, not of "
+                f"{first_of(others, len(methods))}",
+                where=path,
+                expected="floors that were made of all methods that are compared",
                 fix=_MAKE,
             )
 

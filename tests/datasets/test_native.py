@@ -11,6 +11,8 @@ from typing import Annotated
 
 import numpy as np
 import pytest
+import rasterio
+import rasterio.shutil
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
@@ -271,6 +273,78 @@ def test_a_complete_folder_is_not_made_again(
     capsys.readouterr()
     assert prepare(source) == 2
     assert "was changed since it was prepared" in capsys.readouterr().err
+
+
+def test_a_scene_that_was_changed_within_is_not_taken_into_the_whole(
+    flights: Flights, source: Path, data: Path
+) -> None:
+    assert prepare(source) == 0
+    whole = everything(data / "flights")
+    shutil.rmtree(data / "flights")
+    assert prepare(source, "--scene", "one", "--scene", "two") == 0
+    table = data / "flights-partial" / "scenes" / "one" / "queries.csv"
+    table.write_text(table.read_text().replace("64.0", "65.0"))
+    assert prepare(source) == 0
+    assert everything(data / "flights") == whole
+
+
+def test_a_second_run_does_not_take_the_scenes_of_one_that_is_at_work(
+    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inner: list[int] = []
+    read = flights.read
+
+    def with_another(options: FlightOptions, scene: str, progress: Progress) -> NativeScene:
+        if scene == "three" and not inner:
+            inner.append(prepare(source, "--out", data / "other", "--published", 5))
+        return read(options, scene, progress)
+
+    flights.read = with_another  # type: ignore[method-assign]
+    assert prepare(source, "--out", data / "one") == 0
+    assert inner == [2]
+    assert "another run is making this benchmark here" in capsys.readouterr().err
+    assert sorted(path.name for path in data.iterdir()) == ["one"]
+    Benchmark.open(data / "one")
+    assert sorted(path.name for path in (data / "one" / "scenes").iterdir()) == sorted(SCENES)
+
+
+def test_files_that_go_with_a_map_are_looked_at_too(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "source")
+    given = [str(one) for one in place.arguments()]
+    tiles = tmp_path / "source" / "dom.tif"
+    virtual = tmp_path / "source" / "map.vrt"
+    with rasterio.open(tiles) as raster:
+        profile = {**raster.profile, "driver": "VRT"}
+        profile = {key: profile[key] for key in ("driver", "width", "height", "count", "dtype")}
+        vrt = rasterio.shutil.copy(raster, virtual, driver="VRT")
+    assert vrt is None
+    given[given.index("--dom") + 1] = str(virtual)
+    assert run_main(*given) == 0
+    assert run_main(*given) == 0
+    assert "nothing to do" in capsys.readouterr().err
+    write_raster(tiles, np.zeros((3, 256, 256), np.uint8))
+    assert run_main(*given) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_a_world_file_is_looked_at_too(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = make_place(tmp_path / "source")
+    given = [str(one) for one in place.arguments()]
+    picture = tmp_path / "source" / "map.png"
+    with rasterio.open(place.dom) as raster:
+        rasterio.shutil.copy(raster, picture, driver="PNG", worldfile="YES")
+    world = picture.with_suffix(".wld")
+    assert world.is_file()
+    given[given.index("--dom") + 1] = str(picture)
+    assert run_main(*given) == 0
+    capsys.readouterr()
+    world.write_text(world.read_text().replace("0", "1", 1))
+    assert run_main(*given) == 2
+    assert "exists already" in capsys.readouterr().err
 
 
 def test_a_scene_is_added_to_a_folder(

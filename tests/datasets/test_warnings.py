@@ -394,6 +394,11 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str], set[Kind]]] = {
         ["a random tile answers a photo in 67% of cases"],
         {Kind.CHANCE},
     ),
+    "a plane of another datum": (
+        lambda p: {"plane_height": 60},
+        ["the ground plane is at 60.0 m, and the surface model is 99.5 to 100.0 m high"],
+        {Kind.PLANE},
+    ),
     "untagged zeros": (
         zeros,
         ["8% of the surface model's heights are exactly 0 m", "a_nodata"],

@@ -226,10 +226,26 @@ def test_floors_of_another_truth_are_refused(results: list[Path]) -> None:
     floor.write_text(json.dumps(changed))
     found = read_noise_floor(floor)
     with pytest.raises(ResultError, match="another protocol or truth"):
-        found.check_fits(read_scored(results)[0].result, floor)
+        found.check_fits(read_scored(results)[0].result, floor, found.methods)
     floor.write_text("{}")
     with pytest.raises(ResultError, match="no noise floors"):
         read_noise_floor(floor)
+
+
+def test_floors_of_other_methods_are_refused(
+    results: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    floor, third = results[0].parent / "floor.json", results[0].parent / "third"
+    assert run_main("sensitivity", "park", *results, "--height", 5, "--out", floor) == 0
+    predicted = results[0].parent / "sure.npz"
+    assert run_main("eval", "retrieval", predicted, "--out", third) == 0
+    capsys.readouterr()
+    for command in ("compare", "table"):
+        assert run_main(command, *results, third, "--noise-floor", floor) == 2
+        said = capsys.readouterr().err
+        assert "differences between sure, doubtful, not of 1 of 3 (third)" in said
+        assert run_main(command, *results, "--noise-floor", floor) == 0
+        capsys.readouterr()
 
 
 def test_a_truth_on_a_surface_model_is_refused(

@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -26,6 +26,7 @@ _MAP_PX, _TILE_PX, _GSD_M = 24_576, 256, 0.45
 _TILE_NAME = re.compile(r"(\d{1,2})_(\d{1,3})_(\d{1,5})_(\d{1,5})\.png", re.IGNORECASE)
 _KINDS = {"positive": "pair_pos_sate", "semi_positive": "pair_pos_semipos_sate"}
 _NEAR_M = 0.01
+_LARGEST = 1e9
 _KEYS = (
     *("drone_img_dir", "drone_img_name", "drone_loc_x_y", "sate_img_dir"),
     *(f"{kind}_{part}_list" for kind in _KINDS.values() for part in ("img", "weight", "loc_x_y")),
@@ -140,7 +141,7 @@ def _entry(path: Path, number: int, entry: Any) -> DroneImage:
         f"{home}/{name}",
         tiles,
         position,
-        float(height) if isinstance(height, int | float) and math.isfinite(height) else None,
+        float(height) if _is_finite(height) else None,
         positive,
         every,
     )
@@ -155,8 +156,14 @@ def _position(value: object) -> tuple[float, float] | None:
     if not (isinstance(value, list) and len(value) == 2):
         return None
     x, y = value
-    numbers = isinstance(x, int | float) and isinstance(y, int | float)
-    return (float(x), float(y)) if numbers and math.isfinite(x) and math.isfinite(y) else None
+    return (float(x), float(y)) if _is_finite(x) and _is_finite(y) else None
+
+
+def _is_finite(value: object) -> TypeGuard[float]:
+    """Whether it is a number that a float can hold; JSON's integers may be larger."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return -_LARGEST <= value <= _LARGEST
 
 
 def _pairs(path: Path, number: int, entry: dict[str, Any], kind: str) -> list[Pair]:
@@ -197,7 +204,7 @@ def scene_of_pairs(root: Path, entries: Sequence[DroneImage], *, backwards: bool
         raise BenchmarkError("no entry of the list has a positive tile", where=root)
     home = root / drones[0].tiles
     there = _tiles_below(home)
-    _check_there(home, {pair.tile for one in drones for pair in one.all_pairs}, there)
+    _check_there(home, {pair.tile for one in drones for pair in _stated(one)}, there)
     _check_images(root, [one.image for one in drones])
     _check_positions(home, drones)
     answers = {pair.tile for one in drones for pair in one.positive}
@@ -231,6 +238,11 @@ def scene_of_pairs(root: Path, entries: Sequence[DroneImage], *, backwards: bool
 def _every_pair(one: DroneImage) -> list[Pair]:
     """Return all pairs once; positive ones that are missing among all are added."""
     return list({pair.tile: pair for pair in (*one.positive, *one.all_pairs)}.values())
+
+
+def _stated(one: DroneImage) -> list[Pair]:
+    """Return the pairs of both lists, as they stand there."""
+    return [*one.positive, *one.all_pairs]
 
 
 def _tiles_below(folder: Path) -> dict[str, str]:
@@ -284,7 +296,7 @@ def _check_images(root: Path, images: Sequence[str]) -> None:
 def _check_positions(folder: Path, drones: Sequence[DroneImage]) -> None:
     """Hold the positions of the list to those that the tiles' names say."""
     for one in drones:
-        for pair in one.all_pairs:
+        for pair in _stated(one):
             apart = math.dist(pair.position, tile_centre(pair.tile))
             if apart > _NEAR_M:
                 raise BenchmarkError(

@@ -218,7 +218,10 @@ def _crs(options: DjiOptions, dom: Path, kept: dict[str, PhotoPrior], notes: lis
         raise UsageError(
             "the surface model is in degrees", where=options.dsm, fix="warp it to the UTM zone"
         )
-    lon, lat = np.median([(p.lon, p.lat) for p in kept.values()], axis=0).astype(float)
+    places = np.array([(p.lon, p.lat) for p in kept.values()], dtype=np.float64)
+    # About the first photo, since the middle of 179.9 and -179.9 degrees is not 0.
+    places[:, 0] = (places[:, 0] - places[0, 0] + 180.0) % 360.0 - 180.0 + places[0, 0]
+    lon, lat = np.median(places, axis=0).tolist()
     zone = CRS.from_epsg((32600 if lat >= 0 else 32700) + int((lon + 180) // 6) % 60 + 1)
     notes.append(f"poses are in {zone.name}, the photos' zone")
     return zone.to_string()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.datasets.dji import read_dji_texts
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.formats.photos import opened_photo
@@ -17,6 +18,7 @@ __all__ = ["FIXED", "DjiTags", "TimeStamp", "read_tags", "read_time_stamps"]
 FIXED = (48, 49, 50)
 """RtkFlag of a fixed solution: 50, or its finer 48 and 49."""
 _EXIF_IFD, _FOCAL_35MM = 0x8769, 0xA405
+_MOST_RATIO = 1.3  # between two focal lengths of one camera
 _DIAGONAL_MM = math.hypot(36.0, 24.0)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 _STAMP_NUMBERS = 13
@@ -86,8 +88,11 @@ def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
         lens, lens_from = _dewarp(texts, size)
     except BenchmarkError as fault:
         raise fault.inside(path) from fault
+    of_film, film_from = _film(path, size)
+    if lens and of_film:
+        _check_lens(path, size, lens["fx"], of_film["fx"])
     if not lens:
-        lens, lens_from = _film(path, size)
+        lens, lens_from = of_film, film_from
     known = [std[0] for std in stds if std]
     std_m = (known[0], known[1], known[2]) if len(known) == 3 else None
     return DjiTags(int(flag[0]) if flag else None, std_m, lens, lens_from)
@@ -130,6 +135,19 @@ def _dewarp(texts: dict[str, str], size: tuple[int, int]) -> tuple[dict[str, flo
     return lens, "DewarpData"
 
 
+def _check_lens(path: Path, size: tuple[int, int], dewarp: float, film: float) -> None:
+    """Refuse DewarpData of a photo that was made smaller afterwards."""
+    ratio = dewarp / film
+    if not 1 / _MOST_RATIO < ratio < _MOST_RATIO:
+        raise BenchmarkError(
+            f"DJI's DewarpData has fx = {dewarp:g} px, and the focal length of 35 mm film makes "
+            f"{film:g} px in a photo of {size[0]}x{size[1]} px",
+            where=path,
+            expected="a photo of the size that the drone took it in",
+            fix="take the original photos, or give the camera with --camera",
+        )
+
+
 def _film(path: Path, size: tuple[int, int]) -> tuple[dict[str, float], str]:
     with opened_photo(path) as image:
         focal = image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_35MM)
@@ -168,6 +186,15 @@ def read_time_stamps(path: Path) -> list[TimeStamp]:
                 fix="take the file out of the folder, and positions come from the photos",
             )
         stamps.append(stamp)
+    counts = Counter(stamp.number for stamp in stamps)
+    twice = [str(number) for number, count in counts.items() if count > 1]
+    if twice:
+        raise BenchmarkError(
+            f"several time stamps have one number: {first_of(twice, len(counts))}",
+            where=path,
+            expected="the table of one flight",
+            fix="give each flight a folder of its own, with its table",
+        )
     return stamps
 
 

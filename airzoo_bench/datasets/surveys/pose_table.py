@@ -41,6 +41,10 @@ _NAMES: Mapping[str, tuple[str, ...]] = {
     "fov_deg": ("fovdeg", "fov", "hfov", "hfovdeg"),
     **{name: (name,) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")},
 }
+# Units in brackets in which no column can be; others, such as (WGS84), are passed over.
+_GON = ("gon", "gons", "grad", "grads", "gradian", "gradians", "mil", "mils")
+_LENGTHS = ("ft", "feet", "foot", "usft", "ftus", "ussurveyfoot", "yd", "km", "cm", "mm")
+_RADIANS = ("rad", "rads", "radian", "radians")
 # Metashape writes what was given, and what it found under the same names with this ending.
 _FOUND = "est"
 _POSE = ("lat", "lon", "x", "y", "height", "yaw", "pitch", "roll", "omega", "phi", "kappa")
@@ -74,6 +78,10 @@ class PoseTable:
     estimated: bool
     may_be_degrees: bool
 
+    def in_radians(self, columns: Sequence[str]) -> bool:
+        """Whether the name of one of these columns says, in brackets, that it is in radians."""
+        return any(_unit(self.header[column]) in _RADIANS for column in columns)
+
     def has(self, *columns: str) -> bool:
         """Whether all these columns are there."""
         return set(columns) <= set(self.header)
@@ -98,7 +106,10 @@ def read_pose_table(path: Path) -> PoseTable:
         values.
     """
     lines = read_native_text(path).splitlines()
-    start, separator, names = _header(path, lines)
+    try:
+        start, separator, names = _header(path, lines)
+    except csv.Error as error:
+        raise BenchmarkError(f"not a table: {error}", where=path, expected=_EXPECTED) from error
     header, estimated = _columns(path, names)
     places = {column: names.index(name) for column, name in header.items()}
     numbered = [
@@ -153,6 +164,26 @@ def _plain(name: str) -> str:
     return re.sub(r"\[.*?\]|\(.*?\)|[\s_.#-]", "", name.casefold())
 
 
+def _unit(name: str) -> str:
+    """Return what stands in brackets in a name, as `_plain` would leave it."""
+    found = re.search(r"\[(.*?)\]|\((.*?)\)", name.casefold())
+    return re.sub(r"[\s_.#-]", "", found[1] or found[2] or "") if found else ""
+
+
+def _check_units(path: Path, header: Mapping[str, str]) -> None:
+    lengths, angles = ("x", "y", "height"), ("lat", "lon", "yaw", "pitch", "roll")
+    of_angles = (*angles, "omega", "phi", "kappa")
+    odd = [header[c] for c in lengths if c in header and _unit(header[c]) in _LENGTHS]
+    odd += [header[c] for c in of_angles if c in header and _unit(header[c]) in _GON]
+    if odd:
+        raise BenchmarkError(
+            f"columns in other units: {', '.join(map(repr, odd))}",
+            where=path,
+            expected="lengths in metres, angles in degrees or radians",
+            fix="convert them, and name the columns by the new unit",
+        )
+
+
 def _column(name: str) -> str | None:
     plain = _plain(name)
     for given in (plain, plain.removesuffix(_FOUND)):
@@ -181,6 +212,7 @@ def _columns(path: Path, names: Sequence[str]) -> tuple[dict[str, str], bool]:
         )
     header = {column: value[0] for column, value in given.items()}
     _require_columns(path, names, header)
+    _check_units(path, header)
     return header, estimated
 
 

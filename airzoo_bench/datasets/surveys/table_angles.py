@@ -20,6 +20,7 @@ __all__ = ["AngleSettings", "angle_columns", "table_rotations"]
 _YAW = ("yaw", "pitch", "roll")
 _OMEGA = ("omega", "phi", "kappa")
 _MOST_OFF_NADIR_DEG = 65.0
+_TURN_DEG = 360.5
 _MOST_AWAY = 0.5  # of the photos
 
 
@@ -118,6 +119,20 @@ def _degrees(given: PoseTable, rows: list[int], convention: Convention, unit: st
     values = np.column_stack([given.numbers(column, rows, 1e4) for column in columns])
     if unit == "radians":
         return np.degrees(values)
+    if given.in_radians(columns):
+        raise BenchmarkError(
+            f"{', '.join(given.header[c] for c in columns)} say that they are in radians",
+            where=given.table.path,
+            fix="--angle-unit radians, or name the columns by their unit",
+        )
+    if unit is None and (np.abs(values) > _TURN_DEG).any():
+        raise BenchmarkError(
+            f"{', '.join(given.header[c] for c in columns)} go to {np.abs(values).max():.6g}: they "
+            "look like gon, of which a turn has 400",
+            where=given.table.path,
+            expected="degrees, at most 360",
+            fix="multiply gon by 0.9; --angle-unit degrees if they are degrees",
+        )
     if unit is None and _look_like_radians(values, convention):
         low, high = values.min(), values.max()
         raise BenchmarkError(

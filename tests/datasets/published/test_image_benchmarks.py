@@ -447,6 +447,16 @@ SPOILED: dict[str, tuple[str, Callable[[Path], None], tuple[str, ...]]] = {
         _without("satellite/4_0_6_13.png"),
         ("tiles of the list", "1 of"),
     ),
+    "a tile that only the positive ones name is missing": (
+        "gta-uav",
+        _text(LIST, lambda text: text.replace('["4_0_6_12.png"', '["4_0_6_31.png"', 1)),
+        ("tiles of the list", "4_0_6_31.png"),
+    ),
+    "a number that no float holds": (
+        "gta-uav",
+        _text(LIST, lambda text: text.replace("4522.8", "1" + "0" * 400)),
+        (LIST, "entry 1", "drone_loc_x_y is none"),
+    ),
     "an image is missing": (
         "gta-uav",
         _without("drone/images/200_0002_0000000001.png"),

@@ -162,7 +162,24 @@ def stripped(made: Made) -> Path:
     return dji_folder(made, without=("GimbalYawDegree",))
 
 
+def stamps_of_two_flights(made: Made) -> Path:
+    folder = dji_folder(made)
+    first = write_time_stamps(made, folder, off_deg=2e-5).read_text()
+    path = write_time_stamps(made, folder)
+    path.write_text(path.read_text() + first)
+    return folder
+
+
 WRONG: dict[str, tuple[Callable[[Made], Path], list[str]]] = {
+    "time stamps of two flights": (
+        stamps_of_two_flights,
+        ["several time stamps have one number: 5 of 5 (first 3: 1, 2, 3)"],
+    ),
+    "photos made smaller": (
+        # As if the photo had been 80 px wide: 42 px are 36 mm, 84 px are 72 mm.
+        lambda made: dji_folder(made, film_mm=36, changes={"DewarpData": "d;84,84,0,0,0,0,0,0,0"}),
+        ["DJI_0001.JPG: DJI's DewarpData has fx = 84 px", "makes 41.6025 px", "--camera"],
+    ),
     "no RTK": (
         lambda made: dji_folder(made, flags=(None, None, 34, 34, 16)),
         ["1 with RtkFlag 16, 2 with RtkFlag 34, 2 with no RtkFlag", "--rtk any"],

@@ -215,7 +215,32 @@ def header(new: str) -> Callable[[Made], list[object]]:
     return lambda made: edited(gimbal_table(made), (GIMBAL, new))
 
 
+def gon(made: Made) -> list[object]:
+    """Write omega, phi, kappa in gon, kappa to 400 of them."""
+    angles = photogrammetric(made) / 0.9
+    angles[:, 2] %= 400
+    rows = exact(made.centres, angles)
+    return [*write_table(made, "imageName X Y Z Omega Phi Kappa", rows, " "), "--crs", CRS]
+
+
 WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
+    "no table": (
+        header('"' + "x" * 200_000),
+        ["poses.csv: not a table: field larger than field limit"],
+    ),
+    "gon unsaid": (gon, ["look like gon", "at most 360"]),
+    "gon said": (
+        header(GIMBAL.replace("GimbalYawDegree", "GimbalYaw (gon)")),
+        ["columns in other units: 'GimbalYaw (gon)'"],
+    ),
+    "feet said": (
+        header(GIMBAL.replace("altitude", "Altitude [US ft]")),
+        ["columns in other units: 'Altitude [US ft]'", "lengths in metres"],
+    ),
+    "radians said": (
+        header(GIMBAL.replace("GimbalYawDegree", "GimbalYaw (rad)")),
+        ["say that they are in radians", "--angle-unit radians"],
+    ),
     "radians unsaid": (radians, ["look like radians", "--angle-unit radians"]),
     "which angles": (plain_angles, ["what yaw, pitch and roll mean", "pitch is -85 in the median"]),
     "another convention": (
