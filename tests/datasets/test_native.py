@@ -524,7 +524,7 @@ def test_two_runs_do_not_share_what_they_make(
     with only_writer(data / ".flights.prepare"):
         assert prepare(source) == 2
     said = capsys.readouterr().err
-    assert "another run is preparing this benchmark here" in said
+    assert "another run is making this benchmark here" in said
     assert "--out" in said
     assert flights.read_scenes == []
     assert prepare(source) == 0
