@@ -13,7 +13,7 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.matching.settings import MatchingProtocol

@@ -16,22 +16,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
-import tomli_w
-from pydantic import BaseModel, ConfigDict, Field
-
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.places import DATA_VARIABLE, data_root
-from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.core.validation import SAFE_NAME, read_toml, validated
+from airzoo_bench.core.validation import read_toml, validated
 
 __all__ = [
     "DATA_VARIABLE",
     "Benchmark",
-    "BenchmarkFile",
-    "SceneFile",
     "SceneWanted",
     "TruthWanted",
     "benchmark_folders",
@@ -39,8 +33,6 @@ __all__ = [
     "differences",
     "find_benchmark",
     "needed",
-    "verify",
-    "write_benchmark_file",
 ]
 
 
@@ -71,117 +63,6 @@ def needed(part: PartT | None, what: str, scene: str) -> PartT:
             "one",
         )
     return part
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SceneFile(_Model):
-    """A scene as benchmark.toml describes it.
-
-    Paths are relative to the benchmark folder, or absolute where the data were left in place.
-
-    Attributes
-    ----------
-    crs : str, optional
-        Projected CRS of poses, surface model and cloud, in metres; "local" for a frame in metres
-        that has no place on the earth; none where photos have no poses.
-    plane_height_m : float, optional
-        z0, which altitudes are above.
-    images : str
-        Folder of the photos.
-    dom, dsm : str, optional
-        The map that photos are matched to, and the surface model.
-    gallery : str, optional
-        The map that tiles are cut from, where it is another than `dom`.
-    maps : str, optional
-        Folder of a map and a surface model for each photo, where the scene has none of the whole.
-    cloud : str, optional
-        The true cloud of the reconstruction track.
-    truth_accuracy_m : float, optional
-        Standard error of the true positions, as whoever made the folder states it.
-    """
-
-    id: Annotated[str, Field(pattern=SAFE_NAME)]
-    title: str
-    crs: str | None = None
-    plane_height_m: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    images: str
-    dom: str | None = None
-    dsm: str | None = None
-    dsm_sha256: str | None = None
-    gallery: str | None = None
-    maps: str | None = None
-    cloud: str | None = None
-    cloud_sha256: str | None = None
-    truth_accuracy_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-
-
-class BenchmarkFile(_Model):
-    """The content of benchmark.toml.
-
-    `tracks` holds, by track, section and key, the settings that the truth was made by.
-    """
-
-    schema_version: Literal[1] = Field(alias="schema")
-    name: Annotated[str, Field(pattern=SAFE_NAME)]
-    version: Annotated[int, Field(ge=1)]
-    title: str
-    tracks: dict[str, dict[str, dict[str, Any]]]
-    scenes: tuple[SceneFile, ...]
-    checksums: dict[str, str]
-
-
-def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
-    """Write benchmark.toml with the checksums of all that stands under scenes/."""
-    sums = {name: sha256_of(folder / name) for name in _truth_files(folder)}
-    values = file.model_dump(mode="json", by_alias=True, exclude_none=True) | {"checksums": sums}
-    with atomic_write(folder / "benchmark.toml") as stream:
-        stream.write(tomli_w.dumps(values).encode())
-
-
-def _truth_files(folder: Path) -> list[str]:
-    scenes = folder / "scenes"
-    of_tracks = (path for name in TRACKS.names() for path in scenes.glob(f"*/{name}/*"))
-    found = sorted([*scenes.glob("*/*"), *of_tracks])
-    files = (path for path in found if path.is_file())
-    return [path.relative_to(folder).as_posix() for path in files if path.name[0] != "."]
-
-
-def verify(folder: Path, file: BenchmarkFile) -> None:
-    """Hold all that stands under scenes/ to its checksum.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is missing, was changed, or was put there by somebody else.
-    """
-    scenes = {scene.id for scene in file.scenes}
-    for name in _truth_files(folder):
-        if name.split("/")[1] in scenes and name not in file.checksums:
-            raise BenchmarkError(
-                "has no checksum in benchmark.toml",
-                where=folder / name,
-                expected="only files that `airzoo-bench prepare` wrote",
-                fix="remove the file, or prepare the benchmark again",
-            )
-    for name, expected in file.checksums.items():
-        path = folder / name
-        if not path.is_file():
-            raise BenchmarkError(
-                "a file of the benchmark is missing",
-                where=path,
-                expected="all files of tables and truth that benchmark.toml names",
-                fix="copy the folder again, or prepare the benchmark again",
-            )
-        if sha256_of(path) != expected:
-            raise BenchmarkError(
-                "a file of the benchmark was changed since it was prepared",
-                where=path,
-                expected=f"SHA-256 {expected[:12]}…",
-                fix="prepare the benchmark again, so that its scores can be compared",
-            )
 
 
 class SceneWanted(Protocol):

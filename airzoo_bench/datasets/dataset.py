@@ -164,8 +164,14 @@ class Dataset(ABC, Generic[OptionsT]):
         Parameters
         ----------
         options : object
+            Of the class `options`.
         root : Path
             The data root, for protocols to start from.
+
+        Returns
+        -------
+        str
+            That of the benchmark, unless the dataset says otherwise.
 
         Raises
         ------
@@ -180,7 +186,14 @@ class Dataset(ABC, Generic[OptionsT]):
         Parameters
         ----------
         options : object
+            Of the class `options`.
         settings : PrepareSettings
+            Of the run.
+
+        Returns
+        -------
+        bool
+            False where the dataset cannot tell.
 
         Raises
         ------

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tomli_w
 
-from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.images import read_tile
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import SceneInputs, write_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_folder

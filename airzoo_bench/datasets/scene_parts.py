@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench import __version__
-from airzoo_bench.benchmark.folder import SceneFile
+from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.core.registry import TRACKS

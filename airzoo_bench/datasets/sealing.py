@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, verify, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify, write_benchmark_file
 from airzoo_bench.benchmark.queries import read_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of

@@ -42,7 +42,18 @@ class DatumChange:
     grid: str
 
     def worse_than(self, metres: float) -> bool:
-        """Whether errors larger than so many metres are to be expected."""
+        """Whether errors larger than so many metres are to be expected.
+
+        Parameters
+        ----------
+        metres : float
+            The largest error that would do.
+
+        Returns
+        -------
+        bool
+            True where nothing is known.
+        """
         return self.accuracy_m is None or self.accuracy_m > metres
 
 
@@ -55,6 +66,11 @@ def datum_change(crs: Any, lonlat: ArrayLike) -> DatumChange:
         See `crs.horizontal_crs`.
     lonlat : (2,) array
         Degrees.
+
+    Returns
+    -------
+    DatumChange
+        Of the best operation that is installed.
 
     Raises
     ------
@@ -87,7 +103,18 @@ def datum_change(crs: Any, lonlat: ArrayLike) -> DatumChange:
 
 
 def same_datum(first: Any, second: Any) -> bool:
-    """Whether PROJ gets from one CRS to the other without a change of datum."""
+    """Whether PROJ gets from one CRS to the other without a change of datum.
+
+    Parameters
+    ----------
+    first, second : Any
+        See `crs.horizontal_crs`.
+
+    Returns
+    -------
+    bool
+        Whether their geodetic CRS are one, whatever the order of axes.
+    """
     a, b = _geodetic(horizontal_crs(first)), _geodetic(horizontal_crs(second))
     return bool(a.equals(b, ignore_axis_order=True))
 

@@ -135,7 +135,18 @@ def heights_crs(given: Any) -> CRS:
 
 
 def stated_heights_crs(crs: CRS) -> CRS | None:
-    """Return what `heights_crs` does; None where a CRS says nothing of heights."""
+    """Return what `heights_crs` does, of a CRS that may say nothing of heights.
+
+    Parameters
+    ----------
+    crs : CRS
+        Of any kind.
+
+    Returns
+    -------
+    CRS or None
+        None where it says nothing of them.
+    """
     if crs.is_compound:
         return CompoundCRS(crs.sub_crs_list[1].name, [_WGS84, crs.sub_crs_list[1]])
     if crs.is_vertical:
@@ -159,6 +170,11 @@ def changed_heights(
         WGS84, degrees.
     source, target : Any
         See `heights_crs`.
+
+    Returns
+    -------
+    ChangedHeights
+        Heights in the target's datum, in metres.
 
     Raises
     ------
@@ -197,7 +213,18 @@ def changed_heights(
 
 
 def how_to_install(grid: str) -> str:
-    """Say how a grid of PROJ is installed."""
+    """Say how a grid of PROJ is installed.
+
+    Parameters
+    ----------
+    grid : str
+        Its file's name.
+
+    Returns
+    -------
+    str
+        A command, and where the grid comes from.
+    """
     return f"pyproj sync --file {grid} (or PROJ's own projsync), which fetches it from cdn.proj.org"
 
 

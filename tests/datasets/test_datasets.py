@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,10 +14,12 @@ from typing import Annotated, Any, get_args, get_type_hints
 import numpy as np
 import pandas as pd
 import pytest
+from typer.main import get_command
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
+from airzoo_bench.cli.prepare import app as prepare_app
 from airzoo_bench.core import registry
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.options import Option
@@ -25,6 +28,7 @@ from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import SceneContent, write_benchmark
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
 from airzoo_bench.protocol.model import ProtocolScene
+from airzoo_bench.retrieval.assumptions import AssumedRanges
 from tests.datasets.parts import hold_tiles
 from tests.support import (
     DOWN,
@@ -116,8 +120,9 @@ def place(tmp_path: Path) -> Place:
 
 @pytest.mark.parametrize("name", [*DATASETS.names(), "level"])
 def test_it_says_what_the_command_line_asks(
-    name: str, level: None, capsys: pytest.CaptureFixture[str]
+    name: str, level: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "160")  # a narrow terminal cuts long names
     dataset: Dataset[Any] = DATASETS.get(name)
     assert isinstance(dataset, Dataset)
     assert is_dataclass(dataset.options)
@@ -130,10 +135,51 @@ def test_it_says_what_the_command_line_asks(
     for field in fields(dataset.options):
         (option,) = get_args(hints[field.name])[1:]
         assert option.name not in SHARED
-        assert f"--{option.name}"[:18] in said  # a narrow terminal cuts long names
+        assert f"--{option.name}" in said
         assert field.default is not MISSING or f"--{option.name} " in dataset.example + " "
     assert all(f"--{one}" in said for one in SHARED - {"jobs"})
     assert ("--jobs" in said) == (dataset.jobs is not None)
+
+
+@pytest.mark.parametrize("name", DATASETS.names())
+def test_its_example_is_a_command(name: str, tmp_path: Path) -> None:
+    dataset: Dataset[Any] = DATASETS.get(name)
+    command = get_command(prepare_app)
+    group = command.make_context("prepare", [], resilient_parsing=True)
+    words = dataset.example.split()
+    found = command.get_command(group, words[0])  # type: ignore[attr-defined]
+    found.make_context(words[0], words[1:])
+
+
+@pytest.mark.parametrize("name", DATASETS.names())
+def test_what_is_published_is_told(name: str) -> None:
+    about = DATASETS.get(name).about
+    if about is None:
+        assert name in ("photos", "airzoo-mini")
+        return
+    assert about.title
+    assert about.licence
+    assert about.page.startswith(("https://", "docs/"))
+    assert set(about.ranges) <= {field.name for field in fields(AssumedRanges)}
+    assert not about.scene_files or about.repository
+    for sentence in (*about.assumptions, *about.unverified):
+        assert sentence[0].isupper() or sentence[0].isdigit()
+        assert sentence.endswith(".")
+
+
+@pytest.mark.parametrize("arguments", [("prepare",), ("prepare", "uav-visloc")])
+def test_help_comes_at_once(arguments: tuple[str, ...]) -> None:
+    """CPU seconds of the quickest of five: other processes slow them down."""
+    seconds = []
+    for _ in range(5):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        subprocess.run(
+            [sys.executable, "-m", "airzoo_bench", *arguments, "--help"],
+            stdout=subprocess.DEVNULL,
+            check=True,
+        )
+        seconds.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
+    assert min(seconds) < 0.4, seconds
 
 
 def test_none_loads_numpy_for_the_help() -> None:

@@ -11,7 +11,8 @@ import tomli_w
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.benchmark.folder import Benchmark, BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table, write_queries
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.cameras import Cameras, project

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import tomli_w
 
-from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark.folder import Benchmark, write_benchmark_file
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import write_benchmark_file
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.report.sections import read_sections
 from airzoo_bench.results.records import Scored, read_scored

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.folder import Benchmark, SceneFile
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
     POSE_COLUMNS,
@@ -39,7 +40,7 @@ from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
 if TYPE_CHECKING:
     import pandas as pd
 
-    from airzoo_bench.benchmark.folder import SceneFile
+    from airzoo_bench.benchmark.manifest import SceneFile
     from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = [

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.folder import Benchmark, SceneFile
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import atomic_folder

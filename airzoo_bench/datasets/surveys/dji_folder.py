@@ -25,6 +25,7 @@ from airzoo_bench.datasets.surveys.dji_tags import (
     TimeStamp,
     read_tags,
     read_time_stamps,
+    stated_accuracy,
 )
 from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses, lens_of, read_camera_file
 from airzoo_bench.datasets.surveys.scenes import stated_crs
@@ -61,7 +62,8 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     names = tuple(kept)
     crs = _crs(options, dom, kept, notes)
     poses = priors_to_poses(kept, crs)
-    said, accuracy = _accuracy(names, tags, stamps)
+    stated = [stamps[n].std_m if n in stamps else tags[n].std_m for n in names]
+    said, accuracy = stated_accuracy(stated)
     notes.append(said)
     plane = options.plane_height
     if plane is None and options.dsm is None:
@@ -188,23 +190,6 @@ def _kept(
             f"photos without position, altitude or angles: {first_of(incomplete, len(placed))}"
         )
     return kept
-
-
-def _accuracy(
-    names: tuple[str, ...], tags: dict[str, DjiTags], stamps: dict[str, TimeStamp]
-) -> tuple[str, float | None]:
-    """Say how good positions are stated to be; in metres of all three axes too."""
-    known = [stamps[n].std_m if n in stamps else tags[n].std_m for n in names]
-    stds = np.array([std for std in known if std is not None])
-    if not len(stds):
-        return "photos do not state how good their positions are", None
-    level = np.median(np.hypot(stds[:, 0], stds[:, 1]))
-    said = (
-        f"positions are stated good to {level:.3f} m in plan and {np.median(stds[:, 2]):.3f} m in "
-        f"height (medians of standard deviations of {len(stds)} photos); gimbal angles to no figure"
-    )
-    # A file of zeros states nothing.
-    return said, round(float(np.median(np.linalg.norm(stds, axis=1))), 4) or None
 
 
 def _crs(options: DjiOptions, dom: Path, kept: dict[str, PhotoPrior], notes: list[str]) -> str:

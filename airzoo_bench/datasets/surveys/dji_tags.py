@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.datasets.dji import read_dji_texts
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.formats.photos import opened_photo
 
-__all__ = ["FIXED", "DjiTags", "TimeStamp", "read_tags", "read_time_stamps"]
+__all__ = ["FIXED", "DjiTags", "TimeStamp", "read_tags", "read_time_stamps", "stated_accuracy"]
 
 FIXED = (48, 49, 50)
 """RtkFlag of a fixed solution: 50, or its finer 48 and 49."""
@@ -212,3 +215,25 @@ def _stamp(values: list[float]) -> TimeStamp | None:
     if not (whole and likely and min(north, east, up) >= 0):
         return None
     return TimeStamp(int(number), lat, lon, height, (east, north, up), int(flag))
+
+
+def stated_accuracy(
+    stated: Sequence[tuple[float, float, float] | None],
+) -> tuple[str, float | None]:
+    """Say how good positions are stated to be; in metres of all three axes too, if they are.
+
+    Parameters
+    ----------
+    stated : sequence of (3,) float or None
+        Standard deviations of each photo's position.
+    """
+    stds = np.array([std for std in stated if std is not None])
+    if not len(stds):
+        return "photos do not state how good their positions are", None
+    level = np.median(np.hypot(stds[:, 0], stds[:, 1]))
+    said = (
+        f"positions are stated good to {level:.3f} m in plan and {np.median(stds[:, 2]):.3f} m in "
+        f"height (medians of standard deviations of {len(stds)} photos); gimbal angles to no figure"
+    )
+    # A file of zeros states nothing.
+    return said, round(float(np.median(np.linalg.norm(stds, axis=1))), 4) or None

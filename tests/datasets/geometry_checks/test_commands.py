@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.datasets.geometry_checks.report import OUTPUT_NAMES
 from tests.support import BRIGHTON, run_main
