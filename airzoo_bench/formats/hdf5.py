@@ -72,7 +72,7 @@ class Hdf5File:
                     self._datasets[name] = dataset
 
     def names(self) -> list[str]:
-        """Return the full names of the datasets, such as ``a/b/keypoints``, as the file has them."""
+        """Return the full names of the datasets, such as ``a/b/keypoints``."""
         return list(self._datasets)
 
     def read(self, name: str) -> NDArray[Any]:
