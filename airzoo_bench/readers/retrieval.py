@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,12 +22,14 @@ if TYPE_CHECKING:
 __all__ = [
     "NamedRows",
     "SceneImages",
+    "aside",
     "check_descriptors",
     "compared",
     "gallery_rows",
     "join",
     "query_rows",
     "ranked_lists",
+    "tile_images",
 ]
 
 _UNIT_LENGTH = 1e-3  # how far from 1 lengths may be: half precision rounds by half of it
@@ -148,6 +150,13 @@ def query_rows(
     return NamedRows(ids, rows if len(kept) == len(rows) else rows[kept], len(rows) - len(kept))
 
 
+def aside(strange: int) -> tuple[str, ...]:
+    """Say how many described photos are no queries, if any."""
+    return (f"{counted(strange, 'photo')} described that are no queries, left aside",) * (
+        strange > 0
+    )
+
+
 def gallery_rows(
     names: Sequence[str], rows: NDArray[Any], images: SceneImages, where: Path
 ) -> NamedRows:
@@ -202,8 +211,8 @@ def join(
 
 def ranked_lists(
     path: Path,
-    lists: dict[str, Sequence[str]],
-    scores: dict[str, Sequence[float]] | None,
+    lists: Mapping[str, Sequence[str]],
+    scores: Mapping[str, Sequence[float]] | None,
     budget: Budget,
 ) -> RetrievalPredictions:
     """Make predictions of ranked ids, best first, of any lengths.

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.retrieval import (
     NamedRows,
     SceneImages,
+    aside,
     check_descriptors,
     compared,
     gallery_rows,
@@ -76,9 +76,8 @@ class VprReader(Reader):
             lists, left = _all_lists(logs, images, budget)
             predictions = ranked_lists(path, lists, None, budget)
             said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
-        if left:
-            notes = (*notes, f"{counted(left, 'photo')} described that are no queries, left aside")
-        return ReadPredictions(predictions, (*_ran(logs), *names.said, *said), notes)
+        conventions = (*_ran(logs), *names.said, *said)
+        return ReadPredictions(predictions, conventions, (*aside(left), *notes))
 
 
 VPR = VprReader()
