@@ -17,7 +17,7 @@ __all__ = ["ANYLOC", "AnyLocReader"]
 
 _ENDINGS = tuple(f"{suffix}.npy" for suffix in PHOTO_SUFFIXES)
 _TRIED = 4
-_LEAST_LENGTH = 32  # a shorter row is a match or a pose, and no descriptor
+_LEAST_LENGTH = 16  # a shorter row is a match or a pose, and no descriptor
 _MOST_FILES = 4_000_000
 
 
