@@ -68,7 +68,9 @@ class Place:
         return root
 
 
-def make_place() -> Place:
+def make_world(folder: Path) -> Place:
+    """Write the benchmark folder, and return its scenes."""
+    Place().prepare(folder / "data")
     return Place()
 
 
