@@ -18,6 +18,7 @@ from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.native import NativeOptions
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.mat5 import MatFile
+from airzoo_bench.readers.game4loc import LINES
 from airzoo_bench.readers.image_bag import read_bag
 from airzoo_bench.readers.names import ImageNames
 from airzoo_bench.readers.retrieval import SceneImages
@@ -110,7 +111,37 @@ class TestImagesByName:
             scored(tmp_path / "f.h5", home, reader="hloc-global")
 
 
+class _Tensor:
+    """As much of a tensor as the lines for Game4Loc use."""
+
+    def __init__(self, rows: Any) -> None:
+        self.numpy = lambda: rows
+        self.cpu = self.float = lambda: self
+
+    @staticmethod
+    def cat(parts: list[Any]) -> Any:
+        return _Tensor(np.concatenate([part.numpy() for part in parts]))
+
+
 class TestGame4Loc:
+    def test_the_lines_write_what_is_read(
+        self, tmp_path: Path, home: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        arrays = np.load(game4loc.write(tmp_path, Place()))
+        (tmp_path / "run").mkdir()
+        monkeypatch.chdir(tmp_path / "run")
+        batch = _Tensor(arrays["gallery_features"])
+        known = {"np": np, "torch": _Tensor, "gallery_features_batch": batch}
+        known["img_features_query"] = _Tensor(arrays["query_features"])
+        known["query_list"] = arrays["query_names"].tolist()
+        known["gallery_list"] = arrays["gallery_names"].tolist()
+        exec(LINES, known)  # noqa: S102 - what users paste
+        assert perfect(scored(tmp_path / "run" / "features.npz", home))
+
+    def test_the_recipe_has_the_lines(self) -> None:
+        recipe = Path(__file__).parents[2] / "docs" / "recipes" / "game4loc.md"
+        assert LINES in recipe.read_text()
+
     def test_the_lines_are_shown_where_a_field_is_lacking(self, tmp_path: Path, home: Path) -> None:
         path = game4loc.write(tmp_path, Place())
         arrays = dict(np.load(path))
