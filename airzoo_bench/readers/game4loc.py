@@ -49,7 +49,7 @@ class Game4LocReader(Reader):
             return 0.0
         try:
             names = NpzFile(path, _MOST_BYTES).names()
-        except PredictionError:
+        except (OSError, PredictionError):
             return 0.0
         return 0.95 if names >= {"query_features", "gallery_features"} else 0.0
 

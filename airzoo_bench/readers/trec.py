@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.files import first_bytes
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.retrieval import SceneImages, aside, ranked_lists
@@ -34,10 +35,7 @@ class TrecReader(Reader):
 
     def recognise(self, path: Path) -> float:
         """See `Reader.recognise`."""
-        if not path.is_file():
-            return 0.0
-        with path.open("rb") as stream:
-            head = stream.read(_TRIED_BYTES)
+        head = first_bytes(path, _TRIED_BYTES)
         lines = head.decode("utf-8", "replace").split("\n")[:_TRIED_LINES]
         whole = [line.split() for line in lines[: max(1, len(lines) - 1)] if line.strip()]
         if not whole or any(_parsed(fields) is None for fields in whole):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.files import read_text
+from airzoo_bench.core.files import first_bytes, read_text
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.retrieval import (
@@ -117,9 +117,8 @@ def _is_log(folder: Path) -> bool:
         return True
     lists = _list_files(folder)
     if lists:
-        with lists[0].open("rb") as stream:
-            return stream.read(len(_HEADS[0])) == _HEADS[0].encode()
-    return (folder / "info.log").is_file() and bool(read_log(folder).database)
+        return first_bytes(lists[0], len(_HEADS[0])) == _HEADS[0].encode()
+    return read_log(folder).database is not None
 
 
 def _list_files(folder: Path) -> list[Path]:

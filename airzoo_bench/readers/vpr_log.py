@@ -7,6 +7,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from airzoo_bench.core.files import first_bytes
+
 __all__ = ["VprLog", "read_log"]
 
 _MOST_BYTES = 1 << 20  # of the beginning, where the arguments stand
@@ -40,11 +42,7 @@ class VprLog:
 
 def read_log(folder: Path) -> VprLog:
     """Read the arguments of a run, as Python prints them, and its counts of images."""
-    path = folder / "info.log"
-    if not path.is_file():
-        return VprLog(folder)
-    with path.open("rb") as stream:
-        text = stream.read(_MOST_BYTES).decode("utf-8", "replace")
+    text = first_bytes(folder / "info.log", _MOST_BYTES).decode("utf-8", "replace")
     begin = text.rfind("Namespace(")
     arguments = text[begin:].split("\n", 1)[0] if begin >= 0 else ""
     counts = _COUNTS.search(text)

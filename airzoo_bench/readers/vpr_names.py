@@ -21,7 +21,7 @@ __all__ = ["NameSource", "name_source"]
 
 _LISTED = (".jpg", ".jpeg", ".png")
 _LISTED_BEFORE = (".jpg",)  # until March 2025, and in this case only
-_MOST_LISTED = 4_000_000
+_TIMES_LISTED, _LEAST_LISTED = 8, 100_000  # what a log names may be any folder of this computer
 _FIX = "list the database images, then the queries, in the method's order, and add --names LIST"
 _BY_FILE = "names are those of the _images_paths.txt beside the folders that info.log names"
 _BY_LIST = "names are the lines of --names: each run's database images, then its queries"
@@ -140,18 +140,25 @@ def _from_folder(folder: str | None, rows: int) -> _Listed | None:
 
     The method before March 2025 took other files; its listing is taken where it alone fits.
     """
-    if folder is None or not Path(folder).is_dir():
+    if not folder or not _is_folder(folder):
         return None
     listed = Path(folder + "_images_paths.txt")
     if listed.is_file():
         return _Listed(folder, read_names(listed), _BY_FILE)
-    files = sorted(_files(folder))
+    files = sorted(_files(folder, _TIMES_LISTED * rows + _LEAST_LISTED))
     now = [name for name in files if Path(name).suffix.lower() in _LISTED]
     before = [name for name in files if name.endswith(_LISTED_BEFORE)]
     return _Listed(folder, before if len(before) == rows != len(now) else now, _BY_LISTING)
 
 
-def _files(folder: str) -> Iterator[str]:
+def _is_folder(folder: str) -> bool:
+    try:
+        return Path(folder).is_dir()
+    except OSError:  # a name that is longer than names can be
+        return False
+
+
+def _files(folder: str, most: int) -> Iterator[str]:
     """Yield files below a folder, relative to it, as ``glob("**/*")`` finds them."""
     count = 0
     for home, folders, files in os.walk(folder):
@@ -159,8 +166,8 @@ def _files(folder: str) -> Iterator[str]:
         inside = Path(home).relative_to(folder)
         for name in files:
             count += 1
-            if count > _MOST_LISTED:
-                raise _other_count(folder, f"more than {_MOST_LISTED:,} files")
+            if count > most:
+                raise _other_count(folder, f"more than {most:,} files")
             if not name.startswith("."):
                 yield (inside / name).as_posix()
 

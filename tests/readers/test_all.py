@@ -111,6 +111,17 @@ def test_empty_folders_are_of_no_reader(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", MODULES)
+def test_what_may_not_be_read_is_passed_over(
+    name: str, written: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise PermissionError("not allowed")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    _recognised(written[name])
+
+
+@pytest.mark.parametrize("name", MODULES)
 def test_spoilt_samples_are_looked_at_without_a_word(
     name: str, written: dict[str, Path], tmp_path: Path
 ) -> None:

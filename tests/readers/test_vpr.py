@@ -154,6 +154,23 @@ class TestNames:
         assert any("1 photo described that" in note for note in result.result.notes)
 
 
+def test_a_gallery_larger_than_the_memory(tmp_path: Path) -> None:
+    scene = MadeScene("east", [[0]], 400)
+    data = Place([scene]).prepare(tmp_path / "data")
+    rows = np.random.default_rng(0).standard_normal((400, 5000), np.float32)
+    vpr.write_log(tmp_path / "log", scene)
+    np.save(tmp_path / "log" / "database_descriptors.npy", rows)
+    np.save(tmp_path / "log" / "queries_descriptors.npy", rows[:1])
+    assert rows.nbytes > 4e6
+    assert scored(tmp_path / "log", data, max_memory=2_000_000).overall["recall@1"] == 1.0
+
+
+@pytest.mark.parametrize("folder", ["x" * 5000, "/dev/null", "", "\\x00", "a'b"])
+def test_folders_that_are_none(one: Path, log: Path, folder: str) -> None:
+    vpr.write_log(log, ONE[0], database_folder=folder)
+    assert perfect(scored(log, one))
+
+
 def test_a_run_that_saved_nothing(tmp_path: Path, one: Path) -> None:
     vpr.write_log(tmp_path / "log", ONE[0])
     with pytest.raises(UserError, match="neither descriptors nor lists"):
