@@ -26,8 +26,10 @@ gallery_features = []  # before the loop over gallery_loader
 gallery_features.append(gallery_features_batch.float().cpu())  # in it, after the features
 np.savez(  # after it
     "features.npz",
-    query_features=img_features_query.cpu().numpy(), query_names=np.array(query_list),
-    gallery_features=torch.cat(gallery_features).numpy(), gallery_names=np.array(gallery_list),
+    query_features=img_features_query.cpu().numpy(),
+    query_names=np.array(query_list),
+    gallery_features=torch.cat(gallery_features).numpy(),
+    gallery_names=np.array(gallery_list),
 )
 """
 """What is added to `evaluate` in game4loc/evaluate/gta.py or visloc.py."""
