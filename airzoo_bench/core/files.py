@@ -38,6 +38,7 @@ __all__ = [
     "check_output_file",
     "check_output_folder",
     "fingerprint",
+    "first_bytes",
     "read_text",
     "sha256_of",
     "sha256_of_tree",
@@ -239,6 +240,17 @@ def write_npz(
             member.compress_type = method
             with archive.open(member, "w", force_zip64=True) as stream:
                 np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
+
+
+def first_bytes(path: Path, count: int) -> bytes:
+    """Return the first bytes of a regular file; none of what is no such file or is not readable."""
+    try:
+        if not path.is_file():  # opening a pipe would wait
+            return b""
+        with path.open("rb") as stream:
+            return stream.read(count)
+    except OSError:
+        return b""
 
 
 def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 16 << 20) -> str:

@@ -175,5 +175,15 @@ DATASETS = Registry(
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""
 
-READERS = Registry("airzoo_bench.readers", {})
+READERS = Registry(
+    "airzoo_bench.readers",
+    {
+        "vpr": "airzoo_bench.readers.vpr:VPR",
+        "anyloc": "airzoo_bench.readers.anyloc:ANYLOC",
+        "hloc-global": "airzoo_bench.readers.hloc_global:HLOC_GLOBAL",
+        "game4loc": "airzoo_bench.readers.game4loc:GAME4LOC",
+        "university1652": "airzoo_bench.readers.university1652:UNIVERSITY1652",
+        "trec": "airzoo_bench.readers.trec:TREC",
+    },
+)
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""

@@ -100,7 +100,7 @@ def evaluate(
     of, predictions, chosen = given.track, given.predictions, given.protocol
     for error in of.validation_errors(predictions, chosen, thorough=False):
         raise error
-    benchmark, truths = read_truths(of, chosen, data)
+    benchmark, truths = given.truths or read_truths(of, chosen, data)
     assigned = of.assign(predictions, chosen, truths, data)
     scene_predictions = []
     for predicted in of.match(predictions, assigned, truths, chosen, resources):

@@ -50,6 +50,8 @@ class Given:
         What read a method's own files.
     notes : tuple of str
         The reader's.
+    truths : tuple or None
+        The benchmark and its truths, where the reader was given them.
     """
 
     track: AnyTrack
@@ -58,6 +60,7 @@ class Given:
     data: Path
     reader: ReaderUsed | None = None
     notes: tuple[str, ...] = ()
+    truths: tuple[Benchmark, list[Truth]] | None = None
 
 
 def open_predictions(
@@ -130,12 +133,13 @@ def _open_native(
     says = (f"--protocol NAME: this is {reader.title}", "`airzoo-bench protocols` lists them")
     chosen = choose_protocol(path, None, protocol, data, found.protocol, says)
     try:
-        _, truths = read_truths(found, chosen, data)
+        known = read_truths(found, chosen, data)
     except BenchmarkError:
-        truths = []  # readers say what they cannot tell without; scoring says that it is missing
+        known = None  # readers say what they cannot tell without; scoring says that it is missing
+    truths = known[1] if known else []
     read = reader.read(path, Reading(chosen, truths, names, resources.memory_bytes))
     used = ReaderUsed(name=name, conventions=read.conventions)
-    return Given(found, read.predictions, chosen, data, used, read.notes)
+    return Given(found, read.predictions, chosen, data, used, read.notes, known)
 
 
 def _refuse_special(path: Path) -> None:

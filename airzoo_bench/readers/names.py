@@ -65,6 +65,8 @@ class ImageNames:
         parts = _parts(path)
         known = self.by_last.get(parts[-1], []) if parts else []
         fitting = [one for one in known if _ends_with(parts, one[0]) or _ends_with(one[0], parts)]
+        if len(fitting) == 1:
+            return fitting[0][2]
         in_scene = [one for one in fitting if one[1] in parts[:-1]]
         for several in (in_scene, fitting):
             longest = max((_shared(parts, one[0]) for one in several), default=0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 
-__all__ = ["RowSource", "as_float32"]
+__all__ = ["RowParts", "RowSource", "as_float32"]
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,54 @@ class RowSource:
                 if turn + 1 < len(starts):
                     ahead.append(reader.submit(fetch, turn + 1))
                 yield start, rows
+
+
+@dataclass(frozen=True, eq=False)
+class RowParts:
+    """Rows of several arrays, one after the other, each of which may be mapped from its own file.
+
+    Parameters
+    ----------
+    arrays : tuple of (n, D) array
+        At least one, all of one D.
+    """
+
+    arrays: tuple[NDArray[Any], ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and dimensions."""
+        return sum(map(len, self.arrays)), self.arrays[0].shape[1]
+
+    @property
+    def itemsize(self) -> int:
+        """Bytes of the largest number."""
+        return max(array.itemsize for array in self.arrays)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[Any]:
+        """Read rows into memory, in the order that is asked for."""
+        asked = np.arange(len(self))[rows]
+        found = np.empty((len(asked), self.shape[1]), np.result_type(*self.arrays))
+        for start, array in self._starts():
+            mine = (asked >= start) & (asked < start + len(array))
+            found[mine] = array[asked[mine] - start]
+        return found
+
+    def whole(self, start: int, count: int) -> tuple[NDArray[Any], int] | None:
+        """Return the array that holds all of some rows, and which of its rows is the first."""
+        for begin, array in self._starts():
+            if begin <= start and start + count <= begin + len(array):
+                return array, start - begin
+        return None
+
+    def _starts(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        start = 0
+        for array in self.arrays:
+            yield start, array
+            start += len(array)
 
 
 def as_float32(rows: NDArray[Any]) -> NDArray[np.float32]:

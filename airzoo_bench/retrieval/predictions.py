@@ -17,7 +17,7 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.retrieval.descriptor_rows import as_float32
+from airzoo_bench.retrieval.descriptor_rows import RowParts, as_float32
 from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
 
 __all__ = [
@@ -54,13 +54,16 @@ class RankedIds:
 
 @dataclass(frozen=True)
 class Descriptors:
-    """Descriptors of queries (Q, D) and of tiles (G, D); those of tiles may be mapped from disk."""
+    """Descriptors of queries (Q, D) and of tiles (G, D).
+
+    Those of tiles may be mapped from disk, or from several files.
+    """
 
     kind: ClassVar[str] = "descriptors"
 
     queries: NDArray[np.floating[Any]]
     gallery_ids: Texts
-    gallery: NDArray[np.floating[Any]]
+    gallery: NDArray[np.floating[Any]] | RowParts
 
 
 RetrievalPredictions = QueryPredictions[RankedIds | Descriptors]
@@ -233,7 +236,7 @@ def _check_rankable(
     predictions: RetrievalPredictions,
     metric: Metric,
     field: str,
-    rows: NDArray[np.floating[Any]],
+    rows: NDArray[np.floating[Any]] | RowParts,
     ids: Texts,
 ) -> None:
     step = max(1, _BLOCK_BYTES // max(1, rows.shape[1] * rows.itemsize))

@@ -15,6 +15,7 @@ from airzoo_bench.core.ids import scene_of, with_endings
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.retrieval.descriptor_rows import RowParts
 from airzoo_bench.retrieval.pairs import Positives, hit_matrix, offsets_of
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
@@ -205,7 +206,7 @@ def _scene_gallery(
     if (np.diff(rows) == 1).all():
         return _slice(described.gallery, int(rows[0]), len(rows))
     needed = len(rows) * described.gallery.shape[1] * described.gallery.itemsize
-    if isinstance(described.gallery, np.memmap) and needed > memory_bytes:
+    if isinstance(described.gallery, np.memmap | RowParts) and needed > memory_bytes:
         raise PredictionError(
             f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
             f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
@@ -242,7 +243,10 @@ def _meant(lacking: str, given: NDArray[np.str_], truth: RetrievalTruth) -> str:
     return near.replace("did you mean", "it has") if near else ""
 
 
-def _slice(gallery: NDArray[Any], start: int, count: int) -> NDArray[Any]:
+def _slice(gallery: NDArray[Any] | RowParts, start: int, count: int) -> NDArray[Any]:
+    if isinstance(gallery, RowParts):
+        part = gallery.whole(start, count)
+        return gallery[start : start + count] if part is None else _slice(*part, count)
     if not isinstance(gallery, np.memmap):
         return gallery[start : start + count]
     # A slice of a map keeps its parent's offset; a new map says truly where its bytes begin.

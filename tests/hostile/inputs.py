@@ -21,6 +21,8 @@ from airzoo_bench.core.files import sha256_of
 from tests.formats import cloud_support as clouds
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
 from tests.matching import world as matching
+from tests.readers import retrieval_support
+from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652, vpr
 from tests.reconstruction import world as reconstruction
 from tests.support import MadeScene, made_protocol, make_place, run_main, write_benchmark
 
@@ -64,6 +66,7 @@ def made_inputs(home: Path) -> list[Input]:
     """Make a sound input of every kind below a folder."""
     return [
         *_retrieval(home / "retrieval"),
+        *_retrieval_readers(home / "readers"),
         *_matching(home / "matching"),
         *_reconstruction(home / "reconstruction"),
         *_results(home / "results", home / "retrieval"),
@@ -336,6 +339,44 @@ def _packs(home: Path, given: Path, data: str) -> list[Input]:
     for file, spoil in (("yard.cameras.npz", spoil_arrays), ("protocol.txt", spoil_text)):
         made.append(Input(f"reconstruction/{file}", loose, file, spoil, folder, data, 0.4))
     return made
+
+
+# --- what methods of the retrieval track write ---------------------------------------------------
+
+_READ = (
+    (vpr, "vpr", "logs", "logs/east/2026-11-22_19-00-00/database_descriptors.npy", spoil_bytes),
+    (vpr, "vpr log", "logs", "logs/east/2026-11-22_19-00-00/info.log", spoil_text),
+    (anyloc, "anyloc", "anyloc", "anyloc/east/photos/q00001.jpg.npy", spoil_bytes),
+    (hloc_global, "hloc-global", "", "global-feats-netvlad.h5", spoil_bytes),
+    (game4loc, "game4loc", "", "features.npz", spoil_arrays),
+    (university1652, "university1652", "", "pytorch_result.mat", spoil_bytes),
+    (trec, "trec", "", "mine.run", spoil_text),
+)
+
+
+def _retrieval_readers(home: Path) -> list[Input]:
+    place = retrieval_support.make_world(home)
+    named = ("--protocol", retrieval_support.PROTOCOL)
+    made = []
+    for sample, name, given, file, spoil in _READ:
+        folder = home / name
+        folder.mkdir()
+        sample.write(folder, place)
+        reader = ("--reader", name.split()[0])
+        path = f"FOLDER/{given}" if given else "FILE"
+        commands = (("eval", "retrieval", path, *named, *reader), ("check", path, *named))
+        made.append(
+            Input(f"readers/{name}", folder, file, spoil, commands, str(home / "data"), 0.5)
+        )
+    lists = home / "lists"
+    for scene in place.scenes:
+        vpr.write_lists(lists / "logs" / scene.id, place, scene)
+    command = (("eval", "retrieval", "FOLDER/logs", *named),)
+    file = "logs/east/preds/001.txt"
+    return [
+        *made,
+        Input("readers/lists", lists, file, spoil_text, command, str(home / "data"), 0.5),
+    ]
 
 
 # --- results, tables, own photos -----------------------------------------------------------------

@@ -1,0 +1,242 @@
+"""Reading HDF5 files that strangers wrote: in Python alone, and bounded.
+
+pyfive reads the structure; libhdf5, which is C, sees none of it. What pyfive may read of a damaged
+file is bounded, so that headers that point in circles come to an end. Numbers are read here, after
+the size that a dataset states was held against that of the file and the memory limit.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import math
+import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.formats.budget import Budget
+
+if TYPE_CHECKING:
+    import pyfive
+
+__all__ = ["Hdf5File", "dataset_names"]
+
+_MAGIC = b"\x89HDF\r\n\x1a\n"
+_KINDS = "biuf"
+_DEEPEST = 16
+_BYTES_OF_OBJECT = 12_000  # of memory, what pyfive keeps of a group or dataset
+_CHUNKED, _CONTIGUOUS, _NOWHERE = 2, 1, (1 << 64) - 1
+# pyfive reads each header about once; a file that makes it read more than this goes in circles.
+_TIMES_READ, _LEAST_READ = 16, 16 << 20
+# What pyfive, which checks little, raises over damaged bytes; its own `InvalidHDF5File` is added.
+_DAMAGE = (
+    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
+    *(NameError, OSError, RuntimeError, TypeError, ValueError, struct.error),
+)
+
+
+class Hdf5File:
+    """The datasets of an HDF5 file by their full names, read one at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    limit_bytes : int
+        The most that its structure and the arrays that are read may take in memory together.
+
+    Raises
+    ------
+    UnreadableError
+        It is no HDF5 file.
+    PredictionError
+        It is damaged, or holds more groups and datasets than fit the limit.
+    """
+
+    def __init__(self, path: Path, limit_bytes: int) -> None:
+        self.path = path
+        self.budget = Budget(limit_bytes)
+        self._size = path.stat().st_size if path.is_file() else 0
+        self._datasets: dict[str, pyfive.Dataset] = {}
+        with _damage(path), path.open("rb") as stream:
+            for count, (name, dataset) in enumerate(_walk(_open(path, stream))):
+                self.budget.hold(path, "its groups and datasets", count * _BYTES_OF_OBJECT)
+                if dataset is not None:
+                    self._datasets[name] = dataset
+
+    def names(self) -> list[str]:
+        """Return the full names of the datasets, such as ``a/b/keypoints``."""
+        return list(self._datasets)
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Read a dataset of numbers into memory.
+
+        Raises
+        ------
+        PredictionError
+            It is not there, holds no numbers, is compressed, is larger than the file, or more than
+            the limit with those read before it.
+        """
+        if name not in self._datasets:
+            raise PredictionError(f"has no dataset {name[:200]!r}", where=self.path)
+        with _damage(self.path), self.path.open("rb") as stream:
+            return self._read(self._datasets[name], f"dataset {name[:200]!r}", stream)
+
+    def _read(self, dataset: pyfive.Dataset, what: str, stream: IO[bytes]) -> NDArray[Any]:
+        dtype, shape = np.dtype(dataset.dtype), tuple(map(int, dataset.shape))
+        if dtype.kind not in _KINDS:
+            raise PredictionError(f"{what} holds no numbers but {dtype}", where=self.path)
+        if dataset.id.filter_pipeline:
+            raise PredictionError(
+                f"{what} is compressed",
+                where=self.path,
+                expected="datasets as h5py writes them by default, without filters",
+                fix="write it anew: h5repack -f NONE OLD.h5 NEW.h5",
+            )
+        nbytes = math.prod(shape) * dtype.itemsize
+        if min(shape, default=0) < 0 or nbytes > self._size:
+            raise _damaged(
+                self.path, f"{what} states {nbytes:,} bytes, the file has {self._size:,}"
+            )
+        self.budget.hold(self.path, what, nbytes)
+        if dataset.id.layout_class == _CONTIGUOUS:
+            start = dataset.id.data_offset
+            stream.seek(0 if start == _NOWHERE else start)
+            return _filled(stream, dtype, shape, written=start != _NOWHERE)
+        values: NDArray[Any] = np.array(dataset[...], dtype=dtype.newbyteorder("="))
+        return values
+
+
+def dataset_names(path: Path, most: int) -> list[str]:
+    """Return the names of the first few datasets; none of what is no HDF5 file or is damaged.
+
+    Parameters
+    ----------
+    path : Path
+        A file or a folder.
+    most : int
+        Names at most; fewer are found where many groups come first.
+    """
+    if not path.is_file():
+        return []
+    found = []
+    try:
+        with _damage(path), path.open("rb") as stream:
+            for name, dataset in itertools.islice(_walk(_open(path, stream)), 8 * most):
+                if dataset is not None:
+                    found.append(name)
+                if len(found) == most:
+                    break
+    except PredictionError:
+        return found
+    return found
+
+
+def _open(path: Path, stream: IO[bytes]) -> pyfive.Group:
+    if stream.read(len(_MAGIC)) != _MAGIC:
+        raise UnreadableError("no HDF5 file", where=path, expected="a file that h5py wrote")
+    import pyfive
+
+    return pyfive.File(_Bounded(path))
+
+
+def _walk(root: pyfive.Group) -> Iterator[tuple[str, pyfive.Dataset | None]]:
+    """Yield the groups (None) and datasets of a file, depth first, with their full names."""
+    import pyfive
+
+    left: list[Iterator[tuple[str, pyfive.Group, str]]] = [_members("", root)]
+    while left:
+        entry = next(left[-1], None)
+        if entry is None:
+            left.pop()
+            continue
+        name, group, member = entry
+        thing = group.get_lazy_view(member)
+        if isinstance(thing, pyfive.Group):
+            if len(left) == _DEEPEST:
+                raise ValueError(f"groups are nested more than {_DEEPEST} deep")
+            left.append(_members(name + "/", thing))
+        yield name, thing if isinstance(thing, pyfive.Dataset) else None
+
+
+def _members(before: str, group: pyfive.Group) -> Iterator[tuple[str, pyfive.Group, str]]:
+    return ((before + member, group, member) for member in group)
+
+
+def _filled(
+    stream: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...], *, written: bool
+) -> NDArray[Any]:
+    values = np.zeros(shape, dtype)
+    if written and values.nbytes:
+        view = memoryview(values.reshape(-1).view(np.uint8).data)
+        if stream.readinto(view) != len(view):  # type: ignore[attr-defined]
+            raise EOFError("the file ends before the data does")
+    return values.astype(dtype.newbyteorder("="), copy=False)
+
+
+class _Bounded(io.RawIOBase):
+    """A file that gives no more than it has, and not for ever."""
+
+    def __init__(self, path: Path) -> None:
+        self._stream = path.open("rb")
+        self._size = path.stat().st_size
+        self._left = _LEAST_READ + _TIMES_READ * self._size
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._stream.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._stream.tell()
+
+    def read(self, size: int = -1) -> bytes:
+        here = self._stream.tell()
+        rest = max(self._size - here, 0)
+        found = self._stream.read(rest if size < 0 else min(size, rest))
+        self._left -= len(found) + 1  # reading nothing counts, too
+        if self._left < 0:
+            raise EOFError("its headers point in circles")
+        return found
+
+    def close(self) -> None:
+        self._stream.close()
+        super().close()
+
+
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Say of what pyfive cannot read that the file is damaged.
+
+    Raises
+    ------
+    PredictionError
+        In place of what pyfive raises.
+    """
+    from pyfive.core import InvalidHDF5File
+
+    try:
+        with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
+            yield
+    except (*_DAMAGE, InvalidHDF5File) as error:
+        raise _damaged(path, f"{type(error).__name__}: {str(error)[:200]}") from error
+
+
+def _damaged(path: Path, reason: str) -> PredictionError:
+    return PredictionError(
+        f"damaged or cut off, or HDF5 of a kind that is not read here: {reason}",
+        where=path,
+        expected="an HDF5 file as h5py writes it",
+        fix="write or copy the file again",
+    )

@@ -1,0 +1,161 @@
+"""Descriptors by image, queries and tiles together: by its name, each is the one or the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.readers.retrieval import NamedRows, SceneImages, join
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from airzoo_bench.formats.budget import Budget
+    from airzoo_bench.retrieval.predictions import RetrievalPredictions
+
+__all__ = ["read_bag"]
+
+_BYTES_OF_NAME = 400  # of memory, for a name and what stands for it
+_DOUBLE = 8
+
+
+@dataclass(frozen=True)
+class _Sorted:
+    """Numbers of images by what they are, in the order of their ids, and these."""
+
+    ids: dict[int, str]
+    queries: list[int]
+    tiles: list[int]
+    others: list[int]
+
+
+def read_bag(
+    path: Path,
+    names: Sequence[str],
+    read: Callable[[int], NDArray[Any]],
+    images: SceneImages,
+    budget: Budget,
+) -> tuple[RetrievalPredictions, tuple[str, ...]]:
+    """Read the descriptors of images into memory.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    names : sequence of str
+        Of the images.
+    read : callable
+        Returns the descriptor of an image by its number, (D,) or (1, D).
+    images : SceneImages
+    budget : Budget
+
+    Returns
+    -------
+    RetrievalPredictions, tuple of str
+        With a note on images that are neither.
+
+    Raises
+    ------
+    PredictionError
+        Names that could be several images, or lack queries or tiles altogether; descriptors of
+        several lengths, or of more than fits the memory.
+    """
+    budget.hold(path, "the names of its images", len(names) * _BYTES_OF_NAME)
+    sort = _sort(path, names, images)
+    queries = _rows(path, names, sort.queries, read, budget, "the descriptors of queries")
+    tiles = _rows(path, names, sort.tiles, read, budget, "the descriptors of tiles")
+    parts = [
+        NamedRows(_ids(sort, some), rows)
+        for some, rows in ((sort.queries, queries), (sort.tiles, tiles))
+    ]
+    notes: tuple[str, ...] = ()
+    if sort.others:
+        named = first_of(names[number][-80:] for number in sort.others)
+        notes = (f"images that are neither queries nor tiles, left aside: {named}",)
+    return join(path, parts[:1], parts[1:]), notes
+
+
+def _sort(path: Path, names: Sequence[str], images: SceneImages) -> _Sorted:
+    photos = _found(images.queries, names, path)
+    squares = _found(images.tiles, names, path)
+    both = [name for name, one, other in zip(names, photos, squares, strict=True) if one and other]
+    if both:
+        raise PredictionError(
+            f"could be a query or a tile: {first_of([repr(name[:200]) for name in both])}",
+            where=path,
+            expected="names that mean one image each",
+            fix="keep the folders of queries and tiles in the names",
+        )
+    for kind, found in (("query", photos), ("tile", squares)):
+        if not any(found):
+            raise PredictionError(
+                f"describes no {kind} of the protocol: {first_of(map(repr, names))}",
+                where=path,
+                expected="a descriptor for each query and each tile",
+                fix="describe both folders; a method that takes *.jpg only passes over .JPG and "
+                ".png",
+            )
+    either = [one or other for one, other in zip(photos, squares, strict=True)]
+    ids = {number: one for number, one in enumerate(either) if one is not None}
+    by_id = sorted(ids, key=lambda number: ids[number])
+    return _Sorted(
+        ids,
+        [number for number in by_id if photos[number]],
+        [number for number in by_id if squares[number]],
+        [number for number in range(len(names)) if number not in ids],
+    )
+
+
+def _found(known: Any, names: Sequence[str], path: Path) -> list[str | None]:
+    """Return the id of each name; where it is none of them, all are None."""
+    if not any(known.find(name) for name in names):
+        return [None] * len(names)
+    found: list[str | None] = known.find_all(names, path)
+    return found
+
+
+def _ids(sort: _Sorted, some: Sequence[int]) -> NDArray[np.str_]:
+    import numpy as np
+
+    return np.array([sort.ids[number] for number in some], dtype=str)
+
+
+def _rows(
+    path: Path,
+    names: Sequence[str],
+    some: Sequence[int],
+    read: Callable[[int], NDArray[Any]],
+    budget: Budget,
+    what: str,
+) -> NDArray[np.floating[Any]]:
+    """Read descriptors into one array, of the first one's length and type."""
+    import numpy as np
+
+    first = read(some[0]).reshape(-1)
+    if first.dtype.kind != "f" or first.dtype.itemsize > _DOUBLE or not first.size:
+        raise PredictionError(
+            f"{names[some[0]][:200]!r} has {first.size:,} numbers of type {first.dtype}",
+            where=path,
+            expected="descriptors: floating point of 16, 32 or 64 bits",
+            fix="write the file again",
+        )
+    size = len(some) * first.size
+    budget.hold(path, what, size * (first.itemsize + _DOUBLE))
+    rows = np.empty((len(some), first.size), first.dtype)
+    for row, number in enumerate(some):
+        one = read(number).reshape(-1)
+        if one.shape != first.shape or one.dtype != first.dtype:
+            raise PredictionError(
+                f"{names[number][:200]!r} has {counted(one.size, 'number')} of type {one.dtype}, "
+                f"{names[some[0]][:200]!r} has {first.size:,} of type {first.dtype}",
+                where=path,
+                expected="descriptors of one method",
+                fix="describe all images with one model",
+            )
+        rows[row] = one
+    return rows

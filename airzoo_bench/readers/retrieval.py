@@ -1,0 +1,282 @@
+"""What readers of the retrieval track share: names, descriptors of several files, metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.readers.names import ImageNames
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from airzoo_bench.formats.budget import Budget
+    from airzoo_bench.retrieval.predictions import RetrievalPredictions
+    from airzoo_bench.retrieval.truth import RetrievalTruth
+
+__all__ = [
+    "NamedRows",
+    "SceneImages",
+    "aside",
+    "check_descriptors",
+    "compared",
+    "gallery_rows",
+    "join",
+    "query_rows",
+    "ranked_lists",
+    "tile_images",
+]
+
+_UNIT_LENGTH = 1e-3  # how far from 1 lengths may be: half precision rounds by half of it
+_LONGEST_NAME = 80
+_COPIES_OF_TEXT = 5  # the ids, and what a run makes while it splits, sorts and compares them
+
+
+@dataclass(frozen=True, eq=False)
+class SceneImages:
+    """The photos and tiles of some scenes by name.
+
+    Attributes
+    ----------
+    truths : tuple of RetrievalTruth
+        Names are taken from them, and nothing else.
+    queries, tiles : ImageNames
+    """
+
+    truths: tuple[RetrievalTruth, ...]
+    queries: ImageNames
+    tiles: ImageNames
+
+    @classmethod
+    def of(cls, truths: Iterable[RetrievalTruth], where: Path) -> SceneImages:
+        """Take the names of scenes.
+
+        Parameters
+        ----------
+        truths : iterable of RetrievalTruth
+        where : Path
+            The predictions, for the message.
+
+        Raises
+        ------
+        PredictionError
+            There is no scene, since the benchmark folder is missing.
+        """
+        some = tuple(truths)
+        if not some:
+            raise PredictionError(
+                "its names of images mean nothing without the benchmark, whose folder is missing",
+                where=where,
+                expected="a prepared benchmark",
+                fix="say where it is with --data, or prepare it",
+            )
+        queries = [pair for truth in some for pair in _pairs(truth.queries)]
+        tiles = [pair for truth in some for pair in tile_images(truth)]
+        return cls(some, ImageNames.of("query", queries), ImageNames.of("tile", tiles))
+
+    def named_in(self, texts: Iterable[str], where: Path) -> SceneImages:
+        """Keep the scenes whose names are parts of paths; all where none is.
+
+        Parameters
+        ----------
+        texts : iterable of str
+            Paths of folders.
+        where : Path
+        """
+        parts = {part for text in texts for part in text.replace("\\", "/").split("/")}
+        named = [truth for truth in self.truths if truth.scene in parts]
+        return SceneImages.of(named, where) if named else self
+
+
+def tile_images(truth: RetrievalTruth) -> list[tuple[str, str]]:
+    """Return ids of tiles with the names of their files, as `prepare --tiles files` writes them."""
+    if truth.of_images:
+        return _pairs(truth.tiles)
+    return [(one, f"{one.split('/', 1)[1]}.png") for one in truth.tiles["id"].tolist()]
+
+
+def _pairs(table: Any) -> list[tuple[str, str]]:
+    return list(zip(table["id"].tolist(), table["image"].tolist(), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class NamedRows:
+    """Descriptors (N, D) with N ids; `strange` are names that are those of no image asked for."""
+
+    ids: NDArray[np.str_]
+    rows: NDArray[np.floating[Any]]
+    strange: int = 0
+
+
+def check_descriptors(path: Path, what: str, rows: NDArray[Any], names: int | None = None) -> None:
+    """Refuse what are no descriptors, or not as many as there are names.
+
+    Raises
+    ------
+    PredictionError
+        The message says what it is instead.
+    """
+    fine = rows.ndim == 2 and rows.dtype.kind == "f" and rows.dtype.itemsize <= 8
+    if not fine or not rows.size:
+        raise PredictionError(
+            f"{what} has type {rows.dtype} and shape {rows.shape}",
+            where=path,
+            expected="descriptors: floating point of 16, 32 or 64 bits, a row an image",
+            fix="write the file again",
+        )
+    if names is not None and names != len(rows):
+        raise PredictionError(
+            f"{what} has {counted(len(rows), 'row')}, and there are {counted(names, 'name')}",
+            where=path,
+            expected="a name for each row",
+            fix="run the method again, or give its image names, in its order, with --names",
+        )
+
+
+def query_rows(
+    names: Sequence[str], rows: NDArray[Any], images: SceneImages, where: Path
+) -> NamedRows:
+    """Keep the rows of queries; other photos may be described too, and are counted."""
+    import numpy as np
+
+    found = images.queries.find_all(names, where)
+    kept = [row for row, one in enumerate(found) if one is not None]
+    ids = np.array([found[row] for row in kept], dtype=str)
+    return NamedRows(ids, rows if len(kept) == len(rows) else rows[kept], len(rows) - len(kept))
+
+
+def aside(strange: int) -> tuple[str, ...]:
+    """Say how many described photos are no queries, if any."""
+    return (f"{counted(strange, 'photo')} described that are no queries, left aside",) * (
+        strange > 0
+    )
+
+
+def gallery_rows(
+    names: Sequence[str], rows: NDArray[Any], images: SceneImages, where: Path
+) -> NamedRows:
+    """Name the rows of a gallery, which may be mapped; what is no tile keeps its own name."""
+    import numpy as np
+
+    found = images.tiles.find_all(names, where)
+    ids = [
+        one if one is not None else f"row {row}/{_shown(name)}"
+        for row, (one, name) in enumerate(zip(found, names, strict=True))
+    ]
+    return NamedRows(np.array(ids, dtype=str), rows)
+
+
+def _shown(name: str) -> str:
+    shown = "".join(letter if letter.isprintable() else "?" for letter in name[-_LONGEST_NAME:])
+    return shown.rstrip("/") or "unnamed"
+
+
+def join(
+    path: Path, queries: Sequence[NamedRows], galleries: Sequence[NamedRows]
+) -> RetrievalPredictions:
+    """Make predictions of descriptors; the galleries of several files stay where they are.
+
+    Raises
+    ------
+    PredictionError
+        Files have descriptors of different lengths.
+    """
+    import numpy as np
+
+    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.retrieval.descriptor_rows import RowParts
+    from airzoo_bench.retrieval.predictions import Descriptors
+
+    lengths = sorted({one.rows.shape[1] for one in (*queries, *galleries)})
+    if len(lengths) > 1:
+        raise PredictionError(
+            f"descriptors of {' and '.join(map(str, lengths))} dimensions",
+            where=path,
+            expected="one number of dimensions in all files",
+            fix="describe photos and tiles of all scenes with one model",
+        )
+    asked = np.concatenate([one.ids for one in queries])
+    rows = queries[0].rows if len(queries) == 1 else np.concatenate([one.rows for one in queries])
+    tiles = np.concatenate([one.ids for one in galleries])
+    gallery: Any = galleries[0].rows
+    if len(galleries) > 1:
+        gallery = RowParts(tuple(one.rows for one in galleries))
+    return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
+
+
+def ranked_lists(
+    path: Path,
+    lists: Mapping[str, Sequence[str]],
+    scores: Mapping[str, Sequence[float]] | None,
+    budget: Budget,
+) -> RetrievalPredictions:
+    """Make predictions of ranked ids, best first, of any lengths.
+
+    Raises
+    ------
+    PredictionError
+        There is none, or they take too much memory.
+    """
+    import numpy as np
+
+    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.retrieval.predictions import RankedIds
+
+    if not lists:
+        raise PredictionError("ranks no tile", where=path, expected="a list for each query")
+    depth = max(map(len, lists.values()))
+    letters = max((len(one) for ids in lists.values() for one in set(ids)), default=1)
+    size = len(lists) * depth * (4 * letters * _COPIES_OF_TEXT + 8)
+    budget.hold(path, f"lists of {depth:,} tiles", size, "rank fewer tiles for each query")
+    ids = np.full((len(lists), depth), "", f"<U{letters}")
+    given = None if scores is None else np.zeros(ids.shape)
+    for row, query in enumerate(lists):
+        ids[row, : len(lists[query])] = lists[query]
+        if given is not None and scores is not None:
+            given[row, : len(lists[query])] = scores[query]
+    return QueryPredictions(path, None, np.array(list(lists), dtype=str), RankedIds(ids, given))
+
+
+def compared(
+    own: str, protocol: Any, predictions: RetrievalPredictions
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Say how descriptors are compared, and whether that is another way than the method's own.
+
+    Parameters
+    ----------
+    own : str
+        The method's metric: "l2", "inner_product", "cosine".
+    protocol : RetrievalProtocol
+    predictions : RetrievalPredictions
+        Descriptors.
+
+    Returns
+    -------
+    tuple, tuple
+        Conventions and notes. Over vectors of unit length all three metrics rank alike.
+    """
+    from airzoo_bench.retrieval.predictions import RankedIds
+    from airzoo_bench.retrieval.similarity import norms_of
+
+    content, metric = predictions.content, protocol.scores.descriptor_metric
+    said = (f"descriptors are compared by {_METRICS[metric]}, as the protocol says",)
+    if isinstance(content, RankedIds) or metric == own:
+        return said, ()
+    import numpy as np
+
+    lengths = norms_of(content.queries, np.asarray(content.queries, dtype=np.float32))
+    if (np.abs(lengths - 1) <= _UNIT_LENGTH).all():
+        return said, ()
+    return said, (
+        f"the method ranks by {_METRICS[own]}, the protocol by {_METRICS[metric]}, and the "
+        f"descriptors of queries are {lengths.min():.3g} to {lengths.max():.3g} long, not 1: the "
+        "ranking may be another than the method's own",
+    )
+
+
+_METRICS = {"l2": "L2 distance", "cosine": "cosine", "inner_product": "inner product"}

@@ -1,0 +1,256 @@
+"""Log folders of VPR-methods-evaluation: descriptors, or the paths of what each query found.
+
+The descriptors have no names. Their rows follow the listing of two folders, which the log names;
+where these are not on this machine, a list of names says it, or the benchmark's own order.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.files import first_bytes, read_text
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.readers.retrieval import (
+    NamedRows,
+    SceneImages,
+    aside,
+    check_descriptors,
+    compared,
+    gallery_rows,
+    join,
+    query_rows,
+    ranked_lists,
+)
+from airzoo_bench.readers.vpr_log import VprLog, read_log
+from airzoo_bench.readers.vpr_names import NameSource, name_source
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["VPR", "VprReader"]
+
+_QUERIES, _DATABASE, _LISTS = "queries_descriptors.npy", "database_descriptors.npy", "preds"
+_DEEPEST = 3  # logs/NAME/TIME, above which a folder of logs may stand
+_MOST_FOLDERS = 4096
+_NUMBERED = re.compile(r"\d{3,}\.txt")
+_HEADS = ("Query path:", "Predictions paths:", "Positives paths:")
+_LIST_BYTES = 4 << 20
+_BYTES_OF_NAME = 300  # of memory, for a path and what stands for it
+_DOUBLE = 8
+_AGAIN = "run the method again with --save_descriptors"
+
+
+class VprReader(Reader):
+    """See `Reader`."""
+
+    track = "retrieval"
+    title = "a log folder of VPR-methods-evaluation"
+    layout = "queries_descriptors.npy and database_descriptors.npy, or preds/NNN.txt, with info.log"
+    methods = ("VPR-methods-evaluation", "SALAD", "MegaLoc", "AnyLoc", "BoQ", "CosPlace")
+
+    def recognise(self, path: Path) -> float:
+        """See `Reader.recognise`."""
+        return 0.95 if log_folders(path, first=True) else 0.0
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`."""
+        images = SceneImages.of(reading.truths, path)
+        budget = Budget(reading.memory_bytes)
+        names = name_source(reading.names)
+        folders = log_folders(path)
+        logs = [read_log(folder) for folder in folders]
+        if any((folder / name).is_file() for folder in folders for name in (_DATABASE, _QUERIES)):
+            parts = [_descriptors(one, images, names, budget) for one in logs]
+            names.check_used_up()
+            predictions = join(path, [one[0] for one in parts], [one[1] for one in parts])
+            said, notes = compared("l2", reading.protocol, predictions)
+            left = sum(one[0].strange for one in parts)
+        else:
+            lists, left = _all_lists(logs, images, budget)
+            predictions = ranked_lists(path, lists, None, budget)
+            said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
+        conventions = (*_ran(logs), *names.said, *said)
+        return ReadPredictions(predictions, conventions, (*aside(left), *notes))
+
+
+VPR = VprReader()
+
+
+def log_folders(path: Path, *, first: bool = False) -> list[Path]:
+    """Find the log folders at a path or, where it is none, below it, in the order of their paths.
+
+    Parameters
+    ----------
+    path : Path
+    first : bool
+        Whether the first one is enough.
+    """
+    found: list[Path] = []
+    left, seen = [(path, 0)], 0
+    while left and seen < _MOST_FOLDERS and not (first and found):
+        folder, depth = left.pop()
+        seen += 1
+        if _is_log(folder):
+            found.append(folder)
+        elif depth < _DEEPEST and folder.is_dir() and not folder.is_symlink():
+            below = sorted((one for one in _entries(folder) if one.is_dir()), reverse=True)
+            left += [(one, depth + 1) for one in below]
+    return found
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError:
+        return []
+
+
+def _is_log(folder: Path) -> bool:
+    if any((folder / name).is_file() for name in (_QUERIES, _DATABASE)):
+        return True
+    lists = _list_files(folder)
+    if lists:
+        return first_bytes(lists[0], len(_HEADS[0])) == _HEADS[0].encode()
+    return read_log(folder).database is not None
+
+
+def _list_files(folder: Path) -> list[Path]:
+    """Return the lists of a log folder by number; from 1000 on they have four digits."""
+    if not (folder / _LISTS).is_dir():
+        return []
+    found = [one for one in _entries(folder / _LISTS) if _NUMBERED.fullmatch(one.name)]
+    return sorted((one for one in found if one.is_file()), key=lambda one: int(one.stem))
+
+
+def _ran(logs: Sequence[VprLog]) -> tuple[str, ...]:
+    methods = sorted({log.method for log in logs if log.method})
+    if len(methods) > 1:
+        raise PredictionError(
+            f"runs of several methods: {first_of(methods)}",
+            where=logs[0].folder.parent,
+            expected="a log folder for each scene, of one method",
+            fix="name the folder of one method's runs",
+        )
+    return tuple(f"info.log says: method {method}" for method in methods)
+
+
+def _descriptors(
+    log: VprLog, images: SceneImages, names: NameSource, budget: Budget
+) -> tuple[NamedRows, NamedRows]:
+    """Map the gallery of one log folder, read its queries, and name both."""
+    from airzoo_bench.formats.npy import map_floats
+
+    folder, rows = log.folder, {}
+    for file in (_DATABASE, _QUERIES):
+        if not (folder / file).is_file():
+            raise PredictionError(f"lacks {file}", where=folder, expected="both files", fix=_AGAIN)
+        rows[file] = map_floats(folder / file)
+        check_descriptors(folder / file, "it", rows[file])
+    gallery, asked = rows[_DATABASE], rows[_QUERIES]
+    _check_counts(log, len(gallery), len(asked))
+    budget.hold(folder, "its queries", asked.size * (asked.itemsize + _DOUBLE))
+    budget.hold(folder, "the names of its images", (len(gallery) + len(asked)) * _BYTES_OF_NAME)
+    here = images.named_in((str(folder), log.database or ""), folder)
+    tiles, photos = names.of(log, here, len(gallery), len(asked))
+    return (
+        query_rows(photos, _in_memory(asked), here, folder / _QUERIES),
+        gallery_rows(tiles, gallery, here, folder / _DATABASE),
+    )
+
+
+def _in_memory(rows: NDArray[np.floating]) -> NDArray[np.floating]:
+    import numpy as np
+
+    return np.array(rows)
+
+
+def _check_counts(log: VprLog, tiles: int, photos: int) -> None:
+    if log.counts not in (None, (photos, tiles)):
+        raise PredictionError(
+            f"descriptors of {photos:,} queries and {tiles:,} database images, and its info.log "
+            f"speaks of {log.counts[0]:,} and {log.counts[1]:,}",
+            where=log.folder,
+            expected="the files of one run",
+            fix=_AGAIN,
+        )
+
+
+def _all_lists(
+    logs: Sequence[VprLog], images: SceneImages, budget: Budget
+) -> tuple[dict[str, Sequence[str]], int]:
+    """Read the lists of all log folders; also count those of photos that are no queries."""
+    lists: dict[str, Sequence[str]] = {}
+    left = 0
+    for log in logs:
+        files = _list_files(log.folder)
+        _check_complete(log, files)
+        here = images.named_in((str(log.folder), log.database or ""), log.folder)
+        read = [_read_list(file, budget) for file in files]
+        asked = here.queries.find_all([query for query, _ in read], log.folder / _LISTS)
+        for file, query, (_, paths) in zip(files, asked, read, strict=True):
+            if query is None:
+                left += 1
+                continue
+            if query in lists:
+                raise PredictionError(f"query {query} is answered twice", where=file)
+            lists[query] = _tiles(paths, here, file)
+    return lists, left
+
+
+def _check_complete(log: VprLog, files: list[Path]) -> None:
+    """Refuse lists some of which were not written."""
+    numbers = {int(file.stem) for file in files}
+    expected = max(numbers, default=-1) + 1 if log.counts is None else log.counts[0]
+    lacking = sorted(set(range(expected)) - numbers)
+    if log.only_wrong or lacking or not files:
+        what = f"lacks the lists of {first_of(lacking, expected, noun='query')}"
+        if not files:
+            what = "has neither descriptors nor lists"
+        elif not lacking:
+            what = "has lists of wrongly answered queries only"
+        raise PredictionError(
+            what + ": --save_only_wrong_preds leaves queries out" * log.only_wrong,
+            where=log.folder,
+            expected="a list for each query, or the descriptors",
+            fix=_AGAIN,
+        )
+
+
+def _read_list(file: Path, budget: Budget) -> tuple[str, list[str]]:
+    """Return the query's path and those that it found, best first."""
+    text = read_text(file, PredictionError, "list of predictions", _LIST_BYTES)
+    budget.hold(file.parent, f"list {file.name}", 4 * len(text))
+    parts: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        if line in _HEADS:
+            parts[line] = []
+        elif line.strip() and parts:
+            list(parts.values())[-1].append(line)
+    if len(parts.get(_HEADS[0], ())) != 1 or not parts.get(_HEADS[1]):
+        raise PredictionError(
+            "no list of predictions, or a damaged one",
+            where=file,
+            expected=f"{_HEADS[0]!r}, a path, {_HEADS[1]!r}, paths",
+            fix="run the method again",
+        )
+    return parts[_HEADS[0]][0], parts[_HEADS[1]]
+
+
+def _tiles(paths: Sequence[str], images: SceneImages, file: Path) -> list[str]:
+    found = images.tiles.find_all(paths, file)
+    strange = [path for path, one in zip(paths, found, strict=True) if one is None]
+    if strange:
+        raise PredictionError(
+            f"ranks what is no tile: {first_of([repr(path[:200]) for path in strange])}",
+            where=file,
+            expected="tiles of the benchmark's gallery",
+            fix="let --database_folder hold the benchmark's tiles alone, and run again",
+        )
+    return [one for one in found if one is not None]

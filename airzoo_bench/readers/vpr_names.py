@@ -1,0 +1,218 @@
+"""Names of the rows of VPR-methods-evaluation's descriptors, which its files do not hold."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.readers.names import read_names
+from airzoo_bench.readers.retrieval import SceneImages, tile_images
+from airzoo_bench.readers.vpr_log import VprLog
+
+if TYPE_CHECKING:
+    from airzoo_bench.retrieval.truth import RetrievalTruth
+
+__all__ = ["NameSource", "name_source"]
+
+_LISTED = (".jpg", ".jpeg", ".png")
+_LISTED_BEFORE = (".jpg",)  # until March 2025, and in this case only
+_TIMES_LISTED, _LEAST_LISTED = 8, 100_000  # what a log names may be any folder of this computer
+_FIX = "list the database images, then the queries, in the method's order, and add --names LIST"
+_BY_FILE = "names are those of the _images_paths.txt beside the folders that info.log names"
+_BY_LIST = "names are the lines of --names: each run's database images, then its queries"
+_BY_LISTING = "names are the files in the folders that info.log names, in the order of their paths"
+_BY_COUNT = (
+    "names are taken by order: the folders of info.log are not on this machine, and as many "
+    "images as were described are in the benchmark, sorted by path"
+)
+
+
+@dataclass
+class NameSource:
+    """Gives names to rows, and remembers where they came from.
+
+    Attributes
+    ----------
+    given : list of str or None
+        The lines of ``--names`` that are left.
+    path : Path or None
+        Where these stand.
+    """
+
+    given: list[str] | None
+    path: Path | None
+    used: dict[str, None] = field(default_factory=dict)
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """The conventions, for the result."""
+        return tuple(self.used)
+
+    def of(
+        self, log: VprLog, images: SceneImages, tiles: int, photos: int
+    ) -> tuple[Sequence[str], Sequence[str]]:
+        """Return the names of a run's database images and of its queries.
+
+        Parameters
+        ----------
+        log : VprLog
+        images : SceneImages
+            Of the scenes that the run may be of.
+        tiles, photos : int
+            Rows that need a name.
+
+        Raises
+        ------
+        PredictionError
+            There are other numbers of names than rows, or none at all.
+        """
+        if self.given is not None:
+            return self._from_list(tiles, photos)
+        listed = _from_folder(log.database, tiles), _from_folder(log.queries, photos)
+        if listed[0] is None or listed[1] is None:
+            self.used[_BY_COUNT] = None
+            return _by_count(log, images, tiles, photos)
+        self.used |= dict.fromkeys((listed[0].said, listed[1].said))
+        return listed[0].checked(tiles), listed[1].checked(photos)
+
+    def check_used_up(self) -> None:
+        """Refuse a list of names that is longer than all rows.
+
+        Raises
+        ------
+        PredictionError
+            The message says by how many.
+        """
+        if self.given:
+            raise _other_count(self.path, f"{counted(len(self.given), 'name')} more than rows")
+
+    def _from_list(self, tiles: int, photos: int) -> tuple[Sequence[str], Sequence[str]]:
+        self.used[_BY_LIST] = None
+        given = self.given or []
+        if len(given) < tiles + photos:
+            raise _other_count(
+                self.path,
+                f"{counted(len(given), 'name')} for {tiles:,} database images and "
+                f"{counted(photos, 'query')}",
+            )
+        self.given = given[tiles + photos :]
+        return given[:tiles], given[tiles : tiles + photos]
+
+
+def name_source(names: Path | None) -> NameSource:
+    """Make what names rows, by a list where there is one.
+
+    Raises
+    ------
+    PredictionError
+        The list cannot be read.
+    """
+    return NameSource(None if names is None else read_names(names), names)
+
+
+def _other_count(path: Any, what: str) -> PredictionError:
+    return PredictionError(
+        what, where=path, expected="a name for each row of the descriptors", fix=_FIX
+    )
+
+
+@dataclass(frozen=True)
+class _Listed:
+    folder: str
+    names: list[str]
+    said: str
+
+    def checked(self, rows: int) -> list[str]:
+        if len(self.names) != rows:
+            raise _other_count(
+                self.folder, f"{counted(len(self.names), 'image')} for {counted(rows, 'row')}"
+            )
+        return [f"{self.folder}/{name}" for name in self.names]
+
+
+def _from_folder(folder: str | None, rows: int) -> _Listed | None:
+    """Name the images of a folder as the method's dataset class does; None where it is not here.
+
+    The method before March 2025 took other files; its listing is taken where it alone fits.
+    """
+    if not folder or not _is_folder(folder):
+        return None
+    listed = Path(folder + "_images_paths.txt")
+    if listed.is_file():
+        return _Listed(folder, read_names(listed), _BY_FILE)
+    files = sorted(_files(folder, _TIMES_LISTED * rows + _LEAST_LISTED))
+    now = [name for name in files if Path(name).suffix.lower() in _LISTED]
+    before = [name for name in files if name.endswith(_LISTED_BEFORE)]
+    return _Listed(folder, before if len(before) == rows != len(now) else now, _BY_LISTING)
+
+
+def _is_folder(folder: str) -> bool:
+    try:
+        return Path(folder).is_dir()
+    except OSError:  # a name that is longer than names can be
+        return False
+
+
+def _files(folder: str, most: int) -> Iterator[str]:
+    """Yield files below a folder, relative to it, as ``glob("**/*")`` finds them."""
+    count = 0
+    for home, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        inside = Path(home).relative_to(folder)
+        for name in files:
+            count += 1
+            if count > most:
+                raise _other_count(folder, f"more than {most:,} files")
+            if not name.startswith("."):
+                yield (inside / name).as_posix()
+
+
+def _by_count(
+    log: VprLog, images: SceneImages, tiles: int, photos: int
+) -> tuple[list[str], list[str]]:
+    """Take the benchmark's own order where one scene, or all, has as many images as rows."""
+    choices: list[tuple[RetrievalTruth, ...]] = [(truth,) for truth in images.truths]
+    if len(choices) > 1:
+        choices.append(images.truths)
+    found = [
+        (names, asked)
+        for some in choices
+        if len(names := _tile_paths(some)) == tiles
+        for asked in _photo_paths(some)
+        if len(asked) == photos
+    ]
+    if len(found) == 1:
+        return found[0]
+    what = "could be several scenes by their numbers" if found else "fit no scene"
+    raise PredictionError(
+        f"its {counted(tiles, 'database image')} and {counted(photos, 'query')} have no names, "
+        f"and {what}",
+        where=log.folder,
+        expected="the folders that info.log names, or a list of names",
+        fix=_FIX,
+    )
+
+
+def _tile_paths(truths: Sequence[RetrievalTruth]) -> list[str]:
+    """Return the names of tile files, with their scene, by path."""
+    return sorted(f"{truth.scene}/{name}" for truth in truths for _, name in tile_images(truth))
+
+
+def _photo_paths(truths: Sequence[RetrievalTruth]) -> list[list[str]]:
+    """Return the names of queries, and of all photos if they are more, by path."""
+    tables = [[truth.queries for truth in truths]]
+    if any(len(truth.excluded) for truth in truths):
+        tables.append([pd for truth in truths for pd in (truth.queries, truth.excluded)])
+    return [
+        sorted(
+            f"{one.split('/', 1)[0]}/{image}"
+            for table in some
+            for one, image in zip(table["id"], table["image"], strict=True)
+        )
+        for some in tables
+    ]

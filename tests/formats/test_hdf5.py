@@ -1,0 +1,133 @@
+"""HDF5: what h5py writes, in both layouts, is read as it is; what is damaged is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
+
+LIMIT = 1 << 26
+LIBVERS = ["earliest", "latest"]
+ARRAYS: dict[str, NDArray[Any]] = {
+    "a/b.jpg/keypoints": np.arange(14, dtype=np.float16).reshape(7, 2),
+    "a/b.jpg/image_size": np.array([640, 480]),
+    "a/c.jpg/matches0": np.array([-1, 3], np.int16),
+    "a/c.jpg/none": np.zeros((0, 2), np.float32),
+    "big": np.arange(5, dtype=">f8"),
+}
+
+
+def written(path: Path, libver: str, **options: Any) -> Path:
+    with h5py.File(path, "w", libver=libver) as file:
+        for name, values in ARRAYS.items():
+            file.create_dataset(name, data=values, **(options if values.size > 2 else {}))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("libver", "options"), [("earliest", {}), ("latest", {}), ("earliest", {"chunks": True})]
+)
+def test_arrays_come_back(tmp_path: Path, libver: str, options: dict[str, Any]) -> None:
+    path = written(tmp_path / "x.h5", libver, **options)
+    file = Hdf5File(path, LIMIT)
+    assert sorted(file.names()) == sorted(ARRAYS)
+    for name, values in ARRAYS.items():
+        found = file.read(name)
+        assert found.dtype == values.dtype.newbyteorder("=")
+        np.testing.assert_array_equal(found, values)
+    assert dataset_names(path, 2) == file.names()[:2]
+
+
+def test_a_user_block_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["x"] = np.arange(4.0)
+    with pytest.raises(UnreadableError, match="no HDF5 file"):  # its magic stands further in
+        Hdf5File(path, LIMIT)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("zipped", {"data": np.zeros(5000), "compression": "gzip"}, "is compressed"),
+        ("text", {"data": ["a", "b"]}, "holds no numbers"),
+        ("sparse", {"shape": (1 << 30,), "dtype": "f8", "chunks": (1024,)}, "the file has"),
+        ("absent", None, "has no dataset 'absent'"),
+    ],
+)
+def test_refusals(tmp_path: Path, name: str, options: dict[str, Any] | None, words: str) -> None:
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        if options is not None:
+            file.create_dataset(name, **options)
+    with pytest.raises(PredictionError, match=words):
+        Hdf5File(path, LIMIT).read(name)
+
+
+def test_memory_is_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        file["x"] = np.zeros(10_000)
+        file.create_group("many")
+        for number in range(20):
+            file.create_group(f"many/{number}")
+    with pytest.raises(PredictionError, match="dataset 'x': 80,000 bytes"):
+        Hdf5File(path, 300_000).read("x")
+    with pytest.raises(PredictionError, match="its groups and datasets"):
+        Hdf5File(path, 100_000)
+
+
+def test_groups_in_circles_end(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        file["a/b/c"] = np.zeros(3)
+        file["a/b/up"] = file["a"]
+        file["soft"] = h5py.SoftLink("/soft")
+        file["lost"] = h5py.SoftLink("/nowhere")
+    with pytest.raises(PredictionError, match="deep"):
+        Hdf5File(path, LIMIT)
+    assert "a/b/c" in dataset_names(path, 1)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n", b"text" * 100])
+def test_what_is_no_hdf5(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "x.h5"
+    path.write_bytes(content)
+    assert dataset_names(path, 3) == []
+    with pytest.raises(PredictionError, match=r"no HDF5|damaged"):
+        Hdf5File(path, LIMIT)
+    assert dataset_names(tmp_path, 3) == []
+
+
+@pytest.mark.parametrize("libver", LIBVERS)
+@given(
+    spoilt=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=6),
+    kept=st.floats(0.2, 1),
+)
+def test_damage_is_an_error_or_numbers(
+    tmp_path_factory: pytest.TempPathFactory,
+    libver: str,
+    spoilt: list[tuple[float, int]],
+    kept: float,
+) -> None:
+    path = written(tmp_path_factory.mktemp("h5") / "x.h5", libver)
+    content = bytearray(path.read_bytes())
+    for place, value in spoilt:
+        content[int(place * (len(content) - 1))] = value
+    path.write_bytes(bytes(content[: int(len(content) * kept)] if kept < 0.9 else content))
+    dataset_names(path, 3)
+    try:
+        file = Hdf5File(path, LIMIT)
+        for name in file.names():
+            assert file.read(name).dtype.kind in "biuf"
+    except PredictionError:
+        return
