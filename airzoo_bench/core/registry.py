@@ -174,5 +174,12 @@ DATASETS = Registry(
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""
 
-READERS = Registry("airzoo_bench.readers", {})
+READERS = Registry(
+    "airzoo_bench.readers",
+    {
+        "hloc-poses": "airzoo_bench.readers.hloc_poses:HLOC_POSES",
+        "tum": "airzoo_bench.readers.trajectory:TUM",
+        "kitti": "airzoo_bench.readers.trajectory:KITTI",
+    },
+)
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""
