@@ -47,10 +47,9 @@ class HlocPoses(Reader):
         notes = []
         if strange:
             notes.append(f"{counted(strange, 'pose')} of photos that are no queries left out")
-        if (~found).any():
-            notes.append(
-                f"{counted(int((~found).sum()), 'photo')} at the identity or NaN count as not found"
-            )
+        failed = int((~predictions.content.found).sum())
+        if failed:
+            notes.append(f"{counted(failed, 'photo')} at the identity or NaN count as not found")
         else:
             notes.append(
                 "hloc writes the pose of the best retrieved image, unmarked, where it found none: "
