@@ -177,6 +177,7 @@ DATASETS = Registry(
 READERS = Registry(
     "airzoo_bench.readers",
     {
+        "hloc": "airzoo_bench.readers.hloc:HLOC",
         "hloc-poses": "airzoo_bench.readers.hloc_poses:HLOC_POSES",
         "tum": "airzoo_bench.readers.trajectory:TUM",
         "kitti": "airzoo_bench.readers.trajectory:KITTI",

@@ -93,9 +93,7 @@ def test_another_world_is_refused_with_its_offset(
     for row in rows:
         row[3], row[7] = (repr(float(row[i]) - s) for i, s in ((3, 5e5), (7, 5.2e6)))
     poses.write_lines(path, [" ".join(row) for row in rows])
-    with pytest.raises(
-        PredictionError, match=r"off the map of hills by \(-499970\.0, -5"
-    ):
+    with pytest.raises(PredictionError, match=r"off the map of hills by \(-499970\.0, -5"):
         evaluated(path, names=tmp_path / "names.txt")
 
 
