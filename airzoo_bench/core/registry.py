@@ -179,6 +179,11 @@ READERS = Registry(
     {
         "hloc": "airzoo_bench.readers.hloc:HLOC",
         "hloc-poses": "airzoo_bench.readers.hloc_poses:HLOC_POSES",
+        "loftr": "airzoo_bench.readers.matchers:LOFTR",
+        "superglue": "airzoo_bench.readers.matchers:SUPERGLUE",
+        "roma": "airzoo_bench.readers.matchers:ROMA",
+        "dust3r": "airzoo_bench.readers.matchers:DUST3R",
+        "mast3r-visloc": "airzoo_bench.readers.matchers:MAST3R_VISLOC",
         "tum": "airzoo_bench.readers.trajectory:TUM",
         "kitti": "airzoo_bench.readers.trajectory:KITTI",
     },

@@ -11,9 +11,10 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.readers.names import ImageNames
 
 if TYPE_CHECKING:
+    from airzoo_bench.evaluation.prediction_files import QueryPredictions
     from airzoo_bench.evaluation.reader import Reading
     from airzoo_bench.geometry.arrays import Bools, Floats
-    from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
+    from airzoo_bench.matching.predictions import GivenPoses
     from airzoo_bench.matching.truth import MatchingTruth
 
 __all__ = ["NamedPoses", "posed", "query_names", "refuse_other_world", "scenes_of"]
@@ -70,7 +71,9 @@ class NamedPoses:
     centred: bool = False
 
 
-def posed(given: NamedPoses, reading: Reading, path: Path) -> tuple[MatchingPredictions, int]:
+def posed(
+    given: NamedPoses, reading: Reading, path: Path
+) -> tuple[QueryPredictions[GivenPoses], int]:
     """Make predictions of poses whose names are those of photos; count those of others.
 
     Raises

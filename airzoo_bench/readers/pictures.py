@@ -139,6 +139,11 @@ class MatchRows:
     _farthest: dict[str, Floats] = field(default_factory=dict)
     _count: int = 0
 
+    @property
+    def empty(self) -> bool:
+        """Whether no pair was taken yet."""
+        return not self._rows
+
     def add(self, photo: Picture, reference: Picture, photo_xy: Floats, map_xy: Floats) -> None:
         """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0).
 

@@ -12,7 +12,7 @@ from airzoo_bench.readers.names import read_names
 from airzoo_bench.readers.pose_text import first_rows, numbers_of, pose_rows, unit_share
 
 if TYPE_CHECKING:
-    from airzoo_bench.geometry.arrays import Floats
+    from airzoo_bench.geometry.arrays import Bools, Floats
 
 __all__ = ["KITTI", "TUM"]
 
@@ -38,7 +38,7 @@ class _Trajectory(Reader):
 
         rows = pose_rows(path, self.columns, named=False, memory_bytes=reading.memory_bytes)
         names = _names(reading.names, len(rows.values), path)
-        found = np.isfinite(rows.values).all(axis=1)
+        found: Bools = np.asarray(np.isfinite(rows.values).all(axis=1))
         rotation, centres = self.split(rows.values)
         given = NamedPoses(names, rotation, centres, found, centred=True)
         predictions, strange = posed(given, reading, path)
