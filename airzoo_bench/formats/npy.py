@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import tokenize
 import warnings
+from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.lib import format as npy
+from numpy.typing import NDArray
 
-__all__ = ["NpyHeader", "read_header"]
+from airzoo_bench.core.errors import PredictionError
+
+__all__ = ["NpyHeader", "map_floats", "read_header"]
 
 # All that `ast.literal_eval` and `numpy.dtype` raise over a text, and NumPy over what they return.
 _FAULTS = (
@@ -44,3 +49,44 @@ def read_header(stream: IO[bytes]) -> NpyHeader:
             return NpyHeader(*readers[version](stream))
     except _FAULTS as error:
         raise ValueError(str(error) or type(error).__name__) from error
+
+
+def map_floats(path: Path) -> NDArray[np.floating[Any]]:
+    """Map the floating-point numbers that ``numpy.save`` wrote, none of which is read yet.
+
+    Parameters
+    ----------
+    path : Path
+        A regular file.
+
+    Raises
+    ------
+    PredictionError
+        It is no such file, is cut off, or holds Python objects, which are never loaded.
+    """
+    try:
+        with path.open("rb") as stream:
+            shape, fortran_order, dtype = read_header(stream)
+            offset = stream.tell()
+    except (OSError, ValueError) as error:
+        raise _no_array(path, str(error)) from error
+    if dtype.kind != "f" or not dtype.isnative or fortran_order:
+        what = "pickled Python objects, never loaded" if dtype.hasobject else f"{dtype.str} data"
+        raise _no_array(path, what + ", columns first" * fortran_order)
+    size = path.stat().st_size - offset
+    if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize != size:
+        raise _no_array(
+            path, f"its header states the shape {str(shape)[:80]}, which {size:,} bytes are not"
+        )
+    if not size:
+        return np.empty(shape, dtype)
+    return np.memmap(path, dtype, "r", offset, shape)
+
+
+def _no_array(path: Path, why: str) -> PredictionError:
+    return PredictionError(
+        f"no array of floating-point numbers, or a damaged one: {why[:200]}",
+        where=path,
+        expected="a file as numpy.save writes it, row by row",
+        fix="write or copy the file again",
+    )

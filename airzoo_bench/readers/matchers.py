@@ -213,7 +213,7 @@ def _uncropped(xy: Floats, picture: Picture, size: int, path: Path) -> Floats:
 
     wide, high = picture.size
     longest = round(size * max(wide / high, high / wide)) if size == 224 else size
-    resized = [int(round(side * longest / max(wide, high))) for side in (wide, high)]
+    resized = [round(side * longest / max(wide, high)) for side in (wide, high)]
     centre = [side // 2 for side in resized]
     if size == 224:
         half = [float(min(centre))] * 2

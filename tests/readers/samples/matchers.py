@@ -93,13 +93,12 @@ def _loaded(xy: Any, wide_high: tuple[int, int], size: int) -> Any:
     """What dust3r/utils/image.py does to a picture, done to its pixels."""
     width, height = wide_high
     scale = size / max(width, height)
-    small = (int(round(width * scale)), int(round(height * scale)))
+    small = (round(width * scale), round(height * scale))
     cx, cy = small[0] // 2, small[1] // 2
     half_w, half_h = ((2 * cx) // 16) * 8, ((2 * cy) // 16) * 8
     if small[0] == small[1]:
         half_h = int(3 * half_w / 4)
-    pixels = xy * (small[0] / width, small[1] / height) - (cx - half_w, cy - half_h) - 0.5
-    return pixels
+    return xy * (small[0] / width, small[1] / height) - (cx - half_w, cy - half_h) - 0.5
 
 
 def write_mast3r_visloc(folder: Path, world: World) -> Path:
