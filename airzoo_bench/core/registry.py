@@ -182,7 +182,7 @@ READERS = Registry(
         "loftr": "airzoo_bench.readers.matchers:LOFTR",
         "superglue": "airzoo_bench.readers.matchers:SUPERGLUE",
         "roma": "airzoo_bench.readers.matchers:ROMA",
-        "dust3r": "airzoo_bench.readers.matchers:DUST3R",
+        "dust3r-matches": "airzoo_bench.readers.matchers:DUST3R",
         "mast3r-visloc": "airzoo_bench.readers.matchers:MAST3R_VISLOC",
         "aerialextrematch": "airzoo_bench.readers.aerialextrematch:AERIALEXTREMATCH",
         "vismatch": "airzoo_bench.readers.pickles:VISMATCH",

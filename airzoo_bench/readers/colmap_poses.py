@@ -15,6 +15,7 @@ from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 
 if TYPE_CHECKING:
     from airzoo_bench.formats.budget import Budget
+    from airzoo_bench.geometry.arrays import Bools
 
 __all__ = ["COLMAP"]
 
@@ -60,7 +61,8 @@ class _Colmap(Reader):
         if not names:
             raise PredictionError("has no image with a pose", where=file, fix="register images")
         array = np.array(values, dtype=np.float64)
-        given = NamedPoses(names, array[:, :4], array[:, 4:], np.isfinite(array).all(axis=1))
+        found: Bools = np.asarray(np.isfinite(array).all(axis=1))
+        given = NamedPoses(names, array[:, :4], array[:, 4:], found)
         predictions, strange = posed(given, reading, file)
         refuse_other_world(predictions.content, scenes_of(reading, file), file)
         left = f"{counted(strange, 'image')} of the model that are no queries left out"

@@ -243,7 +243,7 @@ ROMA = _Roma()
 """Registered as ``roma``."""
 
 DUST3R = _Dust3r()
-"""Registered as ``dust3r``."""
+"""Registered as ``dust3r-matches``."""
 
 MAST3R_VISLOC = _Mast3rVisloc()
 """Registered as ``mast3r-visloc``."""

@@ -27,7 +27,7 @@ def test_a_model_is_read(
 ) -> None:
     home = tmp_path / "out" / below
     home.parent.mkdir(parents=True, exist_ok=True)
-    colmap.write(tmp_path, world, text=text).rename(home)
+    colmap.write_model(tmp_path, world, text=text).rename(home)
     path = tmp_path / "out"
     assert find_reader(path) is None
     assert find_reader(path, "matching") == "colmap-poses"
@@ -38,7 +38,7 @@ def test_a_model_is_read(
 
 def test_another_world_is_named(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     with pytest.raises(PredictionError, match=r"by \(-299970\.0, -299988\.0\) m"):
-        evaluated(colmap.write(tmp_path, world, offset=3e5))
+        evaluated(colmap.write_model(tmp_path, world, offset=3e5))
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=4), st.floats(0, 1))
@@ -48,7 +48,7 @@ def test_damaged_models_are_refused_or_read(
     spoilt: list[tuple[float, int]],
     kept: float,
 ) -> None:
-    path = colmap.write(tmp_path_factory.mktemp("spoilt"), world) / "images.bin"
+    path = colmap.write_model(tmp_path_factory.mktemp("spoilt"), world) / "images.bin"
     content = bytearray(path.read_bytes())
     for place, value in spoilt:
         content[int(place * (len(content) - 1))] = value
@@ -65,7 +65,7 @@ def test_damaged_models_are_refused_or_read(
 def test_texts_that_are_no_images(
     content: str, world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
-    path = colmap.write(tmp_path, world, text=True)
+    path = colmap.write_model(tmp_path, world, text=True)
     (path / "images.txt").write_text(content)
     with pytest.raises(PredictionError, match=r"no image|damaged"):
         evaluated(path)

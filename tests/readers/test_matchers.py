@@ -19,7 +19,7 @@ WRITERS = {
     "loftr": matchers.write_loftr,
     "superglue": matchers.write_superglue,
     "roma": matchers.write_roma,
-    "dust3r": matchers.write_dust3r,
+    "dust3r-matches": matchers.write_dust3r,
     "mast3r-visloc": matchers.write_mast3r_visloc,
 }
 
@@ -39,7 +39,7 @@ def test_a_folder_scores_as_the_suites_own_file_does(
     path = WRITERS[name](tmp_path, world)
     assert find_reader(path) == name
     found = evaluated(path)
-    assert found.overall == pytest.approx(own, abs=0.02 if name == "dust3r" else 1e-6)
+    assert found.overall == pytest.approx(own, abs=0.02 if name == "dust3r-matches" else 1e-6)
     assert found.result.predictions.reader.name == name
     assert found.records["answered"].all()
 
@@ -100,7 +100,7 @@ def test_dust3r_needs_its_size(world: World, tmp_path: Path, evaluated: Evaluate
         ("roma", "matches", np.zeros((60, 2)), r"shape \(60, 2\)"),
         ("roma", "matches", np.full((60, 4), 5000.0), "outside it, the first at"),
         ("superglue", "matches", np.full(61, 60), "does not count the keypoints"),
-        ("dust3r", "size", np.array([1, 2]), "at which size"),
+        ("dust3r-matches", "size", np.array([1, 2]), "at which size"),
     ],
 )
 def test_refusals(

@@ -10,7 +10,7 @@ import pycolmap
 from tests.matching.world import FOCAL, SIZE, World
 
 
-def write(folder: Path, world: World, *, text: bool = False, offset: float = 0.0) -> Path:
+def write_model(folder: Path, world: World, *, text: bool = False, offset: float = 0.0) -> Path:
     home = folder / "colmap"
     home.mkdir()
     model = pycolmap.Reconstruction()

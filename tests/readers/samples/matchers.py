@@ -10,6 +10,8 @@ import numpy as np
 
 from tests.matching.world import SIZE, World
 
+READER = "loftr"
+
 TENSOR = (320, 224)  # another ratio than the photo's: both axes are stretched
 
 

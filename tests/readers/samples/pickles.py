@@ -12,6 +12,8 @@ import numpy as np
 from tests.matching.world import World
 from tests.readers.samples.matchers import pairs
 
+READER = "vismatch"
+
 
 def write(folder: Path, world: World) -> Path:
     """Write vismatch's `.torch`, as far as it can be without torch: a zip with a pickle."""
@@ -36,7 +38,7 @@ def load(path: str, **options: Any) -> Any:
     """Stand in for `torch.load`."""
     assert options == {"weights_only": False}
     with zipfile.ZipFile(path) as archive:
-        return pickle.loads(archive.read("archive/data.pkl"))
+        return pickle.loads(archive.read("archive/data.pkl"))  # noqa: S301 - written above
 
 
 def write_loftr_dump(folder: Path, world: World) -> Path:

@@ -9,6 +9,8 @@ import numpy as np
 from airzoo_bench.geometry.rotations import matrix_to_quaternion
 from tests.matching.world import World
 
+READER = "hloc-poses"
+
 IDENTITY = "1 0 0 0 0 0 0"
 
 
