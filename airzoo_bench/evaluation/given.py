@@ -90,7 +90,7 @@ def open_predictions(
         The file cannot be read, or no protocol of the track is known for it.
     """
     _refuse_special(path)
-    reader = read_by.reader or (find_reader(path) if path.exists() else None)
+    reader = read_by.reader or _reader_of(path, track, protocol, data)
     if reader is not None:
         return _open_native(path, reader, track, protocol, data, resources, read_by.names)
     if read_by.names is not None:
@@ -140,6 +140,14 @@ def _open_native(
     read = reader.read(path, Reading(chosen, truths, names, resources.memory_bytes))
     used = ReaderUsed(name=name, conventions=read.conventions)
     return Given(found, read.predictions, chosen, data, used, read.notes, known)
+
+
+def _reader_of(path: Path, track: str | None, protocol: str | None, data: Path) -> str | None:
+    if not path.exists():
+        return None
+    if track is None and protocol is not None:
+        track = find_protocol(protocol, data).track
+    return find_reader(path, track)
 
 
 def _refuse_special(path: Path) -> None:

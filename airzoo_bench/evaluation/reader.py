@@ -14,10 +14,21 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.parts import Predictions
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["SURE", "ReadPredictions", "Reader", "Reading", "find_reader", "reader_named"]
+__all__ = [
+    "POSSIBLE",
+    "SURE",
+    "ReadPredictions",
+    "Reader",
+    "Reading",
+    "find_reader",
+    "reader_named",
+]
 
 SURE = 0.5
 """A reader that is less sure than this does not take a path for its own."""
+
+POSSIBLE = 0.25
+"""One that is as sure takes it where its track is the one that is asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,22 +150,33 @@ def reader_named(name: str) -> Reader:
     return found
 
 
-def find_reader(path: Path) -> str | None:
+def find_reader(path: Path, track: str | None = None) -> str | None:
     """Return the name of the reader that a path is of; None where it is of no reader.
+
+    Parameters
+    ----------
+    path : Path
+        A file or folder; it is there.
+    track : str, optional
+        Where it is known, its readers come first, and what may be theirs is.
 
     Raises
     ------
     UnreadableError
         Several are equally sure; they are named.
     """
-    sure = {name: READERS.get(name).recognise(path) for name in READERS.names()}
+    readers: dict[str, Reader] = {name: READERS.get(name) for name in READERS.names()}
+    sure = {name: reader.recognise(path) for name, reader in readers.items()}
+    own = {name: value for name, value in sure.items() if readers[name].track == track}
+    if max(own.values(), default=0.0) >= POSSIBLE:
+        sure = own
     most = max(sure.values(), default=0.0)
     found = [name for name, value in sure.items() if value == most]
-    if most < SURE:
+    if most < (POSSIBLE if sure is own else SURE):
         return None
     if len(found) > 1:
         raise UnreadableError(
-            f"could be {' or '.join(READERS.get(name).title for name in found)}",
+            f"could be {' or '.join(readers[name].title for name in found)}",
             where=path,
             expected="files of one layout",
             fix=f"say which: {' or '.join(f'--reader {name}' for name in found)}",

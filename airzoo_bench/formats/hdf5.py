@@ -75,6 +75,9 @@ class Hdf5File:
         """Return the full names of the datasets, such as ``a/b/keypoints``."""
         return list(self._datasets)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._datasets
+
     def read(self, name: str) -> NDArray[Any]:
         """Read a dataset of numbers into memory.
 

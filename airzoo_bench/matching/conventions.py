@@ -157,6 +157,11 @@ def _refuse_turned(given: Floats, priors: Floats, *, quaternions: bool) -> None:
         "camera-to-world with OpenGL's camera axes (x right, y up, z backward)": _OPENGL @ back,
         order if quaternions else f"matrices made of {order}": reordered,
     }
+    if quaternions:  # of camera-to-world ones, as TUM has them and CUT3R has not
+        first = np.roll(matrix_to_quaternion(back), -1, axis=1)
+        readings["quaternions in the order w x y z"] = np.swapaxes(
+            quaternion_to_matrix(first), 1, 2
+        )
     off = float(np.median(rotation_angle_deg(given, priors)))
     errors = {
         name: float(np.median(rotation_angle_deg(rotation, priors)))

@@ -27,6 +27,7 @@ _LIMIT_BYTES = 1 << 27
 _LONGEST_NAME = 256
 _BYTES_A_BYTE = 32  # of memory, while the words of a line are texts and numbers of Python
 _UNIT_TOLERANCE = 1e-3
+_OTHERS = "trajectories of TUM and KITTI are read with --reader tum or kitti, and --names"
 
 
 def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
@@ -95,6 +96,7 @@ def _check_rows(rows: list[list[str]], path: Path) -> None:
             f"rows without {_COLUMNS} columns: {named}",
             where=path,
             expected=_expected(),
+            fix=_OTHERS,
         )
     odd = [
         n for n, row in enumerate(rows) if len(row[0]) > _LONGEST_NAME or not row[0].isprintable()
@@ -142,7 +144,7 @@ def _check_unit(quaternions: Floats, names: NDArray[np.str_], path: Path) -> Non
             f"first has length {length[bad[0]]:.4g}",
             where=path,
             expected=_expected(),
-            fix="normalise them (q / |q|), or put the columns into this order",
+            fix="normalise them (q / |q|), or put the columns into this order; " + _OTHERS,
         )
 
 

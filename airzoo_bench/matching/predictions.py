@@ -48,6 +48,8 @@ class Correspondences:
         Instead of `map_xy`: points in the scene's CRS.
     image_size : (Q, 2) int64 or None
         Width and height that the pixels of each query belong to, where the file says so.
+    rounded : bool
+        Whether pixels are known to have gone through float16, and the result says so.
     """
 
     offsets: Ints
@@ -56,6 +58,7 @@ class Correspondences:
     map_frame: Literal["map", "crop"] | None
     points3d: Floats | None
     image_size: Ints | None
+    rounded: bool = False
 
     @property
     def kind(self) -> str:

@@ -143,7 +143,8 @@ def _match_correspondences(
     _check_image_size(matches, truth, rows)
     _check_query_pixels(query_xy, truth, query)
     map_xy = None if matches.map_xy is None else matches.map_xy[taken]
-    _refuse_coarse_pixels(query_xy, map_xy, truth)
+    if not matches.rounded:
+        _refuse_coarse_pixels(query_xy, map_xy, truth)
     if map_xy is not None and matches.map_frame == "crop":
         _check_crop_pixels(map_xy, truth, query)
         map_xy = map_xy + truth.crops[query, :2]

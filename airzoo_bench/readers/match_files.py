@@ -1,0 +1,183 @@
+"""What readers of matches in a file a pair share: which files, which pictures, which pixels."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+
+if TYPE_CHECKING:
+    from airzoo_bench.formats.arrays import Arrays
+    from airzoo_bench.geometry.arrays import Floats
+    from airzoo_bench.readers.pictures import Picture, Pictures
+
+__all__ = ["PairFiles", "npz_fields", "pixels_of", "stated_size"]
+
+_MOST_FILES, _HEAD = 100_000, 3
+_HEADER_BYTES = 1 << 20
+_OWN = {"query_ids", "protocol"}
+
+
+class PairFiles(Reader):
+    """Reads a file a pair of pictures, or a folder of them.
+
+    A file is called after the photo, which was then matched to its crop, or after photo and crop or
+    map, as in ``q0_q0_dom_matches.npz`` or ``q0.jpg/q0_dom.tif.npz``.
+
+    Attributes
+    ----------
+    suffix : str
+        Of the files.
+    conventions : tuple of str
+    """
+
+    track = "matching"
+    suffix: ClassVar[str] = ".npz"
+    conventions: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def knows(self, path: Path) -> bool:
+        """Say whether a file is of this layout, from its header."""
+
+    @abstractmethod
+    def pixels(
+        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+    ) -> tuple[Floats, Floats]:
+        """Return the matched pixels of photo and map, (N, 2) each, corners being (0, 0)."""
+
+    def recognise(self, path: Path) -> float:
+        """See `Reader.recognise`: all of the first few files are of this layout."""
+        files = list(islice(_files(path, self.suffix), _HEAD))
+        return 0.8 if files and all(self.knows(one) for one in files) else 0.0
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`."""
+        from airzoo_bench.formats.budget import Budget
+        from airzoo_bench.readers.matching import scenes_of
+        from airzoo_bench.readers.pictures import MatchRows, Pictures, nothing_matched
+
+        pictures = Pictures(scenes_of(reading, path))
+        rows = MatchRows(path, Budget(reading.memory_bytes))
+        left = []
+        for one in sorted(_files(path, self.suffix)):
+            name = one.name if one == path else one.relative_to(path).as_posix()
+            name = name.removesuffix(self.suffix)
+            try:
+                pair = _pair(name, pictures)
+                if pair is None:
+                    left.append(name)
+                    continue
+                rows.add(*pair, *self.pixels(one, *pair, reading.memory_bytes))
+            except PredictionError as error:
+                known = str(one) in str(error.where)
+                raise error if known else error.inside(one) from error
+        if rows.empty:
+            raise nothing_matched(path, left, pictures)
+        notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
+        return ReadPredictions(rows.predictions(), self.conventions, notes)
+
+
+def _files(path: Path, suffix: str) -> Iterator[Path]:
+    """Yield the files of a suffix, in no order.
+
+    Raises
+    ------
+    UnreadableError
+        There are too many.
+    """
+    if path.is_file() and path.suffix == suffix:
+        yield path
+    if not path.is_dir():
+        return
+    for number, one in enumerate(path.rglob(f"*{suffix}")):
+        if number == _MOST_FILES:
+            raise UnreadableError(f"more than {_MOST_FILES:,} files", where=path)
+        if one.is_file():
+            yield one
+
+
+def _pair(name: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
+    """Find the photo, and the part of the map that it was matched to, in the name of a file."""
+    stem = name.removesuffix("_matches")
+    folder, _, last = stem.rpartition("/")
+    found = _joined(folder, last, pictures)
+    if found is not None:
+        return found
+    cuts = [at for at, letter in enumerate(stem) if letter == "_" and at >= len(folder)]
+    joined = [_joined(stem[:at], stem[at + 1 :], pictures) for at in cuts]
+    different = {pair for pair in joined if pair is not None}
+    if len(different) == 1:
+        return different.pop()
+    alone = pictures.find(stem)
+    return None if alone is None or alone.query is None else (alone, pictures.crop_of(alone))
+
+
+def _joined(one: str, other: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
+    """Return photo and part of the map, in this order, where two names are those of such."""
+    first, second = pictures.find(one), pictures.find(other)
+    if first is None or second is None or first.scene != second.scene:
+        return None
+    if (first.query is None) == (second.query is None):
+        return None
+    return (first, second) if second.query is None else (second, first)
+
+
+def npz_fields(path: Path) -> set[str]:
+    """Return the fields of an npz; none of what is none, or is the suite's own layout."""
+    from airzoo_bench.formats.npz import NpzFile
+
+    try:
+        names = NpzFile(path, _HEADER_BYTES).names()
+    except PredictionError:
+        return set()
+    return set() if names & _OWN else names
+
+
+def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
+    """Read a field of pixels, whole or not, in double precision.
+
+    Raises
+    ------
+    PredictionError
+        It has another type or shape.
+    """
+    import numpy as np
+
+    from airzoo_bench.formats.arrays import wrong_type
+
+    values = arrays.read(name)
+    if values.dtype.kind not in "iuf" or values.ndim != 2 or values.shape[1] != columns:
+        raise wrong_type(
+            arrays.path, name, values, expected=f"numbers of shape (any, {columns})", fix="save it"
+        )
+    return values.astype(np.float64)
+
+
+def stated_size(arrays: Arrays, side: int) -> tuple[float, float] | None:
+    """Return the width and height that pixels belong to, where the file says so.
+
+    Raises
+    ------
+    PredictionError
+        It is not two positive whole numbers.
+    """
+    name, turned = f"image_size{side}", f"hw{side}_i"
+    names = arrays.names() & {name, turned}
+    if not names:
+        return None
+    name = name if name in names else turned
+    values: Any = arrays.read(name)
+    if values.dtype.kind not in "iu" or values.size != 2 or values.min() < 1:
+        raise PredictionError(
+            f"field {name!r} is {values.reshape(-1)[:4].tolist()}",
+            where=arrays.path,
+            expected="width and height" if name != turned else "height and width",
+        )
+    first, second = map(float, values.reshape(-1))
+    return (second, first) if name == turned else (first, second)

@@ -1,0 +1,163 @@
+"""What readers of the matching track share: the images of a benchmark by name, and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.readers.names import ImageNames
+
+if TYPE_CHECKING:
+    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.evaluation.reader import Reading
+    from airzoo_bench.geometry.arrays import Bools, Floats
+    from airzoo_bench.matching.predictions import GivenPoses
+    from airzoo_bench.matching.truth import MatchingTruth
+
+__all__ = ["NamedPoses", "posed", "query_names", "refuse_other_world", "scenes_of"]
+
+_FAR_M = 50_000.0  # no photo of a map is taken so far from its middle
+
+
+def scenes_of(reading: Reading, where: Path) -> Sequence[MatchingTruth]:
+    """Return the scenes that names are looked up in.
+
+    Raises
+    ------
+    PredictionError
+        There is none, since the benchmark folder is missing.
+    """
+    if not reading.truths:
+        raise PredictionError(
+            "its names of images mean nothing without the benchmark, whose folder is missing",
+            where=where,
+            expected="a prepared benchmark",
+            fix="say where it is with --data, or prepare it",
+        )
+    return reading.truths
+
+
+def query_names(scenes: Sequence[MatchingTruth]) -> ImageNames:
+    """Return the photos of scenes by name."""
+    tables = [scene.queries for scene in scenes]
+    pairs = [zip(one["id"], one["image"], strict=True) for one in tables]
+    return ImageNames.of("query", [pair for some in pairs for pair in some])
+
+
+@dataclass(frozen=True, eq=False)
+class NamedPoses:
+    """Poses of N images, world-to-camera.
+
+    Attributes
+    ----------
+    names : sequence of str
+    rotation : (N, 4) or (N, 3, 3) array
+        Quaternions w x y z, or matrices.
+    place : (N, 3) array
+        Translations, or centres.
+    found : (N,) bool array
+        Whether there is a pose.
+    centred : bool
+        Whether `place` has centres.
+    """
+
+    names: Sequence[str]
+    rotation: Floats
+    place: Floats
+    found: Bools
+    centred: bool = False
+
+
+def posed(
+    given: NamedPoses, reading: Reading, path: Path
+) -> tuple[QueryPredictions[GivenPoses], int]:
+    """Make predictions of poses whose names are those of photos; count those of others.
+
+    Raises
+    ------
+    PredictionError
+        A name is that of several queries, two are of one, none is of any; a rotation is none.
+    """
+    import numpy as np
+
+    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+
+    ids = query_names(scenes_of(reading, path)).find_all(given.names, path)
+    kept = np.array([row for row, one in enumerate(ids) if one is not None], dtype=np.int64)
+    names = [given.names[row] for row in kept]
+    part = NamedPoses(
+        names, given.rotation[kept], given.place[kept], given.found[kept], given.centred
+    )
+    query_ids = np.array([ids[row] for row in kept], dtype=str)
+    return QueryPredictions(path, None, query_ids, _content(part, path)), len(ids) - len(kept)
+
+
+def _content(given: NamedPoses, path: Path) -> GivenPoses:
+    import numpy as np
+
+    from airzoo_bench.geometry.poses import Poses
+    from airzoo_bench.geometry.precision import centre_errors_m, pose_errors_m
+    from airzoo_bench.geometry.rotations import quaternion_to_matrix
+    from airzoo_bench.matching.pose_list import NO_POSE, refused_in
+    from airzoo_bench.matching.predictions import GivenPoses
+
+    found, names = given.found, list(given.names)
+    quaternions = given.rotation.ndim == 2
+    none = np.array((1.0, 0.0, 0.0, 0.0)) if quaternions else np.eye(3)
+    there = found.reshape(-1, *[1] * (given.rotation.ndim - 1))
+    rotation = np.where(there, given.rotation, none)
+    place = np.where(found[:, None], given.place, 0.0)
+    with refused_in(path, NO_POSE):
+        matrices = quaternion_to_matrix(rotation, names) if quaternions else rotation
+        make = Poses.from_centres if given.centred else Poses.from_translations
+        poses = make(matrices, place, names)
+    errors = np.zeros(len(found))
+    if given.centred:
+        errors[found] = centre_errors_m(place[found])
+    else:
+        quaternion = rotation[found] if quaternions else None
+        errors[found] = pose_errors_m(matrices[found], place[found], quaternion)
+    return GivenPoses(found, poses, errors, quaternions=quaternions, centred=given.centred)
+
+
+def refuse_other_world(content: GivenPoses, scenes: Sequence[MatchingTruth], path: Path) -> None:
+    """Refuse cameras that all stand far from every map.
+
+    Raises
+    ------
+    PredictionError
+        It names the offset from the nearest.
+    """
+    import numpy as np
+
+    centres = content.poses.centres[content.found]
+    if not len(centres):
+        return
+    middle = np.median(centres[:, :2], axis=0)
+    offsets = [(middle - _map_centre(scene), scene.scene) for scene in scenes]
+    (offset, nearest) = min(offsets, key=lambda one: float(np.hypot(*one[0])))
+    if float(np.hypot(*offset)) > _FAR_M:
+        raise PredictionError(
+            f"its cameras stand around ({middle[0]:.1f}, {middle[1]:.1f}), off the map of "
+            f"{nearest} by ({offset[0]:.1f}, {offset[1]:.1f}) m",
+            where=path,
+            expected="poses in the scene's CRS, in metres",
+            fix="add the offset that was taken off, or bring the model to the CRS by points that "
+            "are known in both (colmap model_aligner)",
+        )
+
+
+def _map_centre(scene: MatchingTruth) -> Floats:
+    """Return where the middle of a map lies in the CRS of the scene, which is its DSM's."""
+    import numpy as np
+
+    from airzoo_bench.geometry.frames import change_of_plane
+    from airzoo_bench.geometry.rasters import open_info, pixel_to_world
+
+    dom = scene.dom
+    middle = pixel_to_world(dom.transform, np.array([[dom.width / 2, dom.height / 2]]))
+    found: Floats = change_of_plane(dom.crs, open_info(scene.dsm).crs)(middle)[0]
+    return found

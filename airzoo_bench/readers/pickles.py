@@ -1,0 +1,138 @@
+"""Pickles of matchers: recognised, never loaded, and answered with the lines that mend them."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+
+__all__ = ["HLOC_LOGS", "LOFTR_DUMP", "VISMATCH", "PickledMatches"]
+
+_HEAD_BYTES = 1 << 16
+_MOST_FILES = 1000
+_DAMAGE = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
+
+
+class PickledMatches(Reader):
+    """Files of one kind that only running them would read.
+
+    Parameters
+    ----------
+    title : str
+    layout : str
+    methods : tuple of str
+    suffix : str
+        Of the files, or of those in a folder.
+    mark : bytes
+        What stands near the beginning of the pickle.
+    lines : str
+        What the user runs where the files were written, and trusts them.
+    """
+
+    track = "matching"
+
+    def __init__(
+        self,
+        title: str,
+        layout: str,
+        methods: tuple[str, ...],
+        *,
+        suffix: str,
+        mark: bytes,
+        lines: str,
+    ) -> None:
+        self._suffix, self._mark, self.lines = suffix, mark, lines
+        self.title, self.layout, self.methods = title, layout, methods  # type: ignore[misc]
+
+    def recognise(self, path: Path) -> float:
+        """See `Reader.recognise`."""
+        first = next(self._files(path), None)
+        return 0.9 * (first is not None and self._mark in _head(first))
+
+    def _files(self, path: Path) -> Iterator[Path]:
+        found = islice(path.iterdir(), _MOST_FILES) if path.is_dir() else iter([path])
+        return (one for one in found if one.suffix == self._suffix and one.is_file())
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`; it refuses."""
+        lines = "\n            ".join(self.lines.strip().splitlines())
+        raise PredictionError(
+            f"is {self.title}: a Python pickle, which would run whatever it says, and is never "
+            "loaded",
+            where=path,
+            expected="arrays that numpy.savez wrote",
+            fix=f"where you made these files and trust them:\n            {lines}",
+        )
+
+
+def _head(path: Path) -> bytes:
+    """Return the first bytes of a pickle, alone or in the zip of torch.save."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+    if not head.startswith(b"PK"):
+        return head
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
+            if len(names) != 1:
+                return b""
+            with archive.open(names[0]) as stream:
+                return stream.read(_HEAD_BYTES)
+    except (*_DAMAGE, zipfile.BadZipFile, zlib.error):
+        return b""
+
+
+VISMATCH = PickledMatches(
+    "results of vismatch",
+    "*.torch: what torch.save made of a dictionary with matched_kpts0",
+    ("vismatch", "image-matching-models"),
+    suffix=".torch",
+    mark=b"matched_kpts0",
+    lines="""
+import glob, numpy as np, pathlib, torch
+pathlib.Path("matches").mkdir()
+for f in glob.glob("outputs/*/*.torch"):
+    r = torch.load(f, weights_only=False)
+    size = [512, 512]  # --im-size: both pictures are stretched to this square
+    np.savez(f"matches/{pathlib.Path(r['img0_path']).stem}.npz", mkpts0_f=r["matched_kpts0"],
+             mkpts1_f=r["matched_kpts1"], image_size0=size, image_size1=size)
+airzoo-bench eval matching matches --protocol NAME
+""",
+)
+"""Registered as ``vismatch``."""
+
+LOFTR_DUMP = PickledMatches(
+    "LoFTR's dump of an evaluation",
+    "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f",
+    ("LoFTR",),
+    suffix=".npy",
+    mark=b"mkpts0_f",
+    lines="""
+import numpy as np, pathlib
+pathlib.Path("matches").mkdir()
+for r in np.load("LoFTR_pred_eval.npy", allow_pickle=True):
+    size0 = size1 = [640, 480]  # width and height of what the model was given
+    np.savez(f"matches/{pathlib.Path(r['pair_names'][0]).stem}.npz", mkpts0_f=r["mkpts0_f"],
+             mkpts1_f=r["mkpts1_f"], image_size0=size0, image_size1=size1)
+airzoo-bench eval matching matches --protocol NAME
+""",
+)
+"""Registered as ``loftr-dump``."""
+
+HLOC_LOGS = PickledMatches(
+    "hloc's logs of a localisation",
+    "*_logs.pkl: a dictionary with the PnP of each query",
+    ("hloc",),
+    suffix=".pkl",
+    mark=b"keypoints_query",
+    lines="""
+the poses stand in the text beside it, whose name lacks _logs.pkl:
+airzoo-bench eval matching RESULTS.txt --protocol NAME
+""",
+)
+"""Registered as ``hloc-logs``."""

@@ -1,0 +1,163 @@
+"""hloc's features and matches: exact ones score perfect, and what is not meant so is refused."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.reader import find_reader
+from tests.matching.world import World
+from tests.readers.samples import hloc
+
+Evaluated = Callable[..., Any]
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"swapped": True}, {"joined": "_"}, {"libver": "earliest"}], ids=str
+)
+def test_sparse_matches(
+    options: dict[str, Any], world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = hloc.write(tmp_path, world, **options)
+    assert find_reader(path) == find_reader(path / hloc.MATCHES) == "hloc"
+    for given in (path, path / hloc.MATCHES):
+        found = evaluated(given)
+        assert found.overall["error_m"] < 1e-2
+        assert len(found.records) == len(world.ids)
+    said = found.result.predictions.reader.conventions
+    assert "0.5 was added" in said[0]
+    assert len(said) == 1
+
+
+def test_exact_matches_score_as_the_suites_own_do(
+    world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = hloc.write(tmp_path, world, dtype=np.float64)
+    own = evaluated(world.write(tmp_path / "own.npz", world.matches()))
+    assert evaluated(path).overall == pytest.approx(own.overall, abs=1e-9)
+    dense = hloc.write_dense(tmp_path, world)
+    assert evaluated(dense).overall == pytest.approx(own.overall, abs=1e-9)
+
+
+def test_half_precision_is_named_with_its_step(
+    world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    found = evaluated(hloc.write(tmp_path, world, dtype=np.float16))
+    step = "keypoints were rounded to float16, in steps of up to 0.5 px"
+    assert any(step in one for one in found.result.predictions.reader.conventions)
+    assert any(step in one for one in found.result.notes)
+    assert 1e-3 < found.overall["error_m"] < 1
+
+
+def test_the_whole_map_may_be_matched(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    path = tmp_path / "m.h5"
+    with h5py.File(path, "w") as file:
+        rows = zip(world.truth.queries["image"], world.query_xy, world.map_xy, strict=True)
+        for name, query_xy, map_xy in rows:
+            file[f"dom.tif/{name}/keypoints0"] = map_xy - 0.5
+            file[f"dom.tif/{name}/keypoints1"] = query_xy - 0.5
+        file["q0.png/q1.png/keypoints0"] = file["q0.png/q1.png/keypoints1"] = np.zeros((3, 2))
+    found = evaluated(path)
+    assert found.overall["error_m"] < 1e-6
+    assert "1 pair of other pictures left out" in found.result.notes
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_pixels_of_a_resized_picture_are_refused(
+    scale: float, world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    words = "beyond 50% of the width" if scale < 1 else "outside it, the first at"
+    with pytest.raises(PredictionError, match=words):
+        evaluated(hloc.write_dense(tmp_path, world, scale=scale))
+
+
+def _change(file: Any, name: str, values: Any) -> None:
+    del file[name]
+    file[name] = values
+
+
+PAIR = "photos-q0.png/matching-crops-q0_dom.tif/matches0"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda f, m: _change(m, PAIR, np.full(61, -2, np.int16)), "wrap around"),
+        (
+            lambda f, m: _change(
+                f, "matching/crops/q0_dom.tif/keypoints", np.zeros((40_000, 2), np.float32)
+            ),
+            "the other picture has 40,000 keypoints: beyond 32,767",
+        ),
+        (lambda f, m: _change(m, PAIR, np.full(61, 61, np.int16)), "names keypoint 61"),
+        (lambda f, m: _change(m, PAIR, np.zeros(60, np.int16)), "has 61 keypoints"),
+        (lambda f, m: _change(f, "photos/q0.png/image_size", [320, 240]), "image_size is"),
+        (lambda f, m: _change(f, "photos/q0.png/keypoints", np.zeros(61)), "of shape"),
+        (lambda f, m: f.__delitem__("photos/q0.png"), "no features of 'photos-q0.png'"),
+        (
+            lambda f, m: f.create_group("photos-q0.png").create_dataset(
+                "keypoints", data=np.zeros((1, 2), np.float32)
+            ),
+            "have one name in files of matches",
+        ),
+        (
+            lambda f, m: _change(
+                f, "photos/q0.png/keypoints", np.full((61, 2), np.nan, np.float32)
+            ),
+            "not finite",
+        ),
+    ],
+)
+def test_refusals(
+    spoil: Callable[..., None], words: str, world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = hloc.write(tmp_path, world)
+    with h5py.File(path / hloc.FEATURES, "a") as f, h5py.File(path / hloc.MATCHES, "a") as m:
+        spoil(f, m)
+    with pytest.raises(PredictionError, match=words):
+        evaluated(path)
+
+
+def test_which_files_belong_together(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    path = hloc.write(tmp_path, world)
+    shutil.copy(path / hloc.FEATURES, path / "feats-sift.h5")
+    assert evaluated(path).overall["error_m"] < 1e-2  # the name of the matches tells
+    (path / hloc.MATCHES).rename(path / "m.h5")
+    with pytest.raises(PredictionError, match=r"which features m\.h5 counts is unclear"):
+        evaluated(path)
+    with pytest.raises(PredictionError, match="features without matches"):
+        evaluated(path / hloc.FEATURES)
+    shutil.copy(path / "m.h5", path / "n.h5")
+    with pytest.raises(PredictionError, match="2 files of matches"):
+        evaluated(path)
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    shutil.copy(path / "m.h5", alone)
+    with pytest.raises(PredictionError, match="which is not beside it"):
+        evaluated(alone)
+
+
+def test_names_that_are_no_pairs(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    path = tmp_path / "m.h5"
+    with h5py.File(path, "w") as file:
+        file["a.png/b.png/keypoints0"] = file["a.png/b.png/keypoints1"] = np.zeros((3, 2))
+    with pytest.raises(PredictionError, match="pairs no photo with its crop or the map") as error:
+        evaluated(path)
+    assert "q0 and q0_dom.tif" in str(error.value)
+
+
+def test_glue_factory_is_told_apart(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    path = tmp_path / "predictions.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("keypoints0", "keypoints1"):
+            file[f"q0.png/q0_dom.tif/{name}"] = np.zeros((3, 2))
+        file["q0.png/q0_dom.tif/keypoint_scores0"] = np.zeros(3)
+    with pytest.raises(PredictionError, match="glue-factory"):
+        evaluated(path)

@@ -1,0 +1,125 @@
+"""Poses of hloc, LTVL, TUM and KITTI texts: exact ones score perfect, wrong ones are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from airzoo_bench.core.errors import PredictionError, UserError
+from airzoo_bench.evaluation.reader import find_reader
+from tests.matching.world import World
+from tests.readers.samples import poses
+
+Evaluated = Callable[..., Any]
+
+
+def test_hloc_results_score_as_the_same_poses_do(
+    world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = poses.write(tmp_path, world)
+    assert find_reader(path) == "hloc-poses"
+    found = evaluated(path)
+    assert found.overall["error_m"] < 1e-6
+    own = [f"hills/{line}" for line in poses.hloc_lines(world).values()]
+    same = evaluated(poses.write_lines(tmp_path / "own.txt", own))
+    assert same.overall == found.overall
+    assert same.result.predictions.reader is None
+    used = found.result.predictions.reader
+    assert used.name == "hloc-poses"
+    assert "quaternions are w x y z" in used.conventions
+    assert any("unmarked" in note for note in found.result.notes)
+
+
+def test_the_identity_is_no_pose(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    lines = poses.hloc_lines(world)
+    lines["q1.png"] = f"q1.png {poses.IDENTITY}"
+    lines["other.png"] = f"other.png {poses.IDENTITY}"
+    path = poses.write_lines(tmp_path / "mast3r_ltvl.txt", list(lines.values()))
+    found = evaluated(path)
+    assert found.records.set_index("query").loc["hills/q1", "error_m"] == float("inf")
+    notes = " | ".join(found.result.notes)
+    assert "1 pose of photos that are no queries left out" in notes
+    assert "1 photo at the identity or NaN count as not found" in notes
+
+
+def test_a_folder_before_the_name_needs_the_reader(
+    world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = poses.write_lines(
+        tmp_path / "r.txt", [f"query/{line}" for line in poses.hloc_lines(world).values()]
+    )
+    assert find_reader(path, "matching") is None
+    assert evaluated(path, reader="hloc-poses").overall["error_m"] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "write"), [("tum", poses.write_tum), ("kitti", poses.write_kitti)]
+)
+def test_trajectories_with_names(
+    name: str, write: Callable[..., Path], world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = write(tmp_path, world)
+    assert find_reader(path) is None
+    assert find_reader(path, "matching") == name
+    found = evaluated(path, names=tmp_path / "names.txt")
+    assert found.overall["error_m"] < 1e-6
+    assert found.result.predictions.reader.name == name
+    with pytest.raises(UserError, match="without the names of their photos"):
+        evaluated(path)
+    poses.write_lines(tmp_path / "names.txt", ["q0.png"])
+    with pytest.raises(UserError, match="5 poses, and 1 name in"):
+        evaluated(path, names=tmp_path / "names.txt")
+
+
+def test_another_order_of_quaternions_is_refused(
+    world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    """CUT3R's pred_traj.txt looks like TUM's, and has w first."""
+    path = poses.write_tum(tmp_path, world)
+    rows = [line.split() for line in path.read_text().splitlines()]
+    poses.write_lines(path, [" ".join([*row[:4], row[7], *row[4:7]]) for row in rows])
+    with pytest.raises(PredictionError, match="quaternions in the order w x y z"):
+        evaluated(path, names=tmp_path / "names.txt")
+
+
+def test_another_world_is_refused_with_its_offset(
+    world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = poses.write_kitti(tmp_path, world)
+    rows = [line.split() for line in path.read_text().splitlines()]
+    for row in rows:
+        row[3], row[7] = (repr(float(row[i]) - s) for i, s in ((3, 5e5), (7, 5.2e6)))
+    poses.write_lines(path, [" ".join(row) for row in rows])
+    with pytest.raises(PredictionError, match=r"off the map of hills by \(-499970\.0, -5"):
+        evaluated(path, names=tmp_path / "names.txt")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("q0.png 1 0 0 0 1 2\n", "row 1 has 7 columns"),
+        ("q0.png 1 0 0 0 1 2 x\n", "words where numbers should be"),
+        ("", "holds no pose"),
+        ("zz.png 1 0 0 0 1 2 3\n", "none of its names is that of a query"),
+        ("q0.png 1 0 0 0 1 2 3\nx/q0.jpg 1 0 0 0 1 2 3\n", "are both hills/q0"),
+        ("q0.png 2 0 0 0 1 2 3\n", "unit"),
+    ],
+)
+def test_refusals(
+    text: str, words: str, world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = tmp_path / "r.txt"
+    path.write_text(text)
+    with pytest.raises(PredictionError, match=words):
+        evaluated(path, reader="hloc-poses")
+
+
+def test_names_mean_nothing_without_the_benchmark(world: World, tmp_path: Path) -> None:
+    import airzoo_bench as ab
+
+    path = poses.write(tmp_path, world)
+    found = ab.check(path, protocol="aerialextrematch-matching", data=tmp_path / "nowhere")
+    assert "whose folder is missing" in str(found.errors[0])
