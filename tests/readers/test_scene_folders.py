@@ -55,7 +55,7 @@ def test_a_folder_of_outputs(tmp_path: Path) -> None:
     assert found.others == ("log.txt",)
     assert most_sure(tmp_path, lambda _: 0.0, lambda one: 0.9 * is_scene(one)) == 0.9
     (tmp_path / "yard.out").touch()
-    with pytest.raises(PredictionError, match="'yard' has two outputs: yard and yard.out"):
+    with pytest.raises(PredictionError, match=r"'yard' has two outputs: yard and yard\.out"):
         find_scenes(tmp_path, reading("yard", "lot"), is_scene)
 
 
