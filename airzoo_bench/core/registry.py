@@ -178,6 +178,8 @@ READERS = Registry(
     "airzoo_bench.readers",
     {
         "vggt": "airzoo_bench.readers.vggt:VGGT",
+        "vggt-colmap": "airzoo_bench.readers.vggt_colmap:VGGT_COLMAP",
+        "mapanything": "airzoo_bench.readers.mapanything:MAPANYTHING",
     },
 )
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""
