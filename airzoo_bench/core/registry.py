@@ -179,6 +179,7 @@ READERS = Registry(
     {
         "vggt": "airzoo_bench.readers.vggt:VGGT",
         "vggt-colmap": "airzoo_bench.readers.vggt_colmap:VGGT_COLMAP",
+        "depth-anything-3": "airzoo_bench.readers.depth_anything_3:DEPTH_ANYTHING_3",
         "mapanything": "airzoo_bench.readers.mapanything:MAPANYTHING",
     },
 )
