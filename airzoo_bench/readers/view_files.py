@@ -178,8 +178,9 @@ def read_views(
             where=file.path,
             expected="the maps that the method wrote",
         )
+    maps = _masked(file, chosen, fields.mask)
     given: dict[str, Callable[[], Any]] = {
-        chosen: lambda: _masked(file, chosen, fields.mask),
+        chosen: lambda: maps,
         "pixel_centres": lambda: np.array("integer"),
     }
     confidence = fields.confidence.get(chosen)
@@ -191,7 +192,7 @@ def read_views(
         turn = inverted if fields.camera_to_world else np.asarray
         given["extrinsics"] = lambda: turn(_without_batch(file.read(fields.extrinsics)))
     given |= made or {}
-    check_count(file.path, names, len(given[chosen]()))
+    check_count(file.path, names, len(maps))
     if names is not None:
         given["image_names"] = lambda: np.array(names.names, dtype=str)
     return maps_of(GivenArrays(file.path, file.budget, given))
