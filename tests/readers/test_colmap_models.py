@@ -20,7 +20,7 @@ from airzoo_bench.readers.colmap_models import first_cameras
 from airzoo_bench.readers.vggt_colmap import VGGT_COLMAP
 from tests.readers.recon_support import check_perfect, scored, world
 from tests.readers.samples import vggt_colmap
-from tests.readers.samples.colmap import write_model, write_points_ply
+from tests.readers.samples.network_models import write_model, write_points_ply
 from tests.readers.samples.true_views import true_views
 from tests.reconstruction.world import PHOTO_SIZE, World
 
@@ -123,7 +123,7 @@ def sound(world: World, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(data=st.data())
 def test_damaged_bytes_are_refused_or_scored(
     data: st.DataObject, world: World, sound: Path, tmp_path_factory: pytest.TempPathFactory

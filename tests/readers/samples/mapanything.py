@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.readers.samples.colmap import write_model, write_points_ply
+from tests.readers.samples.network_models import write_model, write_points_ply
 from tests.readers.samples.true_views import TrueViews, true_views
 from tests.reconstruction.world import World
 

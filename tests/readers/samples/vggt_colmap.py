@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.readers.samples.colmap import write_model, write_points_ply
+from tests.readers.samples.network_models import write_model, write_points_ply
 from tests.readers.samples.true_views import true_views
 from tests.reconstruction.world import World
 
