@@ -202,6 +202,11 @@ def as_maps(file: NpzFile, name: str, ndim: int) -> Any:
     """Return maps (N, H, W) or (N, H, W, 3), without an axis of 1 before or behind.
 
     Where they are compressed and large, one at a time is unpacked.
+
+    Raises
+    ------
+    PredictionError
+        They have another number of axes.
     """
     import numpy as np
 
@@ -210,8 +215,15 @@ def as_maps(file: NpzFile, name: str, ndim: int) -> Any:
 
     entry = file.entries[name]
     shape = _stripped(entry.shape, ndim)
+    if len(shape) != ndim:
+        raise PredictionError(
+            f"field '{name}' has shape {entry.shape}",
+            where=file.path,
+            expected=f"shape ({', '.join('NHW'[:ndim])}{', 3' * (ndim - 3)})",
+            fix="save what the method returns as it is",
+        )
     large = entry.nbytes > min(_STREAMED_BYTES, file.budget.limit_bytes // 8)
-    if entry.compressed and large and len(shape) == ndim and not entry.fortran_order:
+    if entry.compressed and large and not entry.fortran_order:
         stream = RowStream(file, name, shape)
         return LazyMaps(np.arange(shape[0]), shape[1:], entry.dtype, stream)
     return file.map(name).reshape(shape)

@@ -20,8 +20,8 @@ import numpy as np
 from airzoo_bench.core.files import sha256_of
 from tests.formats import cloud_support as clouds
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
-from tests.readers.samples import depth_anything_3, mapanything, vggt, vggt_colmap
 from tests.matching import world as matching
+from tests.readers.samples import depth_anything_3, mapanything, vggt, vggt_colmap
 from tests.reconstruction import world as reconstruction
 from tests.support import MadeScene, made_protocol, make_place, run_main, write_benchmark
 
@@ -347,7 +347,7 @@ def _native(home: Path, world: reconstruction.World, data: str) -> list[Input]:
     streaming = ("camera_poses.txt", "intrinsic.txt", "results_output/frame_2.npz")
     protocol, made = ("--protocol", reconstruction.PROTOCOL), []
     for reader, write, files in (
-        ("vggt", vggt.write, ["predictions.npz"]),
+        ("vggt", vggt.write_without_pickle, ["predictions.npz"]),
         ("vggt-colmap", vggt_colmap.write, bins),
         ("mapanything", mapanything.write, ["predictions.npz"]),
         ("depth-anything-3", depth_anything_3.write, [exported]),

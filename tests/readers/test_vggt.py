@@ -157,3 +157,9 @@ def test_damaged_files_are_refused_or_scored(
     VGGT.recognise(path)
     with contextlib.suppress(PredictionError):
         world.score(path, read_by=ReadBy("vggt"))
+
+
+def test_maps_without_views_are_refused(world: World, tmp_path: Path) -> None:
+    with pytest.raises(PredictionError, match=r"field 'depth' has shape \(\)") as caught:
+        scored(world, one(world, tmp_path, depth=np.array(1.0)))
+    assert caught.value.expected == "shape (N, H, W)"

@@ -46,3 +46,7 @@ def write(folder: Path, world: World, **changes: Any) -> Path:
     for scene in ("yard", "lot"):
         write_scene(folder / scene, true_views(world, scene), **changes)
     return folder
+
+
+def write_without_pickle(folder: Path, world: World) -> Path:
+    return write(folder, world, pose_enc_list=None)
