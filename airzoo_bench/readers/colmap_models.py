@@ -194,9 +194,12 @@ def _check_end(path: Path, at: int, size: int) -> None:
 
 def _text(path: Path, data: bytes) -> str:
     try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        raise _damaged(path, f"an image has the name {data[:40]!r}, which is not UTF-8") from error
+        name = data.decode()
+    except UnicodeDecodeError:
+        name = ""
+    if not (name and name.isprintable()):
+        raise _damaged(path, f"an image has the name {data[:40]!r}, which is no printable text")
+    return name
 
 
 def _damaged(path: Path, why: str) -> PredictionError:

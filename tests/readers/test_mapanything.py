@@ -75,3 +75,9 @@ def test_views_without_names_are_the_photos_in_order(world: World, tmp_path: Pat
     with pytest.raises(PredictionError, match="do not fit the photos") as caught:
         scored(world, path)
     assert "--names" in str(caught.value.fix)
+
+
+def test_the_lines_of_the_recipe_save_what_is_read(world: World, tmp_path: Path) -> None:
+    path = one(world, tmp_path, world_points=None, images=None)
+    assert find_reader(path) == "mapanything"
+    assert scored(world, path).scored["yard"].record["f1_0.2m"] == 1.0

@@ -163,3 +163,12 @@ def test_maps_without_views_are_refused(world: World, tmp_path: Path) -> None:
     with pytest.raises(PredictionError, match=r"field 'depth' has shape \(\)") as caught:
         scored(world, one(world, tmp_path, depth=np.array(1.0)))
     assert caught.value.expected == "shape (N, H, W)"
+
+
+def test_the_lines_of_the_recipe_save_what_is_read(world: World, tmp_path: Path) -> None:
+    kept = ("extrinsic", "intrinsic", "pose_enc", "depth", "depth_conf")
+    given = vggt.fields(true_views(world, "yard"))
+    changes = {name: given[name][None] if name in kept else None for name in given}
+    path = one(world, tmp_path, **changes)
+    assert find_reader(path) == "vggt"
+    assert f1(world, path) == 1.0
