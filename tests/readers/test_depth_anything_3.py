@@ -17,7 +17,7 @@ from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import depth_anything_3 as da3
 from tests.readers.samples import vggt
 from tests.readers.samples.true_views import true_views
-from tests.reconstruction.world import PROTOCOL, World, save
+from tests.reconstruction.world import PHOTO_SIZE, PROTOCOL, World, save
 
 __all__ = ["world"]
 
@@ -169,3 +169,43 @@ def test_files_of_the_suite_stay_its_own(world: World, tmp_path: Path) -> None:
     assert find_reader(tmp_path / "own" / "yard.npz") is None
     given = {**da3.fields(true_views(world, "yard")), "protocol": np.array(PROTOCOL)}
     assert find_reader(save(tmp_path / "yard.npz", given)) is None
+
+
+def test_models_that_pycolmap_writes_are_recognised_and_read(world: World, tmp_path: Path) -> None:
+    """Rigs and frames as Depth Anything 3 makes them, written by COLMAP itself."""
+    pycolmap = pytest.importorskip("pycolmap")
+    views, found = true_views(world, "yard"), pycolmap.Reconstruction()
+    points = views.points[views.depth > 0]
+    for point in points:
+        found.add_point3D(point, pycolmap.Track(), np.zeros(3, np.uint8))
+    for number, (name, w2c) in enumerate(zip(views.names, views.w2c, strict=True), 1):
+        add_view(pycolmap, found, number, name, w2c)
+    place = tmp_path / "out" / "yard"
+    place.mkdir(parents=True)
+    found.write(str(place))
+    assert find_reader(place.parent) == "depth-anything-3"
+    record = scored(world, place.parent).scored["yard"].record
+    assert (record["f1_0.2m"], record["points"]) == (1.0, len(points))
+    assert record["ate_m"] < 1e-6
+
+
+def add_view(pycolmap: Any, found: Any, number: int, name: str, w2c: Any) -> None:
+    camera = pycolmap.Camera()
+    camera.camera_id, camera.model = number, pycolmap.CameraModelId.PINHOLE
+    camera.width, camera.height = PHOTO_SIZE
+    camera.params = np.array([800.0, 800.0, 240.0, 180.0])
+    found.add_camera(camera)
+    rig = pycolmap.Rig()
+    rig.rig_id = number
+    rig.add_ref_sensor(camera.sensor_id)
+    found.add_rig(rig)
+    image = pycolmap.Image()
+    image.image_id = image.frame_id = image.camera_id = number
+    image.name = name
+    frame = pycolmap.Frame()
+    frame.frame_id = frame.rig_id = number
+    frame.add_data_id(image.data_id)
+    turn = pycolmap.Rotation3d(w2c[:3, :3])
+    frame.rig_from_world = pycolmap.Rigid3d(turn, w2c[:3, 3])
+    found.add_frame(frame)
+    found.add_image(image)
