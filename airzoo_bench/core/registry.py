@@ -198,6 +198,10 @@ READERS = Registry(
         "colmap-poses": "airzoo_bench.readers.colmap_poses:COLMAP",
         "tum": "airzoo_bench.readers.trajectory:TUM",
         "kitti": "airzoo_bench.readers.trajectory:KITTI",
+        "vggt": "airzoo_bench.readers.vggt:VGGT",
+        "vggt-colmap": "airzoo_bench.readers.vggt_colmap:VGGT_COLMAP",
+        "depth-anything-3": "airzoo_bench.readers.depth_anything_3:DEPTH_ANYTHING_3",
+        "mapanything": "airzoo_bench.readers.mapanything:MAPANYTHING",
     },
 )
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""

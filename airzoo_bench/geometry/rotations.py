@@ -58,7 +58,8 @@ def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None)
     quaternions = np.asarray(wxyz, dtype=np.float64)
     if quaternions.ndim != 2 or quaternions.shape[1] != 4:
         raise CameraError(f"quaternions have shape {quaternions.shape}", expected="shape (N, 4)")
-    norm = np.sqrt((quaternions * quaternions).sum(axis=1))
+    with np.errstate(over="ignore"):  # an infinite norm is not 1
+        norm = np.sqrt((quaternions * quaternions).sum(axis=1))
     refuse_cameras(
         ~(np.abs(norm - 1.0) <= _QUATERNION_TOLERANCE),
         "quaternion is not of unit norm",

@@ -10,13 +10,15 @@
     substation/cameras.npz
 
 A file alone is a prediction of one scene, named as the file is. A folder within an archive that
-holds all the rest is stepped over.
+holds all the rest is stepped over. Files as methods write them come from readers, as
+`NativeScenes`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
@@ -27,7 +29,7 @@ from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction, holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, read_image_poses
 
-__all__ = ["ReconstructionPredictions", "open_reconstruction"]
+__all__ = ["ListedFiles", "NativeScenes", "ReconstructionPredictions", "open_reconstruction"]
 
 _PROTOCOL = "protocol.txt"
 _PROTOCOL_BYTES = 1024
@@ -41,20 +43,84 @@ class _Entry:
     cameras: Member | None
 
 
-@dataclass(frozen=True)
-class ReconstructionPredictions:
-    """A prediction as listed, nothing of it read yet.
+class ReconstructionPredictions(ABC):
+    """Predictions of scenes, listed, nothing of them read yet.
 
     Attributes
     ----------
     path : Path
     protocol : str or None
-        The protocol that it names.
-    entries : dict
-        By scene.
+        The protocol that they name.
     unknown_files : tuple of str
         Files that belong to no scene.
     """
+
+    path: Path
+    protocol: str | None
+    unknown_files: tuple[str, ...]
+
+    @property
+    @abstractmethod
+    def scenes(self) -> tuple[str, ...]:
+        """Scenes that there is an entry of."""
+
+    @abstractmethod
+    def opened(
+        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
+    ) -> AbstractContextManager[ScenePrediction]:
+        """Open a scene's entry, for as long as it is used.
+
+        Its files may take `limit_bytes` in memory together; meshes are refused without `sampling`.
+
+        Raises
+        ------
+        PredictionError
+            See `open_cloud`, `read_maps` and `Bundle.file`, or the reader.
+        """
+
+    def unknown(self, known: Collection[str]) -> tuple[str, ...]:
+        """Scenes that the benchmark lacks: misspelt, perhaps."""
+        return tuple(scene for scene in self.scenes if scene not in known)
+
+    def missing(self, known: Collection[str]) -> tuple[str, ...]:
+        """Scenes of the benchmark that they lack; they score 0."""
+        return tuple(scene for scene in known if scene not in self.scenes)
+
+
+@dataclass(frozen=True)
+class NativeScenes(ReconstructionPredictions):
+    """What a method wrote of each scene.
+
+    Attributes
+    ----------
+    places : mapping of str to Path
+        A file or folder by scene.
+    read_scene : callable
+        Given such a place and the bytes that it may take in memory, reads it.
+    """
+
+    path: Path
+    places: Mapping[str, Path]
+    read_scene: Callable[[Path, int], ScenePrediction]
+    unknown_files: tuple[str, ...] = ()
+    protocol: str | None = None
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Scenes that a method wrote something of, by name."""
+        return tuple(sorted(self.places))
+
+    @contextmanager
+    def opened(
+        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
+    ) -> Iterator[ScenePrediction]:
+        """See `ReconstructionPredictions.opened`."""
+        yield self.read_scene(self.places[scene], limit_bytes)
+
+
+@dataclass(frozen=True)
+class ListedFiles(ReconstructionPredictions):
+    """Entries, by scene, of a folder or an archive, as `open_reconstruction` lists them."""
 
     path: Path
     protocol: str | None
@@ -64,30 +130,14 @@ class ReconstructionPredictions:
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """Scenes that it has an entry of, by name."""
+        """Scenes that there is an entry of, by name."""
         return tuple(self.entries)
-
-    def unknown(self, known: Collection[str]) -> tuple[str, ...]:
-        """Scenes that the benchmark lacks: misspelt, perhaps."""
-        return tuple(scene for scene in self.entries if scene not in known)
-
-    def missing(self, known: Collection[str]) -> tuple[str, ...]:
-        """Scenes of the benchmark that it lacks; they score 0."""
-        return tuple(scene for scene in known if scene not in self.entries)
 
     @contextmanager
     def opened(
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
     ) -> Iterator[ScenePrediction]:
-        """Open a scene's entry, for as long as it is used.
-
-        Its files may take `limit_bytes` in memory together; meshes are refused without `sampling`.
-
-        Raises
-        ------
-        PredictionError
-            See `open_cloud`, `read_maps` and `Bundle.file`.
-        """
+        """See `ReconstructionPredictions.opened`."""
         entry = self.entries[scene]
         images = None
         if entry.cameras is not None:
@@ -109,7 +159,7 @@ class ReconstructionPredictions:
             yield replace(views, images=views.images or images)
 
 
-def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ReconstructionPredictions:
+def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles:
     """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene.
 
     An archive may take `unpacked_limit_bytes` on disk once unpacked.
@@ -122,7 +172,7 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> Reconstruct
     if path.is_file() and path.suffix.lower() in SUFFIXES:
         member = Member(path.name, path.stat().st_size)
         entries = {path.stem: _Entry(member, None)}
-        return ReconstructionPredictions(path, None, entries, (), Bundle(path.parent, (member,)))
+        return ListedFiles(path, None, entries, (), Bundle(path.parent, (member,)))
     bundle = open_bundle(path, unpacked_limit_bytes)
     wrapper = _wrapper(bundle.members)
     geometry: dict[str, Member] = {}
@@ -141,7 +191,7 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> Reconstruct
     entries = {scene: _Entry(one, cameras.get(scene)) for scene, one in sorted(geometry.items())}
     if not entries:
         raise _no_entries(path, unknown_files)
-    return ReconstructionPredictions(path, protocol, entries, tuple(unknown_files), bundle)
+    return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
 
 
 def _wrapper(members: tuple[Member, ...]) -> str:

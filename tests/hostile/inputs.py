@@ -22,7 +22,18 @@ from tests.formats import cloud_support as clouds
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
 from tests.matching import world as matching
 from tests.readers import retrieval_support
-from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652, vpr
+from tests.readers.samples import (
+    anyloc,
+    depth_anything_3,
+    game4loc,
+    hloc_global,
+    mapanything,
+    trec,
+    university1652,
+    vggt,
+    vggt_colmap,
+    vpr,
+)
 from tests.reconstruction import world as reconstruction
 from tests.support import MadeScene, made_protocol, make_place, run_main, write_benchmark
 
@@ -280,6 +291,7 @@ def _reconstruction(home: Path) -> list[Input]:
     data_root = str(home / "data")
     made = _entries(home, given, data_root, protocol)
     made += _packs(home, given, data_root)
+    made += _native(home / "native", world, data_root)
     whole = home / "whole"
     shutil.copytree(home / "data", whole / "data")
     shutil.copy(given / "binary.ply", whole / "yard.ply")
@@ -377,6 +389,30 @@ def _retrieval_readers(home: Path) -> list[Input]:
         *made,
         Input("readers/lists", lists, file, spoil_text, command, str(home / "data"), 0.5),
     ]
+
+
+def _native(home: Path, world: reconstruction.World, data: str) -> list[Input]:
+    """Return what methods write, a file of the yard's spoilt in each."""
+    bins = [f"sparse/{name}.bin" for name in ("cameras", "images", "points3D")]
+    exported = "exports/mini_npz/results.npz"
+    streaming = ("camera_poses.txt", "intrinsic.txt", "results_output/frame_2.npz")
+    protocol, made = ("--protocol", reconstruction.PROTOCOL), []
+    for reader, write, files in (
+        ("vggt", vggt.write_without_pickle, ["predictions.npz"]),
+        ("vggt-colmap", vggt_colmap.write, bins),
+        ("mapanything", mapanything.write, ["predictions.npz"]),
+        ("depth-anything-3", depth_anything_3.write, [exported]),
+        ("depth-anything-3", depth_anything_3.write_streaming, streaming),
+    ):
+        folder = home / f"{write.__module__}.{write.__name__}"
+        write(folder / "out", world)
+        given = ("FOLDER/out", "--reader", reader, *protocol)
+        commands = (("eval", "reconstruction", *given), ("check", *given))
+        for file in files:
+            spoil = {".txt": spoil_text, ".bin": spoil_bytes}.get(Path(file).suffix, spoil_arrays)
+            name = f"reconstruction/{reader} {Path(file).name}"
+            made.append(Input(name, folder, f"out/yard/{file}", spoil, commands, data, 0.2))
+    return made
 
 
 # --- results, tables, own photos -----------------------------------------------------------------
