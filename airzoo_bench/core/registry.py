@@ -174,5 +174,10 @@ DATASETS = Registry(
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""
 
-READERS = Registry("airzoo_bench.readers", {})
+READERS = Registry(
+    "airzoo_bench.readers",
+    {
+        "vggt": "airzoo_bench.readers.vggt:VGGT",
+    },
+)
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""

@@ -13,6 +13,7 @@ import struct
 import zipfile
 import zlib
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -24,7 +25,7 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npy import read_header
 
-__all__ = ["ArrayEntry", "NpzFile"]
+__all__ = ["DAMAGE", "ArrayEntry", "NpzFile", "damaged"]
 
 _MAX_MEMBERS = 64
 _LOCAL_HEADER_BYTES = 30
@@ -41,7 +42,7 @@ _LOOKS_LIKE = {
     b"PK": "a zip archive that was cut off or damaged",
 }
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_DAMAGE = (EOFError, OSError, RuntimeError, ValueError, zipfile.BadZipFile, zlib.error)
+DAMAGE = (EOFError, OSError, RuntimeError, ValueError, zipfile.BadZipFile, zlib.error)
 """What zipfile and its decompressor raise over damaged bytes, and `read_header`."""
 
 
@@ -72,6 +73,8 @@ class NpzFile:
         The file.
     limit_bytes : int
         The most that the arrays that are read may take in memory together.
+    untouched : collection of str
+        Names of arrays that are passed over, as if the file had none of them.
 
     Raises
     ------
@@ -79,10 +82,10 @@ class NpzFile:
         It is not an npz, is cut off or damaged, or holds Python objects.
     """
 
-    def __init__(self, path: Path, limit_bytes: int) -> None:
+    def __init__(self, path: Path, limit_bytes: int, untouched: Collection[str] = ()) -> None:
         self.path = path
         self.budget = Budget(limit_bytes)
-        self.entries = {entry.name: entry for entry in _entries(path)}
+        self.entries = {entry.name: entry for entry in _entries(path, untouched)}
 
     def names(self) -> set[str]:
         """Return the names of the arrays."""
@@ -104,21 +107,21 @@ class NpzFile:
             with zipfile.ZipFile(self.path) as archive, archive.open(entry.member) as stream:
                 stream.read(entry.header_bytes)
                 array = _fill(stream, entry)
-        except _DAMAGE as error:
-            raise _damaged(self.path, name, str(error)) from error
+        except DAMAGE as error:
+            raise damaged(self.path, name, str(error)) from error
         return _checked_text(array, self.path, name)
 
     def map(self, name: str) -> NDArray[Any]:
         """Map one array from disk where it is stored plainly, else read it."""
         entry = self.entries[name]
         plain = not (entry.compressed or entry.fortran_order or entry.nbytes == 0)
-        if not (plain and entry.dtype.kind == "f" and entry.dtype.isnative):
+        if not (plain and entry.dtype.kind in "fb" and entry.dtype.isnative):
             return self.read(name)
         offset = _data_offset(self.path, entry)
         return np.memmap(self.path, entry.dtype, "r", offset, entry.shape)
 
 
-def _entries(path: Path) -> list[ArrayEntry]:
+def _entries(path: Path, untouched: Collection[str]) -> list[ArrayEntry]:
     if not path.is_file():
         raise UnreadableError(
             "no such prediction file",
@@ -132,8 +135,10 @@ def _entries(path: Path) -> list[ArrayEntry]:
             if len(members) > _MAX_MEMBERS:
                 raise _not_npz(path, f"it holds {len(members):,} members")
             _check_members(path, members)
-            return [_entry(path, archive, member) for member in members]
-    except _DAMAGE as error:
+            passed_over = {f"{name}.npy" for name in untouched}
+            kept = [member for member in members if member.filename not in passed_over]
+            return [_entry(path, archive, member) for member in kept]
+    except DAMAGE as error:
         raise _not_npz(path, _impression(path)) from error
 
 
@@ -155,8 +160,8 @@ def _entry(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Arr
         with archive.open(member) as stream:
             shape, fortran_order, dtype = read_header(stream)
             header_bytes = stream.tell()
-    except _DAMAGE as error:
-        raise _damaged(path, name, str(error)) from error
+    except DAMAGE as error:
+        raise damaged(path, name, str(error)) from error
     compressed = member.compress_type != zipfile.ZIP_STORED
     entry = ArrayEntry(name, shape, dtype, fortran_order, compressed, member, header_bytes)
     _check_header(path, entry)
@@ -181,11 +186,11 @@ def _check_header(path: Path, entry: ArrayEntry) -> None:
     sound = len(entry.shape) <= _MAX_DIMENSIONS and all(0 <= n < 1 << 62 for n in entry.shape)
     if not sound or entry.dtype.itemsize == 0:
         stated = str((entry.shape, entry.dtype.str))[:80]
-        raise _damaged(path, entry.name, f"its header states the shape and type {stated}")
+        raise damaged(path, entry.name, f"its header states the shape and type {stated}")
     size = entry.member.file_size - entry.header_bytes
     if entry.nbytes != size:
         reason = f"its header states {entry.nbytes:,} bytes, the archive holds {size:,}"
-        raise _damaged(path, entry.name, reason)
+        raise damaged(path, entry.name, reason)
 
 
 def _bytes_in_memory(entry: ArrayEntry) -> int:
@@ -225,7 +230,7 @@ def _checked_text(array: NDArray[Any], path: Path, name: str) -> NDArray[Any]:
         codes = native.reshape(-1).view(np.uint32)
         surrogate = (codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1])
         if codes.max() > _MAX_CODE_POINT or surrogate.any():
-            raise _damaged(path, name, "it holds characters outside Unicode")
+            raise damaged(path, name, "it holds characters outside Unicode")
         return native
     return array
 
@@ -235,12 +240,12 @@ def _data_offset(path: Path, entry: ArrayEntry) -> int:
         stream.seek(entry.member.header_offset)
         local = stream.read(_LOCAL_HEADER_BYTES)
     if len(local) < _LOCAL_HEADER_BYTES or local[:4] != b"PK\x03\x04":
-        raise _damaged(path, entry.name, "its local header is missing")
+        raise damaged(path, entry.name, "its local header is missing")
     name_bytes, extra_bytes = struct.unpack("<HH", local[26:30])
     start = entry.member.header_offset + _LOCAL_HEADER_BYTES + name_bytes + extra_bytes
     offset = int(start + entry.header_bytes)
     if offset + entry.nbytes > path.stat().st_size:
-        raise _damaged(path, entry.name, "the file ends before its data does")
+        raise damaged(path, entry.name, "the file ends before its data does")
     return offset
 
 
@@ -262,7 +267,8 @@ def _not_npz(path: Path, impression: str) -> UnreadableError:
     )
 
 
-def _damaged(path: Path, name: str, reason: str) -> PredictionError:
+def damaged(path: Path, name: str, reason: str) -> PredictionError:
+    """Make the error of a field whose bytes are not what they should be."""
     return PredictionError(
         f"field '{name}' is damaged or cut off: {reason}",
         where=path,

@@ -9,22 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.maps import FloatMaps
 
 __all__ = [
     "DepthCloud",
     "DepthMaps",
     "EvenSample",
-    "FloatMaps",
     "InMemoryCloud",
     "PointMapCloud",
     "PointMaps",
@@ -34,8 +32,6 @@ __all__ = [
     "finite_rows",
     "surface_depth",
 ]
-
-FloatMaps = NDArray[np.floating[Any]]
 
 _ENDLESS = 1e150
 # Views are worked through in parts of this many pixels, whatever pieces are asked for.

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import CameraError, PredictionError
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.reconstruction.cloud_sources import DepthMaps, FloatMaps, PointMaps
+from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.image_poses import (
     BYTES_A_CAMERA,
     CAMERA_FIELDS,
@@ -23,9 +23,10 @@ from airzoo_bench.reconstruction.image_poses import (
     field_fault,
     image_poses,
 )
+from airzoo_bench.reconstruction.maps import FloatMaps
 from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
 
-__all__ = ["ScenePrediction", "holds_maps", "read_maps"]
+__all__ = ["ScenePrediction", "holds_maps", "maps_of", "read_maps"]
 
 _DEPTH = "depth"
 _POINTS = ("world_points", "points")
@@ -111,7 +112,11 @@ def read_maps(path: Path, limit_bytes: int) -> ScenePrediction:
         Another kind of file; a field is missing, misnamed or of another shape; intrinsics of
         another resolution; extrinsics that are no poses; names that are missing or doubled.
     """
-    arrays = open_arrays(path, limit_bytes)
+    return maps_of(open_arrays(path, limit_bytes))
+
+
+def maps_of(arrays: Arrays) -> ScenePrediction:
+    """Take depth maps or point maps from arrays named as `read_maps` says, and as it does."""
     names = arrays.names()
     kinds = [name for name in (_DEPTH, *_POINTS) if name in names]
     if len(kinds) > 1:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
@@ -16,7 +19,7 @@ from airzoo_bench.reconstruction.cloud_plausibility import (
     mirror_warning,
     plausibility_warnings,
 )
-from airzoo_bench.reconstruction.cloud_sources import DepthMaps, FloatMaps, PointMaps
+from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
 from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions
@@ -221,10 +224,11 @@ def _odd_depth(
     return notes
 
 
-def _some_depths(maps: DepthMaps) -> FloatMaps:
+def _some_depths(maps: DepthMaps) -> NDArray[Any]:
     """Return the depths of surfaces in the first views."""
-    some = maps.depth[: max(1, _LOOKED_AT // max(maps.depth[0].size, 1))]
-    seen: FloatMaps = some[np.isfinite(some) & (some > 0)]
+    views = range(min(len(maps.depth), max(1, _LOOKED_AT // max(maps.depth[0].size, 1))))
+    some = np.stack([maps.depth[row] for row in views])
+    seen: NDArray[Any] = some[np.isfinite(some) & (some > 0)]
     return seen
 
 

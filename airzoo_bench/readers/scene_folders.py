@@ -1,0 +1,197 @@
+"""Where a method's own files of reconstructed scenes lie, and which photos their views are of.
+
+A path is one scene's output, where the protocol has one scene or the path is named by its scene;
+or a folder with such an output a scene, ``PATH/<scene>/...``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.evaluation.reader import Reading
+from airzoo_bench.readers.names import ImageNames, read_names
+
+if TYPE_CHECKING:
+    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.reading import NativeScenes
+
+__all__ = ["ScenePlaces", "find_scenes", "most_sure"]
+
+_LOOKED_AT = 256
+
+
+def most_sure(path: Path, sure: Callable[[Path], float], nested: Callable[[Path], float]) -> float:
+    """Say how sure a reader is of a path: one scene's output, or a folder of scenes' outputs.
+
+    Parameters
+    ----------
+    path : Path
+    sure, nested : callable
+        How sure it is that a place is one scene's output: the path itself, and what a folder holds.
+    """
+    found = sure(path)
+    if found or not path.is_dir():
+        return found
+    try:
+        return max(map(nested, islice(_children(path), _LOOKED_AT)), default=0.0)
+    except OSError:  # a folder that may not be listed is nobody's
+        return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePlaces:
+    """Where the output of each scene is.
+
+    Attributes
+    ----------
+    path : Path
+    places : dict of str to Path
+        By scene.
+    others : tuple of str
+        What belongs to no scene.
+    reading : Reading
+    """
+
+    path: Path
+    places: dict[str, Path]
+    others: tuple[str, ...]
+    reading: Reading
+
+    def predictions(self, read_scene: Callable[[Path, int], ScenePrediction]) -> NativeScenes:
+        """Return the scenes as predictions, each read by `read_scene` when it is scored."""
+        from airzoo_bench.reconstruction.reading import NativeScenes
+
+        return NativeScenes(self.path, self.places, read_scene, self.others)
+
+    def listed_names(self, place: Path) -> list[str] | None:
+        """Return the names of a scene's views that ``--names`` lists; None where it is not given.
+
+        Raises
+        ------
+        PredictionError
+            The list cannot be read, or it is of several scenes and names what is no photo.
+        """
+        if self.reading.names is None:
+            return None
+        if len(self.places) == 1:
+            return self._names
+        return [
+            name
+            for name, one in zip(self._names, self._scenes, strict=True)
+            if self.places.get(one) == place
+        ]
+
+    def photos(self, place: Path, names: Sequence[str]) -> list[str]:
+        """Return the benchmark's names of the photos that names mean; others stay as they are.
+
+        Raises
+        ------
+        PredictionError
+            See `ImageNames.find_all`.
+        """
+        scene = next(scene for scene, one in self.places.items() if one == place)
+        truth = next((one for one in self.reading.truths if one.scene == scene), None)
+        if truth is None:
+            return list(names)
+        images = dict(_photos(truth))
+        found = ImageNames.of("photo", images.items()).find_all(names, place)
+        return [
+            name if one is None else images[one] for name, one in zip(names, found, strict=True)
+        ]
+
+    @cached_property
+    def _names(self) -> list[str]:
+        return [] if self.reading.names is None else read_names(self.reading.names)
+
+    @cached_property
+    def _scenes(self) -> list[str]:
+        """Return the scene of each listed name."""
+        photos = [photo for truth in self.reading.truths for photo in _photos(truth)]
+        found = ImageNames.of("photo", photos).find_all(
+            self._names, self.reading.names or self.path
+        )
+        lost = [repr(name) for name, one in zip(self._names, found, strict=True) if one is None]
+        if lost:
+            raise PredictionError(
+                f"names that are of no photo, so that their scene is not known: {first_of(lost)}",
+                where=self.reading.names,
+                expected="the photos of all scenes, such as school/DJI_0001.JPG, a line each",
+                fix="list each scene's photos in the order in which the method was given them",
+            )
+        return [one.split("/", 1)[0] for one in found if one is not None]
+
+
+def find_scenes(path: Path, reading: Reading, is_scene: Callable[[Path], bool]) -> ScenePlaces:
+    """Find the output of each scene.
+
+    Parameters
+    ----------
+    path : Path
+    reading : Reading
+    is_scene : callable
+        Whether a file or folder is one scene's output.
+
+    Raises
+    ------
+    PredictionError
+        There is none; it is one scene's, and not clear whose; or a scene has two.
+    """
+    known = [scene.id for scene in reading.protocol.scenes]
+    if is_scene(path):
+        return ScenePlaces(path, {_only_scene(path, known): path}, (), reading)
+    places: dict[str, Path] = {}
+    others = []
+    for child in _children(path) if path.is_dir() else ():
+        if not is_scene(child):
+            others.append(child.name)
+        elif _scene_name(child) in places:
+            raise PredictionError(
+                f"scene {_scene_name(child)!r} has two outputs: {places[_scene_name(child)].name} "
+                f"and {child.name}",
+                where=path,
+                expected="one a scene",
+                fix="keep one of the two",
+            )
+        else:
+            places[_scene_name(child)] = child
+    if not places:
+        raise PredictionError(
+            "holds no scene's output that this reader reads",
+            where=path,
+            expected=f"a folder a scene, such as {path.name}/{known[0]}/, each as the method wrote "
+            "it",
+            fix="`airzoo-bench readers` says what each reader recognises",
+        )
+    return ScenePlaces(path, places, tuple(others), reading)
+
+
+def _only_scene(path: Path, known: list[str]) -> str:
+    name = _scene_name(path)
+    if name in known:
+        return name
+    if len(known) == 1:
+        return known[0]
+    raise PredictionError(
+        f"is the output of one scene, and the protocol has {len(known)}",
+        where=path,
+        expected=f"a folder with an output a scene: {first_of(known)}",
+        fix=f"put it into a folder named by its scene, such as preds/{known[0]}/, and score preds",
+    )
+
+
+def _scene_name(place: Path) -> str:
+    return place.name if place.is_dir() else place.stem
+
+
+def _children(path: Path) -> Iterator[Path]:
+    return iter(sorted(one for one in path.iterdir() if not one.name.startswith(".")))
+
+
+def _photos(truth: Any) -> Iterator[tuple[str, str]]:
+    return zip(truth.photos["id"].tolist(), truth.photos["image"].tolist(), strict=True)
