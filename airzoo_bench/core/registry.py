@@ -177,7 +177,10 @@ DATASETS = Registry(
 READERS = Registry(
     "airzoo_bench.readers",
     {
+        "cut3r": "airzoo_bench.readers.cut3r:CUT3R",
+        "dust3r": "airzoo_bench.readers.dust3r:DUST3R",
         "vggt": "airzoo_bench.readers.vggt:VGGT",
+        "vggt-slam": "airzoo_bench.readers.vggt_slam:VGGT_SLAM",
     },
 )
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-import pytest
-
-from airzoo_bench.core.errors import PredictionError
-from tests.readers.recon_support import check_perfect, row, scored, world
+from tests.readers.recon_support import check_perfect, scored, world
 from tests.readers.samples import vggt
-from tests.readers.samples.true_views import true_views
 from tests.reconstruction.world import World
 
 __all__ = ["world"]
