@@ -70,11 +70,11 @@ def _conventions(scenes: ScenePlaces) -> tuple[str, ...]:
 
 
 def _file(place: Path) -> Path:
-    """Return the file of a scene: itself, or the one in its folder."""
+    """Return the file of a scene: itself, or the only one in its folder."""
     if not place.is_dir():
         return place
-    inside = (one for one in sorted(place.glob("*.npz")) if npz_fields(one) >= _NEEDED)
-    return next(inside, place / _SHOWN)
+    inside = [one for one in place.glob("*.npz") if npz_fields(one) >= _NEEDED]
+    return inside[0] if len(inside) == 1 else place / _SHOWN
 
 
 def _sure(place: Path) -> float:

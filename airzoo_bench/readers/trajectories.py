@@ -60,15 +60,15 @@ class Trajectory:
 
 
 def looks_like_trajectory(path: Path) -> bool:
-    """Say whether the first lines of a file are 8 numbers each, a unit quaternion the last."""
+    """Say whether the first camera of a file is 8 numbers, of which the last 4 are a quaternion."""
     try:
         with path.open("rb") as stream:
-            head = stream.read(_LOOKED_AT)
+            lines = stream.read(_LOOKED_AT).split(b"\n")
     except OSError:
         return False
-    lines = head.split(b"\n")[: -1 if len(head) == _LOOKED_AT else None]
-    rows = [_row(line) for line in lines if line.strip() and not line.startswith(b"#")]
-    return bool(rows) and all(row is not None and _is_unit(row[4:]) for row in rows)
+    first = next((line for line in lines if line.strip() and not line.startswith(b"#")), b"")
+    row = _row(first)
+    return row is not None and _is_unit(row[4:])
 
 
 def _row(line: bytes) -> list[float] | None:
