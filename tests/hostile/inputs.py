@@ -5,6 +5,7 @@ To add a kind, append an `Input` to what `made_inputs` returns.
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import shutil
@@ -265,6 +266,17 @@ def _reconstruction(home: Path) -> list[Input]:
     )
     (given / "mesh.ply").write_bytes(clouds.quads())
     clouds.write_glb(given / "mesh.glb", *clouds.cube_document())
+    clouds.write_gltf(given / "text.gltf")
+    clouds.write_stl(given / "binary.stl")
+    clouds.write_stl_text(given / "ascii.stl")
+    (given / "ascii.off").write_text(clouds.OFF_CUBE)
+    clouds.write_e57(given / "scan.e57", columns)
+    rows = clouds.text_rows(columns)
+    (given / "ascii.xyz").write_text(rows)
+    (given / "ascii.csv").write_text("x,y,z,r,g,b\n" + clouds.text_rows(columns, ","))
+    (given / "ascii.pts").write_text("40\n" + rows)
+    np.save(given / "six.npy", np.hstack((clouds.points_of(columns), clouds.colours_of(columns))))
+    (given / "packed.ply.gz").write_bytes(gzip.compress((given / "binary.ply").read_bytes()))
     views = world.views("yard")
     small = views | {"depth": views["depth"][:, ::6, ::6]}
     small["intrinsics"] = views["intrinsics"] * np.array([[1 / 6], [1 / 6], [1.0]])
@@ -302,12 +314,13 @@ def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> l
             continue
         one = home / "entries" / path.name
         one.mkdir(parents=True)
-        shutil.copy(path, one / f"yard{path.suffix}")
+        ending = path.name[path.name.index(".") :]
+        shutil.copy(path, one / f"yard{ending}")
         spoil = {".npz": spoil_arrays, ".obj": spoil_text}.get(path.suffix, spoil_bytes)
         if "ascii" in path.name:
             spoil = spoil_text
         name = f"reconstruction/{path.name}"
-        made.append(Input(name, one, f"yard{path.suffix}", spoil, commands, data, 0.4))
+        made.append(Input(name, one, f"yard{ending}", spoil, commands, data, 0.4))
     return made
 
 

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds import arrays, glb, las, obj, off, pcd, ply, stl, xyz
+from airzoo_bench.formats.clouds import arrays, e57, glb, las, obj, off, pcd, ply, stl, xyz
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.gzipped import Unpacked
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
@@ -15,8 +15,8 @@ from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
 __all__ = ["KINDS", "SUFFIXES", "open_cloud", "stem_of"]
 
 _MESHES = (".obj", ".stl", ".off", ".gltf", ".glb")
-_PLAIN = (".ply", ".pcd", ".las", ".laz", ".npz", ".npy", *xyz.TEXT_SUFFIXES, *_MESHES)
-_UNZIPPED = (".laz", ".npz")
+_PLAIN = (".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".npy", *xyz.TEXT_SUFFIXES, *_MESHES)
+_UNZIPPED = (".laz", ".npz", ".e57")
 _GZIPPED = tuple(f"{suffix}.gz" for suffix in _PLAIN if suffix not in _UNZIPPED)
 SUFFIXES = (*_PLAIN, *_GZIPPED)
 """Endings of files that can be clouds."""
@@ -32,6 +32,7 @@ _MAGIC = (
     (b"PK\x03\x04", "npz or zip", (".npz",)),
     (b"PK\x05\x06", "npz or zip", (".npz",)),
     (b"glTF", "GLB", (".glb",)),
+    (b"ASTM-E57", "E57", (".e57",)),
     (b"# .PCD", "PCD", (".pcd",)),
     (b"VERSION", "PCD", (".pcd",)),
 )
@@ -42,7 +43,6 @@ _OTHERS = (
     (b"\x89PNG", "a PNG image"),
     (b"\xff\xd8\xff", "a JPEG image"),
     (b"\x89HDF", "an HDF5 file"),
-    (b"ASTM-E57", "an E57 scan"),
     (b"%PDF", "a PDF"),
     (b"\x80\x04\x95", "a Python pickle"),
     (b"<", "HTML or XML"),
@@ -106,7 +106,12 @@ def _open_plain(path: Path, limit_bytes: int, sampling: MeshSampling | None) -> 
 
 
 def _open(path: Path, kind: str, limit_bytes: int) -> FileCloud | Mesh:
-    in_pieces = {"LAS or LAZ": las.open_las, "npy": arrays.open_npy, "text": xyz.open_text}
+    in_pieces = {
+        "LAS or LAZ": las.open_las,
+        "npy": arrays.open_npy,
+        "text": xyz.open_text,
+        "E57": e57.open_e57,
+    }
     if kind in in_pieces:
         return in_pieces[kind](path)
     bounded: dict[str, Callable[[Path, int], FileCloud | Mesh]] = {
