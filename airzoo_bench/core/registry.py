@@ -178,8 +178,11 @@ READERS = Registry(
     "airzoo_bench.readers",
     {
         "cut3r": "airzoo_bench.readers.cut3r:CUT3R",
+        "depth-anything-3": "airzoo_bench.readers.depth_anything_3:DEPTH_ANYTHING_3",
         "dust3r": "airzoo_bench.readers.dust3r:DUST3R",
+        "mapanything": "airzoo_bench.readers.mapanything:MAPANYTHING",
         "vggt": "airzoo_bench.readers.vggt:VGGT",
+        "vggt-colmap": "airzoo_bench.readers.vggt_colmap:VGGT_COLMAP",
         "vggt-slam": "airzoo_bench.readers.vggt_slam:VGGT_SLAM",
     },
 )

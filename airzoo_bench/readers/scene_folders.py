@@ -35,10 +35,10 @@ def most_sure(path: Path, sure: Callable[[Path], float], nested: Callable[[Path]
     sure, nested : callable
         How sure it is that a place is one scene's output: the path itself, and what a folder holds.
     """
-    found = sure(path)
-    if found or not path.is_dir():
-        return found
     try:
+        found = sure(path)
+        if found or not path.is_dir():
+            return found
         return max(map(nested, islice(_children(path), _LOOKED_AT)), default=0.0)
     except OSError:  # a folder that may not be listed is nobody's
         return 0.0

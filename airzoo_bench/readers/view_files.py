@@ -23,7 +23,9 @@ __all__ = [
     "ViewFields",
     "ViewNames",
     "as_maps",
+    "check_count",
     "in_photo_order",
+    "inverted",
     "npz_fields",
     "read_views",
     "sorted_images",
@@ -176,8 +178,9 @@ def read_views(
             where=file.path,
             expected="the maps that the method wrote",
         )
+    maps = _masked(file, chosen, fields.mask)
     given: dict[str, Callable[[], Any]] = {
-        chosen: lambda: _masked(file, chosen, fields.mask),
+        chosen: lambda: maps,
         "pixel_centres": lambda: np.array("integer"),
     }
     confidence = fields.confidence.get(chosen)
@@ -186,12 +189,11 @@ def read_views(
     if fields.intrinsics in there:
         given["intrinsics"] = lambda: _without_batch(file.read(fields.intrinsics))
     if fields.extrinsics in there:
-        given["extrinsics"] = lambda: _world_to_camera(
-            _without_batch(file.read(fields.extrinsics)), turned=fields.camera_to_world
-        )
+        turn = inverted if fields.camera_to_world else np.asarray
+        given["extrinsics"] = lambda: turn(_without_batch(file.read(fields.extrinsics)))
     given |= made or {}
+    check_count(file.path, names, len(maps))
     if names is not None:
-        _check_count(file, names, len(given[chosen]()))
         given["image_names"] = lambda: np.array(names.names, dtype=str)
     return maps_of(GivenArrays(file.path, file.budget, given))
 
@@ -252,11 +254,14 @@ def _masked(file: NpzFile, name: str, mask_name: str | None) -> Any:
     return LazyMaps(np.arange(len(values)), values.shape[1:], values.dtype, seen)
 
 
-def _world_to_camera(matrices: Any, *, turned: bool) -> Any:
-    """Invert matrices (N, 3 or 4, 4) that are camera-to-world; what is none stays as it is."""
+def inverted(matrices: Any) -> Any:
+    """Turn camera-to-world matrices (N, 3 or 4, 4) into world-to-camera; others stay as they are.
+
+    Rotations are transposed; what is none is none then either, and is refused where poses are read.
+    """
     import numpy as np
 
-    if not turned or matrices.ndim != 3 or matrices.shape[1:] not in ((3, 4), (4, 4)):
+    if matrices.ndim != 3 or matrices.shape[1:] not in ((3, 4), (4, 4)):
         return matrices
     inverse = matrices.astype(np.float64) if matrices.dtype.kind == "f" else matrices.copy()
     rotation = np.swapaxes(inverse[:, :3, :3], 1, 2).copy()
@@ -266,12 +271,13 @@ def _world_to_camera(matrices: Any, *, turned: bool) -> Any:
     return inverse
 
 
-def _check_count(file: NpzFile, names: ViewNames, count: int) -> None:
-    if len(names.names) != count:
+def check_count(path: Path, names: ViewNames | None, count: int) -> None:
+    """Refuse names of another number than the views."""
+    if names is not None and len(names.names) != count:
         raise PredictionError(
             f"holds {counted(count, 'view')}, and there are {len(names.names):,} names "
             f"{names.source}",
-            where=file.path,
+            where=path,
             expected="the name of each view",
             fix="list the photos in the order in which the method was given them, a line each, "
             "and give the list with --names",

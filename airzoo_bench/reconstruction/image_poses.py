@@ -251,8 +251,9 @@ def _nameless(what: str, place: str) -> PredictionError:
         what,
         where=place,
         expected="a field image_names (N,) that says which photo each view is of",
-        fix="np.savez('SCENE.npz', **np.load('results.npz'), image_names=names), with the names "
-        "of the photos in the order in which the method was given them",
+        fix="list the photos in the order in which the method was given them, a line each, and "
+        "give the list with --reader NAME --names LIST; or np.savez('SCENE.npz', "
+        "**np.load('results.npz'), image_names=names)",
     )
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from airzoo_bench.core.files import sha256_of
 from tests.formats import cloud_support as clouds
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
+from tests.readers.samples import depth_anything_3, mapanything, vggt, vggt_colmap
 from tests.matching import world as matching
 from tests.reconstruction import world as reconstruction
 from tests.support import MadeScene, made_protocol, make_place, run_main, write_benchmark
@@ -289,6 +290,7 @@ def _reconstruction(home: Path) -> list[Input]:
     data_root = str(home / "data")
     made = _entries(home, given, data_root, protocol)
     made += _packs(home, given, data_root)
+    made += _native(home / "native", world, data_root)
     whole = home / "whole"
     shutil.copytree(home / "data", whole / "data")
     shutil.copy(given / "binary.ply", whole / "yard.ply")
@@ -348,6 +350,30 @@ def _packs(home: Path, given: Path, data: str) -> list[Input]:
     folder = tuple((*command[:-1], "FOLDER") for command in read)
     for file, spoil in (("yard.cameras.npz", spoil_arrays), ("protocol.txt", spoil_text)):
         made.append(Input(f"reconstruction/{file}", loose, file, spoil, folder, data, 0.4))
+    return made
+
+
+def _native(home: Path, world: reconstruction.World, data: str) -> list[Input]:
+    """Return what methods write, a file of the yard's spoilt in each."""
+    bins = [f"sparse/{name}.bin" for name in ("cameras", "images", "points3D")]
+    exported = "exports/mini_npz/results.npz"
+    streaming = ("camera_poses.txt", "intrinsic.txt", "results_output/frame_2.npz")
+    protocol, made = ("--protocol", reconstruction.PROTOCOL), []
+    for reader, write, files in (
+        ("vggt", vggt.write, ["predictions.npz"]),
+        ("vggt-colmap", vggt_colmap.write, bins),
+        ("mapanything", mapanything.write, ["predictions.npz"]),
+        ("depth-anything-3", depth_anything_3.write, [exported]),
+        ("depth-anything-3", depth_anything_3.write_streaming, streaming),
+    ):
+        folder = home / f"{write.__module__}.{write.__name__}"
+        write(folder / "out", world)
+        given = ("FOLDER/out", "--reader", reader, *protocol)
+        commands = (("eval", "reconstruction", *given), ("check", *given))
+        for file in files:
+            spoil = {".txt": spoil_text, ".bin": spoil_bytes}.get(Path(file).suffix, spoil_arrays)
+            name = f"reconstruction/{reader} {Path(file).name}"
+            made.append(Input(name, folder, f"out/yard/{file}", spoil, commands, data, 0.2))
     return made
 
 

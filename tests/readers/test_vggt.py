@@ -2,16 +2,158 @@
 
 from __future__ import annotations
 
+import contextlib
+import zipfile
 from pathlib import Path
+from typing import Any
 
-from tests.readers.recon_support import check_perfect, scored, world
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.formats import npz_rows
+from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.readers.vggt import VGGT
+from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import vggt
+from tests.readers.samples.true_views import TrueViews, true_views
 from tests.reconstruction.world import World
 
 __all__ = ["world"]
 
 
+def one(world: World, folder: Path, **changes: Any) -> Path:
+    """Write the yard's output, in a folder of scenes."""
+    vggt.write_scene(folder / "out" / "yard", true_views(world, "yard"), **changes)
+    return folder / "out"
+
+
+def f1(world: World, path: Path, **options: Any) -> float:
+    return float(scored(world, path, **options).scored["yard"].record["f1_0.2m"])
+
+
 def test_exact_depth_is_perfect(world: World, tmp_path: Path) -> None:
-    found = scored(world, vggt.write(tmp_path / "out", world))
-    print(found.result.overall, found.result.notes, found.given.reader)
+    path = vggt.write(tmp_path / "out", world)
+    assert find_reader(path) == "vggt"
+    found = scored(world, path)
     check_perfect(found)
+    assert found.result.predictions.kind == "depth"
+    assert found.result.predictions.reader is not None
+    assert "pixel centres are integers" in " ".join(found.result.predictions.reader.conventions)
+
+
+def test_the_pickle_in_it_is_never_opened(world: World, tmp_path: Path) -> None:
+    path = one(world, tmp_path)
+    with zipfile.ZipFile(path / "yard" / "predictions.npz") as archive:
+        assert b"'|O'" in archive.read("pose_enc_list.npy")
+    assert f1(world, path) == 1.0
+    evil = path / "yard" / "predictions.npz"
+    given = {**vggt.fields(true_views(world, "yard")), "depth": np.array([{}], dtype=object)}
+    np.savez(evil, **given)
+    with pytest.raises(PredictionError, match="field 'depth' holds pickled Python objects"):
+        scored(world, path)
+
+
+def test_the_models_own_output_has_a_batch_axis(world: World, tmp_path: Path) -> None:
+    given = vggt.fields(true_views(world, "yard"))
+    batched = {name: values[None] for name, values in given.items() if values.ndim}
+    assert f1(world, one(world, tmp_path, **batched)) == 1.0
+
+
+def test_poses_are_decoded_where_they_are_coded_only(world: World, tmp_path: Path) -> None:
+    """The code has the principal point in the middle of the integer grid, half a pixel off here."""
+    path = one(world, tmp_path, extrinsic=None, intrinsic=None)
+    found = scored(world, path).scored["yard"].record
+    assert found["ate_m"] < 1e-4
+    assert found["f1_0.5m"] == 1.0
+    batched = vggt.fields(true_views(world, "yard"))["pose_enc"][None]
+    path = one(world, tmp_path / "b", extrinsic=None, intrinsic=None, pose_enc=batched)
+    assert scored(world, path).scored["yard"].record["f1_0.5m"] == 1.0
+
+
+def test_names_are_of_images_beside_it_or_listed(world: World, tmp_path: Path) -> None:
+    views, order = true_views(world, "yard"), [3, 0, 5, 1, 2, 4]
+    turned = {k: v[order] if v.ndim else v for k, v in vggt.fields(views).items()}
+    path, names = one(world, tmp_path, **turned), tmp_path / "names.txt"
+    assert f1(world, path) < 0.9  # sorted images are of other views
+    names.write_text("\n".join(views.names[row] for row in order))
+    assert f1(world, path, names=names) == 1.0
+    (path / "yard" / "images" / "another.jpg").touch()
+    with pytest.raises(PredictionError, match="6 views, and there are 7 names of images in"):
+        scored(world, path)
+
+
+def inverted(views: TrueViews) -> Any:
+    return views.c2w[:, :3].astype("f4")
+
+
+def test_wrong_conventions_are_named(world: World, tmp_path: Path) -> None:
+    views = true_views(world, "yard")
+    found = scored(world, one(world, tmp_path / "c2w", extrinsic=inverted(views)))
+    assert "the extrinsics look camera-to-world" in " ".join(found.result.notes)
+    photos = views.intrinsics * 10.0
+    photos[:, 2, 2] = 1.0
+    with pytest.raises(PredictionError, match="the intrinsics look of images of about"):
+        scored(world, one(world, tmp_path / "K", intrinsic=photos))
+    flat = views.w2c[:, :3] * [[[1.0], [1.0], [0.0]]]
+    with pytest.raises(PredictionError, match="rotation"):
+        scored(world, one(world, tmp_path / "R", extrinsic=flat))
+
+
+def test_a_scene_that_is_missing_scores_zero(world: World, tmp_path: Path) -> None:
+    found = scored(world, one(world, tmp_path))
+    assert found.scored["lot"].record["f1_0.2m"] == 0.0
+    assert "scenes that the predictions lack" in " ".join(found.result.notes)
+    alone = tmp_path / "out" / "yard"
+    assert row(scored(world, alone)) == row(found)
+    (tmp_path / "out" / "yard").rename(tmp_path / "output")
+    with pytest.raises(PredictionError, match="output of one scene, and the protocol has 2"):
+        scored(world, tmp_path / "output")
+
+
+def count_streams(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that the names of fields come to that are unpacked row by row."""
+    found: list[str] = []
+
+    class Counted(npz_rows.RowStream):
+        def __init__(self, file: NpzFile, name: str, shape: tuple[int, ...]) -> None:
+            found.append(name)
+            super().__init__(file, name, shape)
+
+    monkeypatch.setattr(npz_rows, "RowStream", Counted)
+    return found
+
+
+def test_compressed_files_give_the_same(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = one(world, tmp_path)
+    plain = scored(world, path).result.overall
+    file = path / "yard" / "predictions.npz"
+    np.savez_compressed(file, **vggt.fields(true_views(world, "yard")))
+    assert scored(world, path).result.overall == plain
+    # So little memory that each map is unpacked by itself.
+    streams = count_streams(monkeypatch)
+    assert scored(world, path, memory_bytes=300_000).result.overall == plain
+    assert streams == ["depth", "depth_conf"]
+
+
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_damaged_files_are_refused_or_scored(
+    data: st.DataObject, world: World, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("damaged")
+    path = one(world, folder)
+    file = path / "yard" / "predictions.npz"
+    content = bytearray(file.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    file.write_bytes(content[: data.draw(st.sampled_from([len(content), len(content) // 2]))])
+    VGGT.recognise(path)
+    with contextlib.suppress(PredictionError):
+        world.score(path, read_by=ReadBy("vggt"))
