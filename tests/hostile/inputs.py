@@ -21,8 +21,16 @@ import numpy as np
 from airzoo_bench.core.files import sha256_of
 from tests.formats import cloud_support as clouds
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
-from tests.readers.samples import depth_anything_3, mapanything, vggt, vggt_colmap
 from tests.matching import world as matching
+from tests.readers.samples import (
+    cut3r,
+    depth_anything_3,
+    dust3r,
+    mapanything,
+    vggt,
+    vggt_colmap,
+    vggt_slam,
+)
 from tests.reconstruction import world as reconstruction
 from tests.support import MadeScene, made_protocol, make_place, run_main, write_benchmark
 
@@ -365,13 +373,18 @@ def _native(home: Path, world: reconstruction.World, data: str) -> list[Input]:
         ("mapanything", mapanything.write, ["predictions.npz"]),
         ("depth-anything-3", depth_anything_3.write, [exported]),
         ("depth-anything-3", depth_anything_3.write_streaming, streaming),
+        ("cut3r", cut3r.write, ["depth/000001.npy", "camera/000000.npz"]),
+        ("cut3r", cut3r.write_trajectories, ["pred_traj.txt"]),
+        ("dust3r", dust3r.write, ["scene.npz"]),
+        ("vggt-slam", vggt_slam.write, ["poses.txt", "poses_logs/1.0.npz"]),
     ):
         folder = home / f"{write.__module__}.{write.__name__}"
         write(folder / "out", world)
         given = ("FOLDER/out", "--reader", reader, *protocol)
         commands = (("eval", "reconstruction", *given), ("check", *given))
         for file in files:
-            spoil = {".txt": spoil_text, ".bin": spoil_bytes}.get(Path(file).suffix, spoil_arrays)
+            spoils = {".txt": spoil_text, ".bin": spoil_bytes, ".npy": spoil_bytes}
+            spoil = spoils.get(Path(file).suffix, spoil_arrays)
             name = f"reconstruction/{reader} {Path(file).name}"
             made.append(Input(name, folder, f"out/yard/{file}", spoil, commands, data, 0.2))
     return made

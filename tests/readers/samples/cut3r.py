@@ -42,3 +42,9 @@ def write(folder: Path, world: World) -> Path:
     for scene in ("yard", "lot"):
         write_scene(folder / scene, true_views(world, scene))
     return folder
+
+
+def write_trajectories(folder: Path, world: World) -> Path:
+    for scene in ("yard", "lot"):
+        write_trajectory(folder / scene, true_views(world, scene))
+    return folder

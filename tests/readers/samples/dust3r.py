@@ -23,9 +23,9 @@ def fields(views: TrueViews) -> dict[str, Any]:
 
 
 def write(folder: Path, world: World, **changes: Any) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
     for scene in ("yard", "lot"):
         given = fields(true_views(world, scene)) | changes
         given = {name: value for name, value in given.items() if value is not None}
-        np.savez(folder / f"{scene}.npz", **given)
+        (folder / scene).mkdir(parents=True)
+        np.savez(folder / scene / "scene.npz", **given)
     return folder
