@@ -16,7 +16,13 @@ from airzoo_bench.readers.map_files import (
 )
 from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
 from airzoo_bench.readers.trajectories import cameras_only, looks_like_trajectory, read_trajectory
-from airzoo_bench.readers.view_files import GivenArrays, in_photo_order, npz_fields, view_names
+from airzoo_bench.readers.view_files import (
+    GivenArrays,
+    in_photo_order,
+    inverted,
+    npz_fields,
+    view_names,
+)
 
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
@@ -127,7 +133,7 @@ def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePredic
     given: dict[str, Any] = {
         "depth": lambda: _maps(depth),
         "intrinsics": lambda: matrices["intrinsics"],
-        "extrinsics": lambda: np.linalg.inv(matrices["pose"]),
+        "extrinsics": lambda: inverted(matrices["pose"]),
         "pixel_centres": lambda: np.array("integer"),
     }
     if (place / "conf").is_dir():
@@ -156,19 +162,8 @@ def _cameras(files: list[Path], memory: int) -> dict[str, Any]:
         check_fields(file, ("pose", "intrinsics"), ("pose", "intrinsics"), "pose and intrinsics")
         for name, side in (("pose", 4), ("intrinsics", 3)):
             value = numbers(file, name, (side, side)).astype(np.float64)
-            found[name].append(_rigid(path, value) if name == "pose" else value)
+            found[name].append(value)
     return {name: np.stack(values) for name, values in found.items()}
-
-
-def _rigid(path: Path, pose: Any) -> Any:
-    """Refuse what cannot be inverted; whether it rotates is checked with the others."""
-    import numpy as np
-
-    if not np.isfinite(pose).all() or abs(np.linalg.det(pose)) < 1e-9:
-        raise PredictionError(
-            "its pose is no camera's", where=path, expected="a rigid matrix (4, 4), camera-to-world"
-        )
-    return pose
 
 
 CUT3R = Cut3r()

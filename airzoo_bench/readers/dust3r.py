@@ -7,13 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
 from airzoo_bench.readers.view_files import (
     GivenArrays,
     as_maps,
     in_photo_order,
+    inverted,
     npz_fields,
     view_names,
 )
@@ -26,7 +27,6 @@ __all__ = ["DUST3R", "Dust3r"]
 
 _NEEDED = {"pts3d", "poses"}
 _ALLOWED = ("pts3d", "poses", "focals", "conf", "names")
-_FLAT = 1e-9
 _SHOWN = "scene.glb"
 _HEAD_BYTES = 1 << 20
 _LINES = """save the scene itself, after the alignment (docs/recipes/dust3r.md):
@@ -124,7 +124,7 @@ def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
     names = _names(scenes, place, file)
     given: dict[str, Callable[[], Any]] = {
         "world_points": lambda: as_maps(file, "pts3d", 4),
-        "extrinsics": lambda: _world_to_camera(file),
+        "extrinsics": lambda: inverted(file.read("poses")),
     }
     if "conf" in file.names():
         given["conf"] = lambda: as_maps(file, "conf", 3)
@@ -140,24 +140,6 @@ def _names(scenes: ScenePlaces, place: Path, file: NpzFile) -> list[str] | None:
     if listed is None and "names" in file.names():
         return scenes.photos(place, texts(file, "names", 1).tolist())
     return None if listed is None else list(listed.names)
-
-
-def _world_to_camera(file: NpzFile) -> Any:
-    """Return the inverse of poses (N, 4, 4)."""
-    import numpy as np
-
-    from airzoo_bench.formats.arrays import numbers
-
-    poses = numbers(file, "poses", (None, 4, 4)).astype(np.float64)
-    usable = np.array([np.isfinite(one).all() and abs(np.linalg.det(one)) > _FLAT for one in poses])
-    if not usable.all():
-        raise PredictionError(
-            f"{first_of(np.flatnonzero(~usable).tolist(), len(poses))} of its poses, counted from "
-            "0, are no cameras",
-            where=f"{file.path}, field 'poses'",
-            expected="rigid matrices (N, 4, 4), camera-to-world",
-        )
-    return np.linalg.inv(poses)
 
 
 DUST3R = Dust3r()

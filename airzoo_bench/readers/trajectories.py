@@ -49,10 +49,10 @@ class Trajectory:
         import numpy as np
 
         from airzoo_bench.formats.budget import Budget
-        from airzoo_bench.readers.view_files import GivenArrays
+        from airzoo_bench.readers.view_files import GivenArrays, inverted
         from airzoo_bench.reconstruction.image_poses import image_poses
 
-        fields = {"extrinsics": lambda: np.linalg.inv(self.camera_to_world)}
+        fields = {"extrinsics": lambda: inverted(self.camera_to_world)}
         if names is not None:
             fields["image_names"] = lambda: np.array(names, dtype=str)
         given = GivenArrays(self.path, Budget(_LIMIT_BYTES * 8), fields)

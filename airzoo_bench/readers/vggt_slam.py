@@ -22,7 +22,7 @@ from airzoo_bench.readers.trajectories import (
     looks_like_trajectory,
     read_trajectory,
 )
-from airzoo_bench.readers.view_files import GivenArrays, npz_fields
+from airzoo_bench.readers.view_files import GivenArrays, inverted, npz_fields
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -221,7 +221,7 @@ def _read(
     maps = maps_of_files(files, size_of, lambda path: _points(path, memory))
     given: dict[str, Any] = {
         "world_points": lambda: maps,
-        "extrinsics": lambda: np.linalg.inv(trajectory.camera_to_world),
+        "extrinsics": lambda: inverted(trajectory.camera_to_world),
         "image_names": lambda: np.array(names, dtype=str),
     }
     return maps_of(GivenArrays(trajectory.path, Budget(memory), given))

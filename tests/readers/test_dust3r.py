@@ -31,7 +31,7 @@ def test_exact_points_are_perfect_named_or_in_order(world: World, tmp_path: Path
     [
         ({"pts3d": np.ones((2, 5, 3), "f4")}, "shape"),
         ({"pts3d": np.ones((2, 4, 5, 3), "f4")}, "image_names"),
-        ({"poses": np.zeros((2, 4, 4), "f4")}, "no cameras"),
+        ({"poses": np.zeros((2, 4, 4), "f4")}, "extrinsics"),
         ({"names": np.array(["a.jpg", "b.jpg"])}, "none of its names"),
         ({"depths": np.ones(3)}, "depths"),
     ],
