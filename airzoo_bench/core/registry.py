@@ -198,10 +198,13 @@ READERS = Registry(
         "colmap-poses": "airzoo_bench.readers.colmap_poses:COLMAP",
         "tum": "airzoo_bench.readers.trajectory:TUM",
         "kitti": "airzoo_bench.readers.trajectory:KITTI",
+        "cut3r": "airzoo_bench.readers.cut3r:CUT3R",
+        "depth-anything-3": "airzoo_bench.readers.depth_anything_3:DEPTH_ANYTHING_3",
+        "dust3r": "airzoo_bench.readers.dust3r:DUST3R",
+        "mapanything": "airzoo_bench.readers.mapanything:MAPANYTHING",
         "vggt": "airzoo_bench.readers.vggt:VGGT",
         "vggt-colmap": "airzoo_bench.readers.vggt_colmap:VGGT_COLMAP",
-        "depth-anything-3": "airzoo_bench.readers.depth_anything_3:DEPTH_ANYTHING_3",
-        "mapanything": "airzoo_bench.readers.mapanything:MAPANYTHING",
+        "vggt-slam": "airzoo_bench.readers.vggt_slam:VGGT_SLAM",
     },
 )
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""

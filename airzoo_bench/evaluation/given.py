@@ -222,7 +222,7 @@ def track_of(path: Path, protocol: str | None, data: Path, resources: Resources)
     if protocol is not None:
         found: AnyTrack = TRACKS.get(find_protocol(protocol, data).track)
         return found
-    return _by_content(path, tracks, fields)
+    return _by_content(path, fitting or tracks, fields)
 
 
 def _ending(path: Path, endings: set[str]) -> str:

@@ -244,7 +244,7 @@ def _check(path: Path, members: list[Member], limit_bytes: int) -> None:
             raise _refused(path, f"the name {name[:80]!r} leads out of it or is no plain path")
         if name.casefold() in seen:
             raise _refused(path, f"{name[:80]!r} stands in it more than once")
-        if name.lower().endswith(_NESTED):
+        if name.lower().endswith(_NESTED) and not path.is_dir():
             raise _refused(path, f"{name[:80]!r} is an archive inside")
         seen.add(name.casefold())
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from airzoo_bench.evaluation.prediction_files import QueryPredictions
     from airzoo_bench.evaluation.reader import Reading
     from airzoo_bench.geometry.arrays import Bools, Floats
+    from airzoo_bench.matching.maps import ReferenceMap
     from airzoo_bench.matching.predictions import GivenPoses
     from airzoo_bench.matching.truth import MatchingTruth
 
@@ -137,7 +138,10 @@ def refuse_other_world(content: GivenPoses, scenes: Sequence[MatchingTruth], pat
     if not len(centres):
         return
     middle = np.median(centres[:, :2], axis=0)
-    offsets = [(middle - _map_centre(scene), scene.scene) for scene in scenes]
+    maps = [(scene.scene_map, scene.scene) for scene in scenes]
+    offsets = [(middle - _map_centre(one), name) for one, name in maps if one is not None]
+    if not offsets:  # each photo has a map of its own
+        return
     (offset, nearest) = min(offsets, key=lambda one: float(np.hypot(*one[0])))
     if float(np.hypot(*offset)) > _FAR_M:
         raise PredictionError(
@@ -150,14 +154,14 @@ def refuse_other_world(content: GivenPoses, scenes: Sequence[MatchingTruth], pat
         )
 
 
-def _map_centre(scene: MatchingTruth) -> Floats:
+def _map_centre(reference: ReferenceMap) -> Floats:
     """Return where the middle of a map lies in the CRS of the scene, which is its DSM's."""
     import numpy as np
 
     from airzoo_bench.geometry.frames import change_of_plane
     from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 
-    dom = scene.dom
+    dom = reference.dom
     middle = pixel_to_world(dom.transform, np.array([[dom.width / 2, dom.height / 2]]))
-    found: Floats = change_of_plane(dom.crs, open_info(scene.dsm).crs)(middle)[0]
+    found: Floats = change_of_plane(dom.crs, open_info(reference.dsm).crs)(middle)[0]
     return found

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import first_bytes
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 
 __all__ = ["HLOC_LOGS", "LOFTR_DUMP", "VISMATCH", "PickledMatches"]
@@ -72,8 +73,7 @@ class PickledMatches(Reader):
 
 def _head(path: Path) -> bytes:
     """Return the first bytes of a pickle, alone or in the zip of torch.save."""
-    with path.open("rb") as stream:
-        head = stream.read(_HEAD_BYTES)
+    head = first_bytes(path, _HEAD_BYTES)
     if not head.startswith(b"PK"):
         return head
     try:

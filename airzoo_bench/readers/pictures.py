@@ -69,9 +69,11 @@ class Pictures:
         self._known: dict[tuple[str, str], Picture] = {}
         photos, crops, maps = [], [], []
         for scene in scenes:
-            maps.append((scene.scene, change(scene.dom.path.name)))
-            size = (scene.dom.width, scene.dom.height)
-            self._known["map", scene.scene] = Picture("", scene.scene, None, size, whole=True)
+            if scene.scene_map is not None:
+                dom = scene.scene_map.dom
+                maps.append((scene.scene, change(dom.path.name)))
+                size = (dom.width, dom.height)
+                self._known["map", scene.scene] = Picture("", scene.scene, None, size, whole=True)
             for one, image, photo, crop in _queries(scene):
                 photos.append((one, change(image)))
                 crops.append((one, change(one.split("/", 1)[1] + _CROP)))

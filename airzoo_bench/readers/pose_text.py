@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError
-from airzoo_bench.core.files import read_text
+from airzoo_bench.core.files import first_bytes, read_text
 
 if TYPE_CHECKING:
     from airzoo_bench.geometry.arrays import Floats
@@ -36,8 +36,7 @@ def first_rows(path: Path) -> list[list[str]]:
     """
     if not path.is_file() or path.suffix.lower() not in ("", ".txt", ".tum", ".kitti", ".log"):
         return []
-    with path.open("rb") as stream:
-        head = stream.read(_HEAD_BYTES)
+    head = first_bytes(path, _HEAD_BYTES)
     try:
         text = (head[: head.rfind(b"\n")] if len(head) == _HEAD_BYTES else head).decode()
     except UnicodeDecodeError:

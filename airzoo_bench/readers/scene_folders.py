@@ -105,6 +105,12 @@ class ScenePlaces:
             name if one is None else images[one] for name, one in zip(names, found, strict=True)
         ]
 
+    def photo_names(self, place: Path) -> list[str]:
+        """Return the benchmark's names of the photos of a scene; none where it is missing."""
+        scene = next(scene for scene, one in self.places.items() if one == place)
+        truth = next((one for one in self.reading.truths if one.scene == scene), None)
+        return [] if truth is None else [name for _, name in _photos(truth)]
+
     @cached_property
     def _names(self) -> list[str]:
         return [] if self.reading.names is None else read_names(self.reading.names)

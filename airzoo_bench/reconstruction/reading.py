@@ -24,8 +24,9 @@ from pathlib import Path, PurePosixPath
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
-from airzoo_bench.formats.clouds.formats import SUFFIXES, open_cloud
+from airzoo_bench.formats.clouds.formats import KINDS, SUFFIXES, open_cloud, stem_of
 from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.formats.clouds.xyz import TEXT_SUFFIXES
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction, holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, read_image_poses
 
@@ -169,13 +170,14 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     PredictionError
         See `open_bundle`; or a scene has two entries, or there is none at all.
     """
-    if path.is_file() and path.suffix.lower() in SUFFIXES:
+    if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
-        entries = {path.stem: _Entry(member, None)}
+        entries = {stem_of(path.name): _Entry(member, None)}
         return ListedFiles(path, None, entries, (), Bundle(path.parent, (member,)))
     bundle = open_bundle(path, unpacked_limit_bytes)
     wrapper = _wrapper(bundle.members)
     geometry: dict[str, Member] = {}
+    texts: dict[str, Member] = {}
     cameras: dict[str, Member] = {}
     protocol, unknown_files = None, []
     for member in bundle.members:
@@ -186,7 +188,10 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
         elif scene is None:
             unknown_files.append(name)
         else:
-            _add(path, cameras if is_camera else geometry, scene, member)
+            kind = cameras if is_camera else texts if _is_text(name) else geometry
+            _add(path, kind, scene, member)
+    unknown_files += [texts[scene].name for scene in texts if scene in geometry]
+    geometry = texts | geometry
     unknown_files += [cameras[scene].name for scene in cameras if scene not in geometry]
     entries = {scene: _Entry(one, cameras.get(scene)) for scene, one in sorted(geometry.items())}
     if not entries:
@@ -202,20 +207,26 @@ def _wrapper(members: tuple[Member, ...]) -> str:
     prefix = f"{tops.pop()}/"
     rest = [member.name.removeprefix(prefix) for member in members]
     files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
+    files = [name for name in files if not _is_text(name)] or files
     is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
     return "" if is_scene else prefix
+
+
+def _is_text(name: str) -> bool:
+    """Say whether it may as well be a remark: beside another cloud of its scene it is not read."""
+    return name.lower().removesuffix(".gz").endswith(TEXT_SUFFIXES)
 
 
 def _scene(name: str) -> tuple[str | None, bool]:
     """Return the scene that a file belongs to, and whether it holds cameras."""
     path = PurePosixPath(name)
-    if path.suffix.lower() not in SUFFIXES or len(path.parts) > 2:
+    if not name.lower().endswith(SUFFIXES) or len(path.parts) > 2:
         return None, False
     if len(path.parts) == 2:
         return path.parts[0], path.name == _CAMERAS
     if name.endswith(f".{_CAMERAS}"):
         return name.removesuffix(f".{_CAMERAS}"), True
-    return path.stem, False
+    return stem_of(name), False
 
 
 def _add(path: Path, members: dict[str, Member], scene: str, member: Member) -> None:
@@ -251,6 +262,6 @@ def _no_entries(path: Path, unknown_files: list[str]) -> UnreadableError:
         f"holds no cloud, mesh or npz{there}",
         where=path,
         expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
-        f"{', '.join(SUFFIXES)}, archives {', '.join(ARCHIVE_SUFFIXES)}",
+        f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
         fix=unread[0] if unread else "name the files by their scenes",
     )

@@ -17,7 +17,7 @@ from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.formats.clouds.formats import SUFFIXES
+from airzoo_bench.formats.clouds.formats import KINDS, SUFFIXES
 from airzoo_bench.reconstruction.alignment.cameras import write_alignments
 from airzoo_bench.reconstruction.baseline import STRUCTURE_FROM_MOTION
 from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, concatenated
@@ -85,7 +85,7 @@ class ReconstructionTrack(
         "Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."
     )
     protocol = ReconstructionProtocol
-    kinds = f"a folder, an archive, or {', '.join(SUFFIXES)}"
+    kinds = f"a folder, an archive, or {KINDS}"
     suffixes = (*SUFFIXES, *ARCHIVE_SUFFIXES)
     fields = ("depth", "world_points", "points")
     folders = True
@@ -121,7 +121,7 @@ class ReconstructionTrack(
                 f"no kind of file that reconstructions come in: {path.suffix[:20]!r}",
                 where=path,
                 expected=f"a folder with an entry a scene, an archive of it "
-                f"({', '.join(ARCHIVE_SUFFIXES)}), or one scene's {', '.join(SUFFIXES)}",
+                f"({', '.join(ARCHIVE_SUFFIXES)}), or one scene's {KINDS}",
                 fix="`airzoo-bench template` writes an example",
             )
         predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import struct
@@ -214,6 +215,96 @@ OBJ_CUBE = (
         for quad in CUBE_QUADS.tolist()
     )
 )
+
+
+OFF_CUBE = (
+    "OFF\n# a cube\n8 6 0\n"
+    + "".join("{} {} {}\n".format(*corner) for corner in CUBE.tolist())
+    + "".join("4 {} {} {} {} 255 0 0\n".format(*quad) for quad in CUBE_QUADS.tolist())
+)
+CUBE_TRIANGLES = np.concatenate([CUBE_QUADS[:, [0, 1, 2]], CUBE_QUADS[:, [0, 2, 3]]])
+
+
+def text_rows(columns: dict[str, NDArray[Any]], separator: str = " ") -> str:
+    """Return x, y, z, red, green, blue, a point a line."""
+    names = ("x", "y", "z", "red", "green", "blue")
+    rows = zip(*(columns[name].tolist() for name in names), strict=True)
+    return "".join(separator.join(map(repr, row)) + "\n" for row in rows)
+
+
+def write_gltf(path: Path) -> Path:
+    """Write the cube as text, its numbers in base64."""
+    document, body = cube_document()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(body).decode()
+    document["buffers"][0]["uri"] = uri
+    path.write_text(json.dumps(document))
+    return path
+
+
+def write_stl(path: Path) -> Path:
+    """Write the cube as binary STL."""
+    kinds = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    rows = np.zeros(len(CUBE_TRIANGLES), kinds)
+    rows["corners"] = CUBE[CUBE_TRIANGLES]
+    path.write_bytes(b"solid made".ljust(80) + struct.pack("<I", len(rows)) + rows.tobytes())
+    return path
+
+
+def write_stl_text(path: Path) -> Path:
+    """Write the cube as STL in text."""
+    lines = ["solid made"]
+    for corners in CUBE[CUBE_TRIANGLES].tolist():
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += ["vertex {} {} {}".format(*corner) for corner in corners]
+        lines += ["endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid made\n"]))
+    return path
+
+
+E57_SCALE = 2.0**-10
+
+
+def write_e57(path: Path, columns: dict[str, NDArray[Any]], split: int = 17) -> Path:
+    """Write x as double, y and z as scaled integers of 37 and 21 bits, and colours; two packets."""
+    count = len(columns["x"])
+    whole = {"y": (37, 5_188_000.0), "z": (21, 0.0)}
+    streams = [columns["x"].astype("<f8").tobytes()]
+    prototype = '<cartesianX type="Float"/>'
+    for name, (bits, offset) in whole.items():
+        raw = np.rint((columns[name] - offset) / E57_SCALE).astype(np.uint64)
+        spread = (raw[:, None] >> np.arange(bits, dtype=np.uint64)) & np.uint64(1)
+        streams.append(np.packbits(spread.astype(np.uint8).ravel(), bitorder="little").tobytes())
+        prototype += (
+            f'<cartesian{name.upper()} type="ScaledInteger" minimum="0" '
+            f'maximum="{(1 << bits) - 1}" scale="{E57_SCALE}" offset="{offset}"/>'
+        )
+    for name in ("Red", "Green", "Blue"):
+        streams.append(columns[name.lower()].tobytes())
+        prototype += f'<color{name} type="Integer" minimum="0" maximum="255"/>'
+    packets = b""
+    for part in (slice(None, split), slice(split, None)):
+        given = [stream[part] for stream in streams]
+        sizes = struct.pack(f"<{len(given)}H", *map(len, given))
+        body = sizes + b"".join(given)
+        body += b"\0" * (-(6 + len(body)) % 4)
+        packets += struct.pack("<BBHH", 1, 0, 5 + len(body), len(given)) + body
+    section = struct.pack("<B7xQQQ", 1, 32 + len(packets), 48 + 32, 0) + packets
+    text = (
+        '<?xml version="1.0"?><e57Root xmlns="http://www.astm.org/COMMIT/E57/2010-e57-v1.0">'
+        '<data3D type="Vector"><vectorChild type="Structure"><pose type="Structure"><translation>'
+        '<x type="Float">100</x></translation></pose>'
+        f'<points type="CompressedVector" fileOffset="48" recordCount="{count}">'
+        f"<prototype>{prototype}</prototype></points></vectorChild></data3D></e57Root>"
+    ).encode()
+    place = 48 + len(section)
+    place += place // 1020 * 4  # the XML's place is one of the file, with the checksums
+    body = section + text
+    pages = -(-(48 + len(body)) // 1020)
+    head = b"ASTM-E57" + struct.pack("<IIQQQQ", 1, 0, pages * 1024, place, len(text), 1024)
+    content = (head + body).ljust(pages * 1020, b"\0")
+    starts = range(0, len(content), 1020)
+    path.write_bytes(b"".join(content[start : start + 1020] + bytes(4) for start in starts))
+    return path
 
 
 def write_las(path: Path, columns: dict[str, NDArray[Any]], point_format: int = 3) -> Path:

@@ -5,6 +5,7 @@ To add a kind, append an `Input` to what `made_inputs` returns.
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import shutil
@@ -24,7 +25,9 @@ from tests.matching import world as matching
 from tests.readers import retrieval_support
 from tests.readers.samples import (
     anyloc,
+    cut3r,
     depth_anything_3,
+    dust3r,
     game4loc,
     hloc_global,
     mapanything,
@@ -32,6 +35,7 @@ from tests.readers.samples import (
     university1652,
     vggt,
     vggt_colmap,
+    vggt_slam,
     vpr,
 )
 from tests.reconstruction import world as reconstruction
@@ -279,6 +283,17 @@ def _reconstruction(home: Path) -> list[Input]:
     )
     (given / "mesh.ply").write_bytes(clouds.quads())
     clouds.write_glb(given / "mesh.glb", *clouds.cube_document())
+    clouds.write_gltf(given / "text.gltf")
+    clouds.write_stl(given / "binary.stl")
+    clouds.write_stl_text(given / "ascii.stl")
+    (given / "ascii.off").write_text(clouds.OFF_CUBE)
+    clouds.write_e57(given / "scan.e57", columns)
+    rows = clouds.text_rows(columns)
+    (given / "ascii.xyz").write_text(rows)
+    (given / "ascii.csv").write_text("x,y,z,r,g,b\n" + clouds.text_rows(columns, ","))
+    (given / "ascii.pts").write_text("40\n" + rows)
+    np.save(given / "six.npy", np.hstack((clouds.points_of(columns), clouds.colours_of(columns))))
+    (given / "packed.ply.gz").write_bytes(gzip.compress((given / "binary.ply").read_bytes()))
     views = world.views("yard")
     small = views | {"depth": views["depth"][:, ::6, ::6]}
     small["intrinsics"] = views["intrinsics"] * np.array([[1 / 6], [1 / 6], [1.0]])
@@ -317,12 +332,13 @@ def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> l
             continue
         one = home / "entries" / path.name
         one.mkdir(parents=True)
-        shutil.copy(path, one / f"yard{path.suffix}")
+        ending = path.name[path.name.index(".") :]
+        shutil.copy(path, one / f"yard{ending}")
         spoil = {".npz": spoil_arrays, ".obj": spoil_text}.get(path.suffix, spoil_bytes)
         if "ascii" in path.name:
             spoil = spoil_text
         name = f"reconstruction/{path.name}"
-        made.append(Input(name, one, f"yard{path.suffix}", spoil, commands, data, 0.4))
+        made.append(Input(name, one, f"yard{ending}", spoil, commands, data, 0.4))
     return made
 
 
@@ -403,13 +419,18 @@ def _native(home: Path, world: reconstruction.World, data: str) -> list[Input]:
         ("mapanything", mapanything.write, ["predictions.npz"]),
         ("depth-anything-3", depth_anything_3.write, [exported]),
         ("depth-anything-3", depth_anything_3.write_streaming, streaming),
+        ("cut3r", cut3r.write, ["depth/000001.npy", "camera/000000.npz"]),
+        ("cut3r", cut3r.write_trajectories, ["pred_traj.txt"]),
+        ("dust3r", dust3r.write, ["scene.npz"]),
+        ("vggt-slam", vggt_slam.write, ["poses.txt", "poses_logs/1.0.npz"]),
     ):
         folder = home / f"{write.__module__}.{write.__name__}"
         write(folder / "out", world)
         given = ("FOLDER/out", "--reader", reader, *protocol)
         commands = (("eval", "reconstruction", *given), ("check", *given))
         for file in files:
-            spoil = {".txt": spoil_text, ".bin": spoil_bytes}.get(Path(file).suffix, spoil_arrays)
+            spoils = {".txt": spoil_text, ".bin": spoil_bytes, ".npy": spoil_bytes}
+            spoil = spoils.get(Path(file).suffix, spoil_arrays)
             name = f"reconstruction/{reader} {Path(file).name}"
             made.append(Input(name, folder, f"out/yard/{file}", spoil, commands, data, 0.2))
     return made

@@ -23,6 +23,7 @@ from airzoo_bench.formats.clouds.cloud import (
     refusal,
     uncounted,
 )
+from airzoo_bench.formats.clouds.columns import Columns, columns_of_sample
 from airzoo_bench.formats.npy import read_header
 
 __all__ = ["open_npy", "open_npz"]
@@ -32,6 +33,7 @@ _CONFIDENCE = ("confidence", "conf")
 _ALLOWED = ("protocol", "points", *_COLOURS, *_CONFIDENCE)
 _EXPECTED = "points (N, 3), and perhaps colours (N, 3) and confidence (N,)"
 _NUMBERS = "fiu"
+_SAMPLE = 1000
 
 
 def open_npz(path: Path, limit_bytes: int) -> FileCloud:
@@ -68,7 +70,9 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
 
 
 def open_npy(path: Path) -> FileCloud:
-    """Open an npy file of points (N, 3).
+    """Open an npy file of points (N, 3), or of points with up to three columns more (N, 4 to 6).
+
+    A fourth and fifth column are passed over; three are colours where they look so, see `columns`.
 
     Raises
     ------
@@ -82,19 +86,22 @@ def open_npy(path: Path) -> FileCloud:
     except ValueError as error:
         raise refusal(path, "the npy header is damaged", fix=FIX_COPY) from error
     plain = dtype.kind in _NUMBERS and not dtype.hasobject and dtype.itemsize <= 8
-    if not plain or len(shape) != 2 or shape[1] != 3 or shape[0] < 0 or fortran:
+    if not plain or len(shape) != 2 or not 3 <= shape[1] <= 6 or shape[0] < 0 or fortran:
         raise refusal(
             path,
             f"an array of {str(dtype)[:40]} and shape {str(shape)[:40]}"
             + (" in Fortran's order" if fortran else ""),
-            expected="points (N, 3), numbers of at most 64 bits",
+            expected="points (N, 3), or with colours (N, 6), numbers of at most 64 bits",
             fix="np.save(file, np.ascontiguousarray(points, dtype=np.float64))",
         )
     left = path.stat().st_size - start - math.prod(shape) * dtype.itemsize
     if left < 0:
         raise refusal(path, f"ends before {counted(shape[0], 'point')}", fix=FIX_COPY)
-    read = partial(_stream, path, dtype, start, shape[0])
+    record = np.dtype((dtype, (shape[1],)))
+    columns = columns_of_sample(_first_rows(path, record, start, shape[0]))
+    read = partial(_stream, path, record, start, shape[0], columns)
     notes = uncounted(left, "bytes", shape[0])
+    notes += (columns.note(),) if shape[1] > 3 else ()
     return FileCloud(path, "npy", shape[0], read, dtype, notes)
 
 
@@ -134,8 +141,13 @@ def _slices(
         )
 
 
+def _first_rows(path: Path, record: np.dtype[Any], start: int, count: int) -> NDArray[Any]:
+    rows = min(count, _SAMPLE)
+    return next(read_records(path, record, start, rows, _SAMPLE), np.empty(0, record))
+
+
 def _stream(
-    path: Path, dtype: np.dtype[Any], start: int, count: int, points: int
+    path: Path, record: np.dtype[Any], start: int, count: int, columns: Columns, points: int
 ) -> Iterator[Cloud]:
-    for block in read_records(path, np.dtype((dtype, (3,))), start, count, points):
-        yield Cloud(block.astype(np.float64))
+    for block in read_records(path, record, start, count, points):
+        yield columns.cloud(block)

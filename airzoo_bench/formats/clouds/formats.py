@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds import arrays, glb, las, obj, pcd, ply
+from airzoo_bench.formats.clouds import arrays, e57, glb, las, obj, off, pcd, ply, stl, xyz
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
+from airzoo_bench.formats.clouds.gzipped import Unpacked
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
 
-__all__ = ["SUFFIXES", "open_cloud"]
+__all__ = ["KINDS", "SUFFIXES", "open_cloud", "stem_of"]
 
-SUFFIXES = (".ply", ".pcd", ".las", ".laz", ".npz", ".npy", ".obj", ".glb")
+_MESHES = (".obj", ".stl", ".off", ".gltf", ".glb")
+_PLAIN = (".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".npy", *xyz.TEXT_SUFFIXES, *_MESHES)
+_UNZIPPED = (".laz", ".npz", ".e57")
+_GZIPPED = tuple(f"{suffix}.gz" for suffix in _PLAIN if suffix not in _UNZIPPED)
+SUFFIXES = (*_PLAIN, *_GZIPPED)
 """Endings of files that can be clouds."""
+KINDS = f"{', '.join(_PLAIN)}, and .gz of them"
+"""The same, for people."""
 
 _HEAD_BYTES = 4096
 _MAGIC = (
@@ -25,23 +32,29 @@ _MAGIC = (
     (b"PK\x03\x04", "npz or zip", (".npz",)),
     (b"PK\x05\x06", "npz or zip", (".npz",)),
     (b"glTF", "GLB", (".glb",)),
+    (b"ASTM-E57", "E57", (".e57",)),
     (b"# .PCD", "PCD", (".pcd",)),
     (b"VERSION", "PCD", (".pcd",)),
 )
 _OTHERS = (
     (b"version https://git-lfs", "a Git LFS pointer, not the file itself"),
-    (b"\x1f\x8b", "a gzip archive"),
+    (b"\x1f\x8b", "a gzip file"),
     (b"7z\xbc\xaf", "a 7z archive"),
     (b"\x89PNG", "a PNG image"),
     (b"\xff\xd8\xff", "a JPEG image"),
     (b"\x89HDF", "an HDF5 file"),
-    (b"ASTM-E57", "an E57 scan"),
     (b"%PDF", "a PDF"),
     (b"\x80\x04\x95", "a Python pickle"),
     (b"<", "HTML or XML"),
-    (b"{", "JSON, perhaps glTF with its data in other files"),
+    (b"{", "JSON"),
 )
 _OBJ_STARTS = (b"#", b"v ", b"v\t", b"vn ", b"vt ", b"f ", b"o ", b"g ", b"mtllib ", b"usemtl ")
+
+
+def stem_of(name: str) -> str:
+    """Return the name of a file without its ending, which may be of two parts: ``.ply.gz``."""
+    path = Path(name)
+    return path.with_suffix("").stem if name.lower().endswith(_GZIPPED) else path.stem
 
 
 def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -> FileCloud:
@@ -50,7 +63,7 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
     Parameters
     ----------
     path : Path
-        PLY, PCD, LAS, LAZ, npz, npy, OBJ or GLB.
+        With one of `SUFFIXES`.
     limit_bytes : int
         The most that what cannot be read in pieces may take in memory.
     sampling : MeshSampling or None
@@ -67,8 +80,17 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
         It is no such file, has the ending of another kind, is damaged or cut off, or a mesh that
         may not be sampled.
     """
-    kind = _kind(path)
-    opened = _open(path, kind, limit_bytes)
+    if not (path.is_file() and path.name.lower().endswith(_GZIPPED)):
+        return _open_plain(path, limit_bytes, sampling)
+    unpacked = Unpacked(path)
+    try:
+        return unpacked.cloud(_open_plain(unpacked.path, limit_bytes, sampling))
+    except PredictionError as error:
+        raise unpacked.named(error) from error
+
+
+def _open_plain(path: Path, limit_bytes: int, sampling: MeshSampling | None) -> FileCloud:
+    opened = _open(path, _kind(path), limit_bytes)
     if isinstance(opened, FileCloud):
         return opened
     if not len(opened.faces):
@@ -84,27 +106,31 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
 
 
 def _open(path: Path, kind: str, limit_bytes: int) -> FileCloud | Mesh:
-    match kind:
-        case "PLY":
-            return ply.open_ply(path, limit_bytes)
-        case "PCD":
-            return pcd.open_pcd(path, limit_bytes)
-        case "LAS or LAZ":
-            return las.open_las(path)
-        case "npz or zip":
-            return arrays.open_npz(path, limit_bytes)
-        case "npy":
-            return arrays.open_npy(path)
-        case "GLB":
-            return glb.open_glb(path, limit_bytes)
-        case _:
-            return obj.open_obj(path, limit_bytes)
+    in_pieces = {
+        "LAS or LAZ": las.open_las,
+        "npy": arrays.open_npy,
+        "text": xyz.open_text,
+        "E57": e57.open_e57,
+    }
+    if kind in in_pieces:
+        return in_pieces[kind](path)
+    bounded: dict[str, Callable[[Path, int], FileCloud | Mesh]] = {
+        "PLY": ply.open_ply,
+        "PCD": pcd.open_pcd,
+        "npz or zip": arrays.open_npz,
+        "GLB": glb.open_glb,
+        "glTF": glb.open_glb,
+        "STL": stl.open_stl,
+        "OFF": off.open_off,
+        "OBJ": obj.open_obj,
+    }
+    return bounded[kind](path, limit_bytes)
 
 
 def _kind(path: Path) -> str:
     if not path.is_file():
         what = "a folder, not a file" if path.is_dir() else "no such file"
-        raise refusal(path, what, expected=f"one of {', '.join(SUFFIXES)}")
+        raise refusal(path, what, expected=f"one of {KINDS}")
     with path.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
     if not head:
@@ -115,11 +141,42 @@ def _kind(path: Path) -> str:
             if suffix not in suffixes:
                 raise _misnamed(path, f"{kind}", f"the ending {' or '.join(suffixes)}")
             return kind
-    if suffix == ".obj" and _looks_like_obj(head):
-        return "OBJ"
-    if suffix == ".pcd" and b"FIELDS" in head:
-        return "PCD"
-    raise _unknown(path, head)
+    found = _kind_by_ending(suffix, head)
+    if found is None:
+        raise _unknown(path, head)
+    return found
+
+
+def _kind_by_ending(suffix: str, head: bytes) -> str | None:
+    """Return the kind of a file without first bytes of its own, by its ending and content."""
+    fits = {
+        ".obj": ("OBJ", _looks_like_obj(head)),
+        ".pcd": ("PCD", b"FIELDS" in head),
+        ".stl": ("STL", stl.looks_like_stl(head)),
+        ".off": ("OFF", _looks_like_off(head)),
+        ".gltf": ("glTF", head.lstrip().startswith(b"{")),
+    } | dict.fromkeys(xyz.TEXT_SUFFIXES, ("text", xyz.looks_like_text(head)))
+    kind, is_so = fits.get(suffix, (None, False))
+    return kind if is_so and not _looks_like_other(suffix, head) else None
+
+
+def _looks_like_other(suffix: str, head: bytes) -> bool:
+    """Say whether what ends as text is a mesh in text."""
+    return suffix in xyz.TEXT_SUFFIXES and _text_mesh(head) is not None
+
+
+def _text_mesh(head: bytes) -> str | None:
+    if head.lstrip().startswith(b"solid ") and b"facet" in head:
+        return "STL"
+    if _looks_like_off(head):
+        return "OFF"
+    return "OBJ" if _looks_like_obj(head) and not head.lstrip().startswith(b"#") else None
+
+
+def _looks_like_off(head: bytes) -> bool:
+    lines = [line.split() for line in head.split(b"\n") if line.split()]
+    words = [line[0] for line in lines if not line[0].startswith(b"#")]
+    return b"\0" not in head and words[:1] in ([b"OFF"], [b"COFF"], [b"NOFF"], [b"CNOFF"])
 
 
 def _looks_like_obj(head: bytes) -> bool:
@@ -138,14 +195,15 @@ def _misnamed(path: Path, kind: str, expected: str) -> PredictionError:
 
 def _unknown(path: Path, head: bytes) -> PredictionError:
     impression = next((text for magic, text in _OTHERS if head.startswith(magic)), None)
-    if impression is None and _looks_like_obj(head):
-        return _misnamed(path, "OBJ", "the ending .obj")
+    mesh = _text_mesh(head) or ("OBJ" if _looks_like_obj(head) else None)
+    if impression is None and mesh is not None:
+        return _misnamed(path, mesh, f"the ending .{mesh.lower()}")
     if impression is None:
         impression = f"a file that begins with the bytes {head[:8].hex(' ')}"
     return refusal(
         path,
         f"is no cloud that can be read: it looks like {impression}",
-        expected=f"the content of one of {', '.join(SUFFIXES)}",
+        expected=f"the content of one of {KINDS}",
         fix="write the points as binary PLY, LAZ or npz",
     )
 

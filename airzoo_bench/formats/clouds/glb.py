@@ -1,4 +1,4 @@
-"""GLB (binary glTF 2): triangles and points with the transforms of their nodes.
+"""glTF 2, as GLB or as text (``.gltf``): triangles and points with the transforms of their nodes.
 
 Only what lies in the file itself is read: a buffer elsewhere (``uri``) is refused, one that is
 written out in the file is not; images and materials are never looked at.
@@ -31,7 +31,7 @@ _REFUSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshop
 
 
 def open_glb(path: Path, limit_bytes: int) -> Mesh:
-    """Read a GLB file: all triangles and points of its scene, each moved by its nodes.
+    """Read a GLB or glTF file: all triangles and points of its scene, each moved by its nodes.
 
     A file that holds triangles gives these alone; one that holds points only is a mesh without
     faces. Colours of vertices (``COLOR_0``) are kept where all parts have them.
@@ -83,36 +83,49 @@ def _joined(path: Path, parts: list[tuple[Floats, Ints, NDArray[np.uint8] | None
 
 
 def _chunks(path: Path, limit_bytes: int) -> tuple[dict[str, Any], bytes]:
+    """Return the JSON part and the binary part, which is empty where the file is text."""
     size = path.stat().st_size
     if size > limit_bytes:
         raise refusal(
             path,
-            f"a GLB file of {size:,} bytes cannot be read in pieces",
+            f"a glTF file of {size:,} bytes cannot be read in pieces",
             expected=f"at most {limit_bytes:,} bytes",
             fix="raise --max-memory, or give points as PLY",
         )
     raw = path.read_bytes()
+    if not raw.startswith(b"glTF"):
+        if size > _LARGEST_JSON:
+            raise _large_json(path, size)
+        return _document(path, raw), b""
     words = np.frombuffer(raw[:20].ljust(20, b"\0"), "<u4").tolist()
     if _LARGEST_JSON < words[3] <= size:
-        raise refusal(
-            path,
-            f"its JSON part has {words[3]:,} bytes",
-            expected=f"at most {_LARGEST_JSON:,}, with the numbers in the binary part",
-            fix="export it with a binary buffer, or give a PLY",
-        )
+        raise _large_json(path, words[3])
     if words[1] != 2 or words[2] > size or words[4] != _JSON or words[3] > size:
         raise _damaged(path, "its head is not of glTF 2, or it is cut off")
     text, rest = raw[20 : 20 + words[3]], raw[20 + words[3] : words[2]]
     length, kind = np.frombuffer(rest[:8].ljust(8, b"\0"), "<u4").tolist()
     if length > max(len(rest) - 8, 0):
         raise _damaged(path, "its binary part is cut off")
+    return _document(path, text), rest[8 : 8 + length] if kind == _BIN else b""
+
+
+def _large_json(path: Path, size: int) -> PredictionError:
+    return refusal(
+        path,
+        f"its JSON part has {size:,} bytes",
+        expected=f"at most {_LARGEST_JSON:,}, with the numbers in the binary part",
+        fix="export it with a binary buffer, or give a PLY",
+    )
+
+
+def _document(path: Path, text: bytes) -> dict[str, Any]:
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise _damaged(path, "its JSON part cannot be read") from error
     if not isinstance(document, dict):
         raise _damaged(path, "its JSON part is no object")
-    return document, rest[8 : 8 + length] if kind == _BIN else b""
+    return document
 
 
 def _parts(
@@ -206,4 +219,4 @@ def _faces(indices: Ints, mode: int) -> Ints:
 
 def _damaged(path: Path, reason: str) -> PredictionError:
     readable = "".join(letter for letter in reason if letter.isprintable())
-    return refusal(path, f"the GLB file is damaged: {readable}", fix=FIX_COPY)
+    return refusal(path, f"the {path.suffix[1:].upper()} file is damaged: {readable}", fix=FIX_COPY)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +166,8 @@ def _with_property(path: Path, element: Element, words: list[str], number: int) 
                 f"line {number} of the header is {shown(' '.join(words))}",
                 expected="property, a type such as float or uchar (or list and two types), a name",
             )
-    if name in element.names:
+    if name in ("X", "Y", "Z"):
+        new = replace(new, name=name.lower())
+    if new.name in element.names:
         raise refusal(path, f"property {shown(name)} of {shown(element.name)} stands twice")
     return Element(element.name, element.count, (*element.properties, new))

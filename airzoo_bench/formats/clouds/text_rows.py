@@ -81,7 +81,9 @@ def lines_beyond(path: Path, offset: int, count: int) -> int:
     return lines + bool(rest.strip()) - count
 
 
-def parse_rows(text: TextLines, count: int, columns: int, of: int, what: str) -> Floats:
+def parse_rows(
+    text: TextLines, count: int, columns: int, of: int, what: str, separator: str = ""
+) -> Floats:
     """Read a number of rows, each of a number of columns.
 
     Parameters
@@ -93,6 +95,8 @@ def parse_rows(text: TextLines, count: int, columns: int, of: int, what: str) ->
         How many rows the header promises in all, for messages.
     what : str
         What a row is, in the plural: ``"points"``.
+    separator : str
+        What stands between numbers besides blanks.
 
     Returns
     -------
@@ -107,6 +111,8 @@ def parse_rows(text: TextLines, count: int, columns: int, of: int, what: str) ->
     lines, numbers = text.take(count, of, what)
     if not lines:
         return np.empty((0, columns))
+    if separator:
+        lines = [line.replace(separator, " ") for line in lines]
     try:
         rows = np.loadtxt(lines, np.float64, comments=None, ndmin=2)
     except ValueError as error:

@@ -1,0 +1,124 @@
+"""CUT3R's folders: read right, and refused where they are incomplete or pickled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.reader import find_reader
+from tests.readers.recon_support import check_perfect, row, scored, world
+from tests.readers.samples import cut3r, vggt
+from tests.readers.samples.true_views import true_views
+from tests.reconstruction.world import World
+
+__all__ = ["world"]
+
+
+@pytest.fixture
+def out(world: World, tmp_path: Path) -> Path:
+    return cut3r.write(tmp_path / "out", world)
+
+
+def test_exact_depth_is_perfect_and_scores_as_through_vggt(
+    world: World, out: Path, tmp_path: Path
+) -> None:
+    names = [f"{scene}/{name}" for scene in ("yard", "lot") for name in world.images(scene)]
+    (tmp_path / "names.txt").write_text("\n".join(names))
+    found = scored(world, out, names=tmp_path / "names.txt")
+    check_perfect(found)
+    assert found.given.reader is not None
+    assert "pose camera-to-world, axes of OpenCV" in found.given.reader.conventions
+    other = scored(world, vggt.write(tmp_path / "vggt", world))
+    assert row(found) == row(other)
+    nameless = scored(world, out)
+    assert row(nameless) == row(found)
+    assert any("in the order of their names" in note for note in nameless.result.notes)
+
+
+def test_names_may_be_given_in_any_order(world: World, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    names = []
+    for scene in ("yard", "lot"):
+        views = true_views(world, scene)
+        order = np.arange(len(views.names))[::-1]
+        turned = type(views)(
+            views.names, views.depth[order], views.intrinsics[order], views.w2c[order]
+        )
+        cut3r.write_scene(out / scene, turned)
+        names += [f"{scene}/{views.names[number]}" for number in order]
+    (tmp_path / "names.txt").write_text("\n".join(names))
+    check_perfect(scored(world, out, names=tmp_path / "names.txt"))
+    with pytest.raises(PredictionError, match="order"):
+        scored(world, out)
+
+
+def test_a_trajectory_alone_has_pose_scores_and_no_surface(world: World, tmp_path: Path) -> None:
+    found = scored(world, cut3r.write_trajectories(tmp_path / "out", world))
+    assert found.result.overall["pose_auc_3deg"] > 0.999
+    assert found.result.overall["f1_0.2m"] == 0.0
+    assert any("cameras alone" in note for note in found.result.notes)
+
+
+def test_the_order_of_quaternions_is_cut3rs(world: World, tmp_path: Path) -> None:
+    for scene in ("yard", "lot"):
+        place = cut3r.write_trajectory(tmp_path / "out" / scene, true_views(world, scene))
+        lines = [line.split() for line in (place / "pred_traj.txt").read_text().splitlines()]
+        turned = [" ".join([*line[:4], *line[5:], line[4]]) for line in lines]
+        (place / "pred_traj.txt").write_text("\n".join(turned))
+    with pytest.raises(PredictionError, match="order"):
+        scored(world, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("depth/000001.npy", "files are missing"),
+        ("camera/000001.npz", "files are missing"),
+        ("conf/last", "depth holds"),
+    ],
+)
+def test_missing_files(wrong: str, message: str, world: World, out: Path) -> None:
+    folder = out / "yard" / wrong.split("/")[0]
+    name = sorted(folder.iterdir())[-1].name if wrong.endswith("last") else wrong.split("/")[1]
+    (folder / name).unlink()
+    with pytest.raises(PredictionError, match=message):
+        scored(world, out)
+
+
+def test_damaged_and_other_arrays(world: World, out: Path) -> None:
+    path = out / "yard" / "depth" / "000001.npy"
+    whole = path.read_bytes()
+    for content, message in (
+        (whole[:-1], "not as long"),
+        (b"nothing", "header is damaged"),
+        (whole.replace(b"<f4", b"|O8"), "an array of object"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(PredictionError, match=message):
+            scored(world, out)
+    np.save(path, np.ones((3, 4), "f4"))
+    with pytest.raises(PredictionError, match=r"of shape \(3, 4\)"):
+        scored(world, out)
+    path.write_bytes(whole)
+    pose = np.zeros((4, 4), "f4")
+    np.savez(out / "yard" / "camera" / "000000.npz", pose=pose, intrinsics=np.eye(3, dtype="f4"))
+    with pytest.raises(PredictionError, match="extrinsics"):
+        scored(world, out)
+
+
+def test_the_pickle_of_its_evaluation_is_answered_with_the_lines(
+    world: World, tmp_path: Path
+) -> None:
+    points = np.ones((2, 3, 4, 3))
+    saved = {"images_all": points, "pts_all": points, "pts_gt_all": points, "masks_all": points}
+    np.save(tmp_path / "yard.npy", saved, allow_pickle=True)  # type: ignore[arg-type]
+    assert find_reader(tmp_path / "yard.npy") == "cut3r"
+    with pytest.raises(PredictionError, match="is a pickle of CUT3R") as caught:
+        scored(world, tmp_path)
+    lines = str(caught.value.fix).splitlines()[1:]
+    code = "\n".join(line.strip() for line in lines).replace("SCENE", str(tmp_path / "yard"))
+    exec(code, {"np": np})  # noqa: S102 - the lines that a message gives
+    assert np.load(tmp_path / "yard.npz")["world_points"].shape == (2, 3, 4, 3)
