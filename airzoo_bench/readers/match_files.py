@@ -13,14 +13,17 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from airzoo_bench.formats.arrays import Arrays
     from airzoo_bench.geometry.arrays import Floats
     from airzoo_bench.readers.pictures import Picture, Pictures
 
-__all__ = ["PairFiles", "npz_fields", "pixels_of", "stated_size"]
+__all__ = ["PairFiles", "field_of", "npz_fields", "pixels_of", "stated_size"]
 
 _MOST_FILES, _HEAD = 100_000, 3
 _HEADER_BYTES = 1 << 20
+_FARTHEST_PX = 1e9
 _OWN = {"query_ids", "protocol"}
 
 
@@ -145,18 +148,37 @@ def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
     Raises
     ------
     PredictionError
-        It has another type or shape.
+        It is missing, has another type or shape, or numbers that no pixel has.
     """
     import numpy as np
 
     from airzoo_bench.formats.arrays import wrong_type
 
-    values = arrays.read(name)
+    values = field_of(arrays, name)
     if values.dtype.kind not in "iuf" or values.ndim != 2 or values.shape[1] != columns:
         raise wrong_type(
             arrays.path, name, values, expected=f"numbers of shape (any, {columns})", fix="save it"
         )
-    return values.astype(np.float64)
+    with np.errstate(all="ignore"):
+        pixels = values.astype(np.float64)
+        if not (np.abs(pixels) <= _FARTHEST_PX).all():
+            raise PredictionError(
+                f"field {name!r} has pixels that are not finite, or absurd", where=arrays.path
+            )
+    return pixels
+
+
+def field_of(arrays: Arrays, name: str) -> NDArray[Any]:
+    """Read a field that must be there.
+
+    Raises
+    ------
+    PredictionError
+        It is not.
+    """
+    if name not in arrays.names():
+        raise PredictionError(f"lacks the field {name!r}", where=arrays.path)
+    return arrays.read(name)
 
 
 def stated_size(arrays: Arrays, side: int) -> tuple[float, float] | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.readers.match_files import PairFiles, npz_fields, pixels_of, stated_size
+from airzoo_bench.readers.match_files import PairFiles, field_of, npz_fields, pixels_of, stated_size
 
 if TYPE_CHECKING:
     from airzoo_bench.formats.arrays import Arrays
@@ -62,7 +62,7 @@ class _SuperGlue(PairFiles):
 
         arrays = _opened(path, memory_bytes)
         first, second = (pixels_of(arrays, name) for name in ("keypoints0", "keypoints1"))
-        matches = arrays.read("matches")
+        matches = field_of(arrays, "matches")
         fits = matches.dtype.kind == "i" and matches.shape == (len(first),)
         if not fits or ((matches < -1) | (matches >= len(second))).any():
             raise PredictionError(
@@ -149,7 +149,7 @@ class _Mast3rVisloc(PairFiles):
 
         arrays = _opened(path, memory_bytes)
         names = ("matches_im_query", "matches_im_map")
-        if all(arrays.read(name).size == 0 for name in names):  # saved as an empty list
+        if all(field_of(arrays, name).size == 0 for name in names):  # saved as an empty list
             return np.zeros((0, 2)), np.zeros((0, 2))
         first, second = _together(arrays, *names)
         return first + _CENTRE, second + _CENTRE
