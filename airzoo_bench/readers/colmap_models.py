@@ -190,12 +190,8 @@ def _equal_rows(data: mmap.mmap, at: int, wanted: int) -> tuple[Any, int] | None
     size = _POINT.size + track * _BYTES_A_TRACK_ELEMENT
     if at + wanted * size > len(data):
         return None
-    fields: dict[str, Any] = {
-        "names": ["xyz", "track"],
-        "formats": ["3<f8", "<u8"],
-        "offsets": [8, 43],
-    }
-    read: Any = np.frombuffer(data, np.dtype({**fields, "itemsize": size}), wanted, at)
+    fields: Any = {"names": ["xyz", "track"], "formats": ["3<f8", "<u8"], "offsets": [8, 43]}
+    read: Any = np.frombuffer(data, np.dtype(fields | {"itemsize": size}), wanted, at)
     if (read["track"] != track).any():
         return None
     return read["xyz"].astype(np.float64), at + wanted * size
