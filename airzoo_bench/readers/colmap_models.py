@@ -159,20 +159,42 @@ def _images(path: Path, budget: Any) -> tuple[list[str], list[tuple[float, ...]]
 
 def _points(path: Path, most: int) -> Iterator[Cloud]:
     """Yield the points of a model, at most that many at a time."""
-    import numpy as np
-
     from airzoo_bench.formats.clouds.cloud import Cloud
 
     with _opened(path) as (data, count):
         at, done = _COUNT.size, 0
         while done < count:
-            rows = np.empty((min(most, count - done), 3))
-            for row in rows:
-                _, *row[:], _, _, _, _, track = _POINT.unpack_from(data, at)
-                at += _POINT.size + track * _BYTES_A_TRACK_ELEMENT
-            done += len(rows)
+            wanted = min(most, count - done)
+            rows, at = _equal_rows(data, at, wanted) or _rows(data, at, wanted)
+            done += wanted
             yield Cloud(rows)
         _check_end(path, at, len(data))
+
+
+def _rows(data: mmap.mmap, at: int, wanted: int) -> tuple[Any, int]:
+    """Read points (N, 3) from a place on, and return where the next one is."""
+    import numpy as np
+
+    rows = np.empty((wanted, 3))
+    for row in rows:
+        _, *row[:], _, _, _, _, track = _POINT.unpack_from(data, at)
+        at += _POINT.size + track * _BYTES_A_TRACK_ELEMENT
+    return rows, at
+
+
+def _equal_rows(data: mmap.mmap, at: int, wanted: int) -> tuple[Any, int] | None:
+    """Do the same at once, where all tracks are of one length, as networks write them."""
+    import numpy as np
+
+    track = _POINT.unpack_from(data, at)[-1]
+    size = _POINT.size + track * _BYTES_A_TRACK_ELEMENT
+    if at + wanted * size > len(data):
+        return None
+    fields: Any = {"names": ["xyz", "track"], "formats": ["3<f8", "<u8"], "offsets": [8, 43]}
+    read: Any = np.frombuffer(data, np.dtype(fields | {"itemsize": size}), wanted, at)
+    if (read["track"] != track).any():
+        return None
+    return read["xyz"].astype(np.float64), at + wanted * size
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.reader import find_reader
-from airzoo_bench.readers.colmap_models import first_cameras
+from airzoo_bench.readers.colmap_models import _points, first_cameras
 from airzoo_bench.readers.vggt_colmap import VGGT_COLMAP
 from tests.readers.recon_support import check_perfect, scored, world
 from tests.readers.samples import vggt_colmap
@@ -143,3 +143,17 @@ def test_damaged_bytes_are_refused_or_scored(
     VGGT_COLMAP.recognise(folder / "out")
     with contextlib.suppress(PredictionError):
         world.score(folder / "out", read_by=ReadBy("vggt-colmap"))
+
+
+@pytest.mark.parametrize("lengths", [(1, 1, 1, 1), (0, 0, 0, 0), (1, 1, 3, 0), (2, 0, 1, 1)])
+def test_tracks_may_be_of_any_length(lengths: tuple[int, ...], tmp_path: Path) -> None:
+    points = np.arange(12.0).reshape(4, 3)
+    rows = [
+        struct.pack("<Q3d3BdQ", 1, *point, 0, 0, 0, 0.0, length) + b"\7" * 8 * length
+        for point, length in zip(points, lengths, strict=True)
+    ]
+    (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", 4) + b"".join(rows))
+    for most in (1, 2, 3, 9):
+        pieces = [piece.points for piece in _points(tmp_path / "points3D.bin", most)]
+        np.testing.assert_array_equal(np.concatenate(pieces), points)
+        assert max(map(len, pieces)) <= most
