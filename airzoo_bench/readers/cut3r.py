@@ -162,6 +162,12 @@ def _cameras(files: list[Path], memory: int) -> dict[str, Any]:
         check_fields(file, ("pose", "intrinsics"), ("pose", "intrinsics"), "pose and intrinsics")
         for name, side in (("pose", 4), ("intrinsics", 3)):
             value = numbers(file, name, (side, side)).astype(np.float64)
+            if value.shape != (side, side):
+                raise PredictionError(
+                    f"field '{name}' has shape {value.shape}",
+                    where=path,
+                    expected=f"({side}, {side})",
+                )
             found[name].append(value)
     return {name: np.stack(values) for name, values in found.items()}
 

@@ -112,7 +112,7 @@ def _refused(path: Path) -> PredictionError:
 def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
     import numpy as np
 
-    from airzoo_bench.formats.arrays import check_fields
+    from airzoo_bench.formats.arrays import check_fields, numbers
     from airzoo_bench.formats.npz import NpzFile
     from airzoo_bench.reconstruction.depth_map_files import maps_of
 
@@ -124,7 +124,7 @@ def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
     names = _names(scenes, place, file)
     given: dict[str, Callable[[], Any]] = {
         "world_points": lambda: as_maps(file, "pts3d", 4),
-        "extrinsics": lambda: inverted(file.read("poses")),
+        "extrinsics": lambda: inverted(numbers(file, "poses", (None, 4, 4))),
     }
     if "conf" in file.names():
         given["conf"] = lambda: as_maps(file, "conf", 3)

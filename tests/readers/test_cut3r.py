@@ -104,7 +104,8 @@ def test_damaged_and_other_arrays(world: World, out: Path) -> None:
         scored(world, out)
     path.write_bytes(whole)
     pose = np.zeros((4, 4), "f4")
-    np.savez(out / "yard" / "camera" / "000000.npz", pose=pose, intrinsics=np.eye(3, dtype="f4"))
+    K = true_views(world, "yard").intrinsics[0]
+    np.savez(out / "yard" / "camera" / "000000.npz", pose=pose, intrinsics=K)
     with pytest.raises(PredictionError, match="extrinsics"):
         scored(world, out)
 
