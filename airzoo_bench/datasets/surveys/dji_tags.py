@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.datasets.dji import read_dji_texts
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.formats.photos import opened_photo
 
-__all__ = ["FIXED", "DjiTags", "TimeStamp", "read_tags", "read_time_stamps"]
+__all__ = [
+    *("FIXED", "DjiTags", "TimeStamp"),
+    *("check_focal_lengths", "read_tags", "read_time_stamps"),
+]
 
 FIXED = (48, 49, 50)
 """RtkFlag of a fixed solution: 50, or its finer 48 and 49."""
@@ -135,10 +139,51 @@ def _dewarp(texts: dict[str, str], size: tuple[int, int]) -> tuple[dict[str, flo
     return lens, "DewarpData"
 
 
+def check_focal_lengths(
+    images: Path, focal_px: Mapping[str, float], sizes: Mapping[str, tuple[int, int]], where: Path
+) -> str:
+    """Hold focal lengths in pixels to those of 35 mm film in EXIF; return a note on the size.
+
+    Parameters
+    ----------
+    images : Path
+    focal_px : mapping of str to float
+        By the photo's name, as a camera says it that does not say the size of its photos.
+    sizes : mapping of str to (width, height)
+    where : Path
+        What the focal lengths are from.
+
+    Raises
+    ------
+    CameraError
+        They are of photos of another size.
+    """
+    film = {name: _film(images / name, sizes[name])[0].get("fx") for name in focal_px}
+    pairs = {name: (focal_px[name], fx) for name, fx in film.items() if fx is not None}
+    off = [name for name, pair in pairs.items() if not _alike(*pair)]
+    if off:
+        fx, of_film = pairs[off[0]]
+        width, height = sizes[off[0]]
+        raise CameraError(
+            f"fx is {fx:g} px, and the focal length of 35 mm film makes {of_film:g} px in a photo "
+            f"of {width}x{height} px: {first_of(off, len(pairs))}",
+            where=where,
+            expected="the focal length in pixels of photos of this size",
+            fix=f'scale fx to the photos; if it is right, give --camera with "width": {width} and '
+            f'"height": {height}',
+        )
+    shown = sorted({f"{width}x{height}" for width, height in map(sizes.__getitem__, focal_px)})
+    stated = f"by EXIF in {len(pairs)} of {len(focal_px)}" if pairs else "which no EXIF confirms"
+    return f"fx is taken for photos of {first_of(shown, noun='size')} px, {stated}"
+
+
+def _alike(first: float, second: float) -> bool:
+    return 1 / _MOST_RATIO < first / second < _MOST_RATIO
+
+
 def _check_lens(path: Path, size: tuple[int, int], dewarp: float, film: float) -> None:
     """Refuse DewarpData of a photo that was made smaller afterwards."""
-    ratio = dewarp / film
-    if not 1 / _MOST_RATIO < ratio < _MOST_RATIO:
+    if not _alike(dewarp, film):
         raise BenchmarkError(
             f"DJI's DewarpData has fx = {dewarp:g} px, and the focal length of 35 mm film makes "
             f"{film:g} px in a photo of {size[0]}x{size[1]} px",
