@@ -102,6 +102,12 @@ def retag(names: tuple[str, ...], **changes: Any) -> Callable[[Place], None]:
     return lambda place: [tag(place, name, **changes) for name in names] and None
 
 
+def hole(place: Place) -> None:
+    heights = LEVEL.copy()
+    heights[0, 2:4, 3] = 0.0
+    write_raster(place.dsm, heights)
+
+
 def zeros(place: Place) -> None:
     heights = LEVEL.copy()
     heights[0, :20] = 0.0
@@ -402,6 +408,11 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str], set[Kind]]] = {
     "untagged zeros": (
         zeros,
         ["8% of the surface model's heights are exactly 0 m", "a_nodata"],
+        {Kind.LOWEST},
+    ),
+    "a small hole of zeros": (
+        hole,
+        ["2 of the surface model's heights are exactly 0 m, its lowest, and the next is 99.5 m"],
         {Kind.LOWEST},
     ),
     "map shifted": (
