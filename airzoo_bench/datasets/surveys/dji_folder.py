@@ -26,6 +26,7 @@ from airzoo_bench.datasets.surveys.dji_tags import (
     check_focal_lengths,
     read_tags,
     read_time_stamps,
+    turned_note,
 )
 from airzoo_bench.datasets.surveys.lenses import (
     cameras_of_lenses,
@@ -65,6 +66,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     placed = {name: _placed(metadata[name], stamps.get(name)) for name in metadata}
     kept = _kept(options, placed, tags, stamps, notes)
     names = tuple(kept)
+    notes += turned_note(kept, tags)
     crs = _crs(options, dom, kept, notes)
     poses = priors_to_poses(kept, crs)
     said, accuracy = _accuracy(names, tags, stamps)
