@@ -329,4 +329,5 @@ def _check_places(root: Path, drones: Sequence[DroneImage]) -> None:
 
 
 def _side_m(name: str) -> float:
-    return _MAP_PX / 2 ** int(name.partition("_")[0]) * _GSD_M
+    side_m: float = _MAP_PX * _GSD_M / 2.0 ** int(name.partition("_")[0])
+    return side_m
