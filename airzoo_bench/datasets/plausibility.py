@@ -8,7 +8,12 @@ from enum import Enum
 
 from airzoo_bench.datasets.mistakes import datum_cause, height_cause
 from airzoo_bench.datasets.photo_facts import OUTLIER_M
-from airzoo_bench.datasets.raster_checks import LOWEST_SHARE, often_lowest
+from airzoo_bench.datasets.raster_checks import (
+    FAR_BELOW_M,
+    LOWEST_SHARE,
+    lowest_heights,
+    often_lowest,
+)
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.crs import LOCAL_CRS
@@ -76,8 +81,8 @@ class Kind(Enum):
     FLAT = "a surface model all of whose heights are the same"
     PLANE = "a ground plane that is lower or higher than the whole surface model"
     LOWEST = (
-        f"a lowest height that more than {LOWEST_SHARE:.0%} of the surface model has: perhaps an "
-        "untagged nodata value"
+        f"a lowest height that more than {LOWEST_SHARE:.0%} of the surface model has, or that is 0 "
+        f"or repeated and {FAR_BELOW_M:g} m below all others: perhaps an untagged nodata value"
     )
     CLOUD = f"a true cloud more than {CLOUD_M:g} m off the surface model in height (median)"
     NO_CLOUD = "a true cloud without a point over a height of the surface model"
@@ -126,11 +131,11 @@ def _of_surface(survey: HeightSurvey) -> Found:
             "whether it holds heights at all",
         )
     if often_lowest(survey):
-        share = survey.at_low / survey.valid
         yield (
             Kind.LOWEST,
-            f"{share:.0%} of the surface model's heights are exactly {survey.low:.10g} m, "
-            "its lowest: unless that is water, tag it as missing (gdal_edit.py -a_nodata)",
+            f"{lowest_heights(survey)} of the surface model's heights are exactly "
+            f"{survey.low:.10g} m, its lowest, and the next is {survey.next_low:.10g} m: unless "
+            "that is water, tag it as missing (gdal_edit.py -a_nodata)",
         )
 
 

@@ -18,12 +18,14 @@ from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.settings import Gallery
 
 __all__ = [
+    "FAR_BELOW_M",
     "FOOT_M",
     "LOWEST_SHARE",
     "check_above_surface",
     "check_map",
     "check_map_scale",
     "check_tile_count",
+    "lowest_heights",
     "often_lowest",
     "surveyed",
 ]
@@ -35,6 +37,7 @@ _MOST_PIXELS = 1 << 34
 FOOT_M = 0.3048
 LOWEST_SHARE = 0.01
 """From this share of heights on, the lowest height may stand for a missing one."""
+FAR_BELOW_M = 10.0
 _MOST_TILES = 500_000  # some 0.8 GB
 _POLE_DEG = 90.0 + 1e-6
 
@@ -171,5 +174,16 @@ def check_map_scale(inputs: SceneInputs) -> None:
 
 
 def often_lowest(survey: HeightSurvey) -> bool:
-    """Whether the lowest height is so frequent that it may stand for a missing one."""
-    return survey.low < survey.high and survey.at_low > LOWEST_SHARE * survey.valid
+    """Whether the lowest height may stand for a missing one.
+
+    It is frequent; or it is 0, or several pixels have it, and the next is far above.
+    """
+    repeated = survey.at_low > 1 or survey.low == 0.0
+    alone = repeated and survey.next_low - survey.low > FAR_BELOW_M
+    return survey.low < survey.high and (alone or survey.at_low > LOWEST_SHARE * survey.valid)
+
+
+def lowest_heights(survey: HeightSurvey) -> str:
+    """Say how many heights are the lowest: a share, or a count where they are few."""
+    few = survey.at_low <= LOWEST_SHARE * survey.valid
+    return f"{survey.at_low:,}" if few else f"{survey.at_low / survey.valid:.0%}"

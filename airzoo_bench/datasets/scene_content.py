@@ -13,6 +13,7 @@ from airzoo_bench.datasets.raster_checks import (
     check_map,
     check_map_scale,
     check_tile_count,
+    lowest_heights,
     often_lowest,
     surveyed,
 )
@@ -132,7 +133,7 @@ def _nothing_to_ask(truth: RetrievalTruth, native: NativeScene, scene: MeasuredS
         found += f", the surface model is {survey.low:.1f} to {survey.high:.1f} m high"
         found += f", {scene.inputs.plane_height_m:.1f} in the median"
         if often_lowest(survey):
-            tag = f"{survey.at_low / survey.valid:.0%} of the heights are exactly "
+            tag = f"{lowest_heights(survey)} of the heights are exactly "
             tag += (
                 f"{survey.low:.10g} m: if that means none, tag it (gdal_edit.py -a_nodata); else "
             )

@@ -33,7 +33,13 @@ from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
 from airzoo_bench.geometry.frames import change_of_plane, to_lonlat
 from airzoo_bench.geometry.poses import rays_to_world
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, world_to_pixel
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    gsd_m,
+    open_info,
+    pixel_to_world,
+    world_to_pixel,
+)
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -256,6 +262,9 @@ def _share_inside(corners: Floats, inputs: SceneInputs, raster: RasterInfo | Non
     if raster is None or np.isnan(corners).all():
         return math.nan
     places = change_of_plane(inputs.crs, raster.crs)(corners)
+    if raster.crs.is_geographic:
+        middle = pixel_to_world(raster.transform, np.array((raster.width, raster.height)) / 2)[0]
+        places[..., 0] = (places[..., 0] - middle + 180.0) % 360.0 - 180.0 + middle
     pixels = world_to_pixel(raster.transform, places)
     return float(((pixels >= 0.0) & (pixels <= (raster.width, raster.height))).all(axis=-1).mean())
 

@@ -71,6 +71,8 @@ class HeightSurvey:
         Lowest and highest height; NaN where there is none.
     at_low : int
         Pixels that have the lowest height to the last bit.
+    next_low : float
+        Lowest height above `low`; NaN where all are the same.
     beyond : int
         Pixels lower or higher than what was asked for.
     """
@@ -80,6 +82,7 @@ class HeightSurvey:
     low: float
     high: float
     at_low: int
+    next_low: float
     beyond: int
 
     @property
@@ -97,7 +100,7 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
         See `opened` and `units.height_unit_m`.
     """
     pixels = valid = at_low = beyond = 0
-    low = high = np.nan
+    low = high = next_low = np.nan
     with small_cache(), opened(path) as dataset:
         for window in _windows(dataset):
             heights = read_metres(dataset, window)
@@ -105,11 +108,13 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
             pixels, valid = pixels + heights.size, valid + there.size
             least = there.min(initial=np.inf)
             if there.size and not low <= least:
-                low, at_low = least, 0
+                low, next_low, at_low = least, low, 0
             at_low += int((there == low).sum())
+            above = there.min(initial=np.inf, where=there > low)
+            next_low = np.fmin(next_low, above) if above < np.inf else next_low
             high = np.fmax(high, there.max()) if there.size else high
             beyond += int(((there < lowest) | (there > highest)).sum())
-    return HeightSurvey(pixels, valid, float(low), float(high), at_low, beyond)
+    return HeightSurvey(pixels, valid, float(low), float(high), at_low, float(next_low), beyond)
 
 
 def _windows(dataset: Any) -> Iterator[Window]:

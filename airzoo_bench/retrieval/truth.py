@@ -203,6 +203,8 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
             fix="prepare the benchmark again with other photos, or leave the scene out of the "
             "protocol",
         )
+    if "image" not in tiles.columns:
+        _check_near(footprints, boxes_of(tiles), home / "footprints.csv")
     positives = read_pairs(home / "positives.npz", len(queries), len(tiles))
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
@@ -243,6 +245,24 @@ def _read_footprints(path: Path, tiles: pd.DataFrame) -> pd.DataFrame:
         return read_table(path, ("id", *FOOTPRINT_COLUMNS))
     columns = _position_columns(tiles)
     return read_table(path, ("id", *columns), complete=columns)
+
+
+def _check_near(footprints: pd.DataFrame, boxes: Floats, where: Path) -> None:
+    """Refuse footprints of which most are farther from the tiles than these reach."""
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    away = footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64) - (low + high) / 2
+    away[:, 0] = (away[:, 0] + 180.0) % 360.0 - 180.0
+    far = (np.abs(away) > 1.5 * (high - low)).any(axis=1)
+    if far.mean() > 0.5:
+        lon, lat = footprints[list(FOOTPRINT_COLUMNS)].iloc[int(np.argmax(far))]
+        raise BenchmarkError(
+            f"centres of {int(far.sum())} of {counted(len(far), 'footprint')} are far from every "
+            f"tile, such as longitude {lon:.6f}, latitude {lat:.6f}",
+            where=where,
+            expected=f"about longitude {low[0]:.6f} to {high[0]:.6f}, latitude {low[1]:.6f} to "
+            f"{high[1]:.6f}",
+            fix="look whether longitude and latitude are swapped",
+        )
 
 
 def _check_boxes(boxes: Floats, where: Path) -> None:

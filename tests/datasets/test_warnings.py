@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 from rasterio import Affine
 
+from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.datasets.facts_lines import kinds_and_warnings
 from airzoo_bench.datasets.geometry_checks.dataset import folder_facts, open_benchmark
 from airzoo_bench.datasets.plausibility import Kind
+from airzoo_bench.datasets.scene_facts import _share_inside
+from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.protocol.lookup import shipped_protocols
 from tests.datasets import documented
 from tests.datasets.tagged import LEVEL, NAMES, tag
@@ -100,6 +105,12 @@ def in_feet(place: Place) -> None:
 
 def retag(names: tuple[str, ...], **changes: Any) -> Callable[[Place], None]:
     return lambda place: [tag(place, name, **changes) for name in names] and None
+
+
+def hole(place: Place) -> None:
+    heights = LEVEL.copy()
+    heights[0, 2:4, 3] = 0.0
+    write_raster(place.dsm, heights)
 
 
 def zeros(place: Place) -> None:
@@ -404,6 +415,11 @@ SUSPECT: dict[str, tuple[Callable[[Place], Any], list[str], set[Kind]]] = {
         ["8% of the surface model's heights are exactly 0 m", "a_nodata"],
         {Kind.LOWEST},
     ),
+    "a small hole of zeros": (
+        hole,
+        ["2 of the surface model's heights are exactly 0 m, its lowest, and the next is 99.5 m"],
+        {Kind.LOWEST},
+    ),
     "map shifted": (
         shifted,
         ["the map lies 30.0", "moved by -30.0 columns and +0.0"],
@@ -469,3 +485,14 @@ def test_what_is_suspect_is_named_then_and_later(
     assert kinds <= {kind for kind, _ in kinds_and_warnings(facts)}
     assert run_main("check-geometry", "park") == 0
     assert "warns" in capsys.readouterr().out
+
+
+def test_corners_lie_on_a_map_across_the_180th_meridian(tmp_path: Path) -> None:
+    pixels = np.zeros((3, 20, 20), np.uint8)
+    transform = Affine(0.001, 0, 179.99, 0, -0.001, 50.01)
+    write_raster(tmp_path / "dom.tif", pixels, crs="EPSG:4326", transform=transform)
+    lonlat = np.array([(179.995, 50.0), (-179.995, 50.0), (-179.9, 50.0)])
+    corners = from_lonlat("EPSG:32601", lonlat)
+    inputs = SceneInputs("s", pd.DataFrame({"id": ["a"]}), "EPSG:32601", None, None, 0.0)
+
+    assert _share_inside(corners[None], inputs, open_info(tmp_path / "dom.tif")) == 2 / 3

@@ -163,11 +163,17 @@ def _images(folder: Path) -> list[str]:
     if not folder.is_dir():
         return []
     with os.scandir(folder) as entries:
-        names = sorted(entry.name for entry in entries if not entry.name.startswith("."))
+        files = [entry for entry in entries if not entry.name.startswith(".")]
+    names = sorted(entry.name for entry in files)
     unfinished = [name for name in names if name.lower().endswith(_UNFINISHED)]
     if unfinished:
         raise BenchmarkError(
             f"half downloaded: {first_of(unfinished)}", where=folder, fix="finish the download"
+        )
+    bare = sorted(entry.name for entry in files if entry.is_file() and not entry.stat().st_size)
+    if bare:
+        raise BenchmarkError(
+            f"files of 0 bytes: {first_of(bare)}", where=folder, fix="download or unpack them again"
         )
     images = [name for name in names if name.lower().endswith(_IMAGE_SUFFIXES)]
     odd = [name for name in images if not name.isprintable()]

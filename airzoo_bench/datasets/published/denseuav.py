@@ -19,6 +19,8 @@ __all__ = ["DENSEUAV", "DenseUav", "class_positions"]
 
 _POSITIONS = "Dense_GPS_ALL.txt"
 _MOST_BYTES = 64 << 20
+_MOST_SHARED = 0.1
+_FARTHEST_M = 200.0
 _LINE = "test/query_drone/000001/H80.JPG E120.387 N30.324 93.2"
 
 
@@ -75,6 +77,7 @@ class DenseUav(ImageBenchmark):
 
         asked, _, given = scene.split("-")
         positions, moved = class_positions(root / _POSITIONS)
+        _check_places(root / _POSITIONS, positions)
         sets = []
         for name in (f"query_{asked}", f"gallery_{given}"):
             home = root / "test" / name
@@ -139,14 +142,38 @@ def _read_line(path: Path, number: int, line: str) -> tuple[str, tuple[float, fl
 
 
 def _degrees(text: str, mark: str) -> float | None:
-    """Return ``E120.5`` or ``N30.2`` as a number; None where it is none, or beyond the earth."""
+    """Return ``E120.5`` or ``N30.2`` as a number; None where it is none of a place in the east."""
     if not text.startswith(mark):
         return None
     try:
         value = float(text[1:])
     except ValueError:
         return None
-    return value if abs(value) <= (180 if mark == "E" else 90) else None
+    return value if 0.0 <= value <= (180.0 if mark == "E" else 90.0) else None
+
+
+def _check_places(path: Path, positions: dict[str, tuple[float, float]]) -> None:
+    """Refuse positions that are too coarse to tell classes apart, or not on one campus's scale."""
+    import numpy as np
+
+    from airzoo_bench.geometry.frames import geodesic_distance_m
+
+    labels = sorted(positions, key=int)
+    places = np.array([positions[label] for label in labels])
+    shared = len(places) - len(np.unique(places, axis=0))
+    apart = geodesic_distance_m(places[1:], places[:-1])
+    if shared > _MOST_SHARED * len(places):
+        what = f"{shared} of {len(places)} classes have the position of another"
+    elif len(apart) and np.median(apart) > _FARTHEST_M:
+        what = f"classes are {np.median(apart):,.0f} m from the next one (median)"
+    else:
+        return
+    raise BenchmarkError(
+        what,
+        where=path,
+        expected="a position of its own for each class, some 20 m from the next",
+        fix="download it again: positions may be rounded",
+    )
 
 
 def _placed(

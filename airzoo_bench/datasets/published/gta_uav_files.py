@@ -9,6 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -207,6 +208,7 @@ def scene_of_pairs(root: Path, entries: Sequence[DroneImage], *, backwards: bool
     _check_there(home, {pair.tile for one in drones for pair in _stated(one)}, there)
     _check_images(root, [one.image for one in drones])
     _check_positions(home, drones)
+    _check_places(root, drones)
     answers = {pair.tile for one in drones for pair in one.positive}
     names = sorted(answers if backwards else there)
     row = {name: number for number, name in enumerate(names)}
@@ -306,3 +308,26 @@ def _check_positions(folder: Path, drones: Sequence[DroneImage]) -> None:
                     expected=f"the centre {tile_centre(pair.tile)}",
                     fix=f"this list is of another map: {counted(len(drones), 'image')} read",
                 )
+
+
+def _check_places(root: Path, drones: Sequence[DroneImage]) -> None:
+    """Refuse drone images that are (median) farther than a tile's side from tiles they overlap."""
+    sides = [
+        max(abs(a - b) for a, b in zip(one.position, pair.position, strict=True))
+        / _side_m(pair.tile)
+        for one in drones
+        for pair in one.positive
+    ]
+    if median(sides) > 1.0:
+        raise BenchmarkError(
+            f"drone images are {median(sides):.3g} sides of a tile from the tiles that they "
+            "overlap (median)",
+            where=root,
+            expected="drone_loc_x_y in metres of the game's map, at most one side from these tiles",
+            fix="look whether x and y are swapped; download the lists again",
+        )
+
+
+def _side_m(name: str) -> float:
+    side_m: float = _MAP_PX * _GSD_M / 2.0 ** int(name.partition("_")[0])
+    return side_m

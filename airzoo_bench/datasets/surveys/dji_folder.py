@@ -23,11 +23,18 @@ from airzoo_bench.datasets.surveys.dji_tags import (
     FIXED,
     DjiTags,
     TimeStamp,
+    check_focal_lengths,
     read_tags,
     read_time_stamps,
     stated_accuracy,
+    turned_note,
 )
-from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses, lens_of, read_camera_file
+from airzoo_bench.datasets.surveys.lenses import (
+    cameras_of_lenses,
+    focal_of_unknown_size,
+    lens_of,
+    read_camera_file,
+)
 from airzoo_bench.datasets.surveys.scenes import stated_crs
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import horizontal_crs
@@ -60,6 +67,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     placed = {name: _placed(metadata[name], stamps.get(name)) for name in metadata}
     kept = _kept(options, placed, tags, stamps, notes)
     names = tuple(kept)
+    notes += turned_note(kept, tags)
     crs = _crs(options, dom, kept, notes)
     poses = priors_to_poses(kept, crs)
     stated = [stamps[n].std_m if n in stamps else tags[n].std_m for n in names]
@@ -274,6 +282,10 @@ def _cameras(
     if options.camera is not None:
         lens = read_camera_file(options.camera)
         lenses = [lens_of(lens, sizes[name], options.camera) for name in names]
+        focal_px = focal_of_unknown_size([lens] * len(names), names)
+        if focal_px:
+            images = options.images or options.source
+            notes.append(check_focal_lengths(images, focal_px, sizes, options.camera))
     else:
         lacking = [name for name in names if not tags[name].lens]
         if lacking:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.datasets.dji import read_dji_texts
+from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
+from airzoo_bench.datasets.dji import PhotoPrior, read_dji_texts
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
 
-__all__ = ["FIXED", "DjiTags", "TimeStamp", "read_tags", "read_time_stamps", "stated_accuracy"]
+__all__ = [
+    *("FIXED", "DjiTags", "TimeStamp"),
+    *("check_focal_lengths", "read_tags", "read_time_stamps", "stated_accuracy", "turned_note"),
+]
 
 FIXED = (48, 49, 50)
 """RtkFlag of a fixed solution: 50, or its finer 48 and 49."""
@@ -25,6 +29,7 @@ _MOST_RATIO = 1.3  # between two focal lengths of one camera
 _DIAGONAL_MM = math.hypot(36.0, 24.0)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 _STAMP_NUMBERS = 13
+_TURNED_DEG = 135.0
 _WIDEST, _LONGEST = 0.2, 20.0  # focal lengths in widths of the photo
 
 
@@ -42,12 +47,15 @@ class DjiTags:
         See `lenses.lens_of`; empty where the photo states none.
     lens_from : str
         What states the lens.
+    flight_yaw_deg : float or None
+        Where the drone's nose points.
     """
 
     rtk_flag: int | None
     std_m: tuple[float, float, float] | None
     lens: dict[str, float]
     lens_from: str
+    flight_yaw_deg: float | None
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,7 @@ def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
     try:
         flag = _numbers(texts, "RtkFlag", 1)
         stds = [_numbers(texts, f"RtkStd{axis}", 1) for axis in ("Lon", "Lat", "Hgt")]
+        flight_yaw = _numbers(texts, "FlightYawDegree", 1)
         lens, lens_from = _dewarp(texts, size)
     except BenchmarkError as fault:
         raise fault.inside(path) from fault
@@ -98,7 +107,35 @@ def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
         lens, lens_from = of_film, film_from
     known = [std[0] for std in stds if std]
     std_m = (known[0], known[1], known[2]) if len(known) == 3 else None
-    return DjiTags(int(flag[0]) if flag else None, std_m, lens, lens_from)
+    yaw = flight_yaw[0] if flight_yaw else None
+    return DjiTags(int(flag[0]) if flag else None, std_m, lens, lens_from, yaw)
+
+
+def turned_note(priors: Mapping[str, PhotoPrior], tags: Mapping[str, DjiTags]) -> list[str]:
+    """Warn where most photos have gimbal angles that turn them about against the drone's nose.
+
+    Parameters
+    ----------
+    priors : mapping of str to PhotoPrior
+        With all angles. Where a photo does not say FlightYawDegree, its roll alone is looked at.
+    tags : mapping of str to DjiTags
+    """
+    angles = np.array([(p.yaw_deg, p.pitch_deg, p.roll_deg) for p in priors.values()], np.float64)
+    yaw, pitch, roll = angles.T
+    stated = [tags[name].flight_yaw_deg for name in priors]
+    nose = np.array([own if yaw is None else yaw for own, yaw in zip(yaw, stated, strict=True)])
+    given = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
+    level = angles_to_rotations(nose, pitch, np.zeros_like(roll), convergence_deg=0.0)
+    turned = rotation_angle_deg(given, level) > _TURNED_DEG
+    if turned.mean() <= 0.5:
+        return []
+    names = [name for name, is_turned in zip(priors, turned, strict=True) if is_turned]
+    return [
+        f"WARNING: gimbal angles turn cameras by more than {_TURNED_DEG:g} degrees against the "
+        f"drone's nose (FlightYawDegree) and a level horizon: {first_of(names, len(priors))}; "
+        "where photos were not taken so, GimbalYawDegree or GimbalRollDegree is 180 degrees off, "
+        "and so is the truth: give poses from elsewhere (prepare poses, odm, colmap)"
+    ]
 
 
 def _numbers(texts: dict[str, str], name: str, count: int) -> list[float]:
@@ -138,10 +175,51 @@ def _dewarp(texts: dict[str, str], size: tuple[int, int]) -> tuple[dict[str, flo
     return lens, "DewarpData"
 
 
+def check_focal_lengths(
+    images: Path, focal_px: Mapping[str, float], sizes: Mapping[str, tuple[int, int]], where: Path
+) -> str:
+    """Hold focal lengths in pixels to those of 35 mm film in EXIF; return a note on the size.
+
+    Parameters
+    ----------
+    images : Path
+    focal_px : mapping of str to float
+        By the photo's name, as a camera says it that does not say the size of its photos.
+    sizes : mapping of str to (width, height)
+    where : Path
+        What the focal lengths are from.
+
+    Raises
+    ------
+    CameraError
+        They are of photos of another size.
+    """
+    film = {name: _film(images / name, sizes[name])[0].get("fx") for name in focal_px}
+    pairs = {name: (focal_px[name], fx) for name, fx in film.items() if fx is not None}
+    off = [name for name, pair in pairs.items() if not _alike(*pair)]
+    if off:
+        fx, of_film = pairs[off[0]]
+        width, height = sizes[off[0]]
+        raise CameraError(
+            f"fx is {fx:g} px, and the focal length of 35 mm film makes {of_film:g} px in a photo "
+            f"of {width}x{height} px: {first_of(off, len(pairs))}",
+            where=where,
+            expected="the focal length in pixels of photos of this size",
+            fix=f'scale fx to the photos; if it is right, give --camera with "width": {width} and '
+            f'"height": {height}',
+        )
+    shown = sorted({f"{width}x{height}" for width, height in map(sizes.__getitem__, focal_px)})
+    stated = f"by EXIF in {len(pairs)} of {len(focal_px)}" if pairs else "which no EXIF confirms"
+    return f"fx is taken for photos of {first_of(shown, noun='size')} px, {stated}"
+
+
+def _alike(first: float, second: float) -> bool:
+    return 1 / _MOST_RATIO < first / second < _MOST_RATIO
+
+
 def _check_lens(path: Path, size: tuple[int, int], dewarp: float, film: float) -> None:
     """Refuse DewarpData of a photo that was made smaller afterwards."""
-    ratio = dewarp / film
-    if not 1 / _MOST_RATIO < ratio < _MOST_RATIO:
+    if not _alike(dewarp, film):
         raise BenchmarkError(
             f"DJI's DewarpData has fx = {dewarp:g} px, and the focal length of 35 mm film makes "
             f"{film:g} px in a photo of {size[0]}x{size[1]} px",

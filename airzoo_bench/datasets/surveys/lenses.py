@@ -15,7 +15,14 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.cameras import Cameras
 
-__all__ = ["LENS_KEYS", "Lens", "cameras_of_lenses", "lens_of", "read_camera_file"]
+__all__ = [
+    "LENS_KEYS",
+    "Lens",
+    "cameras_of_lenses",
+    "focal_of_unknown_size",
+    "lens_of",
+    "read_camera_file",
+]
 
 Lens = tuple[list[list[float]], tuple[float, ...]]
 """A camera's matrix in pixels, and k1 k2 p1 p2 k3."""
@@ -124,6 +131,17 @@ def cameras_of_lenses(
     width, height = np.array([sizes[name] for name in names]).T
     matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
     return Cameras.from_matrices(matrices, width, height, distortion, names=names)
+
+
+def focal_of_unknown_size(
+    values: Sequence[Mapping[str, float]], names: Sequence[str]
+) -> dict[str, float]:
+    """Return the photos' fx where neither size nor principal point says of which size it is."""
+    return {
+        name: one["fx"]
+        for name, one in zip(names, values, strict=True)
+        if "fx" in one and not ({"width", "cx"} & set(one))
+    }
 
 
 def _focal_px(values: Mapping[str, float], width: int, where: object) -> float:

@@ -87,7 +87,7 @@ class PoseTables(Survey[PoseTableOptions]):
         stated = stated_crs(options)
         angles = AngleSettings(options.angles, options.angle_unit, options.north)
         crs = map_crs(options) if stated is None else stated
-        read = read_table_poses(options.source, sizes, crs, stated, angles, options.camera)
+        read = read_table_poses(options.source, images, sizes, crs, stated, angles, options.camera)
         found = FoundSurvey(
             images,
             sizes,

@@ -22,6 +22,7 @@ _OMEGA = ("omega", "phi", "kappa")
 _MOST_OFF_NADIR_DEG = 65.0
 _TURN_DEG = 360.5
 _MOST_AWAY = 0.5  # of the photos
+_OBLIQUE_DEG = -20.0
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ def table_rotations(
     rotations = attitudes_to_rotations(convention, degrees, convergence_deg=convergence)
     if angles.convention is None:
         _check_down(rotations, degrees, convention, given.table.path)
+        _check_pitch(given, degrees, convention)
     return rotations, f"angles are read as {convention}, relative to {north} north"
 
 
@@ -169,4 +171,19 @@ def _check_down(rotations: Floats, degrees: Floats, convention: str, path: Path)
             where=path,
             expected="photos of the ground: gimbal pitch is -90 straight down, airframe pitch 0",
             fix="name the convention with --angles gimbal, airframe or omega-phi-kappa",
+        )
+
+
+def _check_pitch(given: PoseTable, degrees: Floats, convention: str) -> None:
+    """Refuse oblique photos that look at the ground as gimbal and as airframe, forwards or back."""
+    pitch = float(np.median(degrees[:, 1]))
+    if convention == "airframe" and pitch < _OBLIQUE_DEG:
+        raise UsageError(
+            f"pitch is {pitch:.6g} degrees in the median, which can be read in two ways: as "
+            f"airframe, cameras look back, {-pitch:.6g} degrees off straight down; as gimbal, they "
+            f"look ahead, {-pitch:.6g} degrees below the horizon",
+            where=given.table.path,
+            expected=f"photos that look ahead or down, where only the column "
+            f"{given.header['image']!r} tells what angles mean",
+            fix="name the convention with --angles gimbal or --angles airframe",
         )

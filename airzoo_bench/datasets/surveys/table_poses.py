@@ -11,9 +11,11 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.datasets.surveys.dji_tags import check_focal_lengths
 from airzoo_bench.datasets.surveys.lenses import (
     LENS_KEYS,
     cameras_of_lenses,
+    focal_of_unknown_size,
     lens_of,
     read_camera_file,
 )
@@ -50,6 +52,7 @@ class TablePoses:
 
 def read_table_poses(
     path: Path,
+    images: Path,
     sizes: dict[str, tuple[int, int]],
     crs: CRS,
     stated: CRS | None,
@@ -62,6 +65,8 @@ def read_table_poses(
     ----------
     path : Path
         See `pose_table.read_pose_table`.
+    images : Path
+        Folder of the photos.
     sizes : dict of str to (width, height)
         The photos that there are.
     crs : CRS
@@ -90,7 +95,9 @@ def read_table_poses(
     absent = [name for name in given.table.texts("image") if name not in found]
     if absent:
         notes.append(f"rows whose photo is not there: {first_of(absent, len(given.table))}")
-    cameras = _cameras(given, rows, names, sizes, camera)
+    cameras, focal_px = _cameras(given, rows, names, sizes, camera)
+    if focal_px:
+        notes.append(check_focal_lengths(images, focal_px, sizes, camera or path))
     order = np.argsort(np.array(names))
     posed = PosedPhotos(
         tuple(names[i] for i in order),
@@ -182,7 +189,8 @@ def _cameras(
     names: tuple[str, ...],
     sizes: dict[str, tuple[int, int]],
     camera: Path | None,
-) -> Cameras:
+) -> tuple[Cameras, dict[str, float]]:
+    """Return cameras, and the focal lengths in pixels that do not say of which size of photo."""
     columns = [key for key in LENS_KEYS if given.has(key)]
     if (camera is None) == (not columns):
         raise UsageError(
@@ -204,4 +212,4 @@ def _cameras(
             for row in rowwise
         ]
     lenses = [lens_of(v, sizes[name], where) for v, name in zip(values, names, strict=True)]
-    return cameras_of_lenses(lenses, names, sizes)
+    return cameras_of_lenses(lenses, names, sizes), focal_of_unknown_size(values, names)

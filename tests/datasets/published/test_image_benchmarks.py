@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -340,6 +341,13 @@ def _text(relative: str, change: Callable[[str], str]) -> Callable[[Path], None]
     return spoil
 
 
+def _swapped(text: str) -> str:
+    entries = json.loads(text)
+    for one in entries:
+        one["drone_loc_x_y"].reverse()
+    return json.dumps(entries)
+
+
 def _half(source: Path) -> None:
     (source / "test" / "query_drone" / "0701" / "image-04.jpeg.part").write_bytes(b"")
 
@@ -390,6 +398,31 @@ SPOILED: dict[str, tuple[str, Callable[[Path], None], tuple[str, ...]]] = {
     ),
     "a folder that is no class": ("university-1652", _no_class, ("'library'", "whole numbers")),
     "an empty class": ("university-1652", _empty, ("class folders without an image", "0701")),
+    "a file of 0 bytes": (
+        "university-1652",
+        lambda source: (source / "test/query_satellite/0701/0701.jpg").write_bytes(b"") and None,
+        ("0701", "files of 0 bytes: 1 (0701.jpg)"),
+    ),
+    "rounded positions": (
+        "denseuav",
+        _text(GPS, lambda text: re.sub(r"(E\d+\.\d\d)\d+", r"\1", text)),
+        (GPS, "4 of 5 classes have the position of another", "rounded"),
+    ),
+    "west of Greenwich": (
+        "denseuav",
+        _text(GPS, lambda text: text.replace("E120", "E-120")),
+        (GPS, "line 1 is", "E-120.387"),
+    ),
+    "positions far apart": (
+        "denseuav",
+        _text(GPS, lambda text: re.sub(r"E120\.38(\d)(\d)", r"E12\2.38\1", text)),
+        (GPS, "m from the next one (median)"),
+    ),
+    "x and y swapped": (
+        "gta-uav",
+        _text(LIST, _swapped),
+        ("sides of a tile from the tiles that they overlap", "swapped"),
+    ),
     "no positions": ("denseuav", _without(GPS), (GPS, "found: 'test/', 'train/'")),
     "decimal commas": (
         "denseuav",

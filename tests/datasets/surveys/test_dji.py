@@ -47,6 +47,32 @@ def test_the_users_accuracy_wins(made: Made) -> None:
         scene(made, folder, "--truth-accuracy", 0)
 
 
+@pytest.mark.parametrize(
+    ("changes", "turned"),
+    [
+        ({"GimbalRollDegree": "+180.0"}, True),
+        ({"GimbalYawDegree": "-170.0", "FlightYawDegree": "+10.0"}, True),
+        ({"GimbalYawDegree": "+10.0", "FlightYawDegree": "+10.0"}, False),
+        # The drone's own way of writing no turn at all, straight down.
+        (
+            {
+                "GimbalYawDegree": "-170.0",
+                "GimbalPitchDegree": "-90.0",
+                "GimbalRollDegree": "+180.0",
+                "FlightYawDegree": "+10.0",
+            },
+            False,
+        ),
+    ],
+)
+def test_truth_that_is_turned_is_warned_of(
+    made: Made, changes: dict[str, str], turned: bool
+) -> None:
+    said = " ".join(scene(made, dji_folder(made, changes=changes)).notes)
+
+    assert ("WARNING: gimbal angles turn cameras by more than 135 degrees" in said) is turned
+
+
 def test_any_position_will_do_by_name(made: Made) -> None:
     found = scene(made, dji_folder(made, flags=(None,) * 5), "--rtk", "any")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.surveys.lenses import lens_of
@@ -193,6 +194,51 @@ def as_pix4d(made: Made) -> list[object]:
     return edited(arguments, ("image,", "imagename,"))
 
 
+def oblique(made: Made) -> list[object]:
+    """Write gimbal angles of oblique photos where Metashape's are expected."""
+    angles = made.gimbal()
+    angles[:, 1] = -45.0
+    rows = exact(made.lonlat, made.centres[:, 2], angles)
+    return write_table(made, "Label,longitude,latitude,altitude,Yaw,Pitch,Roll", rows)
+
+
+def of_smaller_photos(in_columns: bool) -> Callable[[Made], list[object]]:
+    """Give fx of photos half as wide as those that are there, by their EXIF."""
+
+    def write(made: Made) -> list[object]:
+        with_film(made, 29)
+        arguments = gimbal_table(made)
+        if not in_columns:
+            Path(str(arguments[-1])).write_text('{"fx": 17.0}')
+            return arguments
+        path = Path(str(arguments[2]))
+        header, *rows = path.read_text().splitlines()
+        path.write_text("\n".join([f"{header},fx", *(f"{row},17.0" for row in rows)]))
+        return arguments[: arguments.index("--camera")]
+
+    return write
+
+
+def with_film(made: Made, focal_mm: int) -> None:
+    for name in NAMES:
+        with Image.open(made.images / name) as image:
+            exif = image.getexif()
+            exif.get_ifd(0x8769)[0xA405] = focal_mm
+            image.save(made.images / name, "JPEG", exif=exif)
+
+
+@pytest.mark.parametrize(
+    ("film", "said"), [(None, "which no EXIF confirms"), (36, "by EXIF in 5 of 5")]
+)
+def test_the_size_that_fx_is_taken_for_is_said(made: Made, film: int | None, said: str) -> None:
+    if film is not None:
+        with_film(made, film)
+    arguments = gimbal_table(made)
+    Path(str(arguments[-1])).write_text('{"fx": 42.0}')
+
+    assert f"fx is taken for photos of 1 size (40x30) px, {said}" in read_scene(arguments).notes
+
+
 def without(option: str) -> Callable[[Made], list[object]]:
     def write(made: Made) -> list[object]:
         arguments = pix4d_table(made) if option == "--crs" else gimbal_table(made)
@@ -246,6 +292,18 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
     "another convention": (
         as_pix4d,
         ["5 cameras of 5 look more than 65 degrees away", "is -85 degrees", "--angles gimbal"],
+    ),
+    "oblique": (
+        oblique,
+        ["pitch is -45 degrees in the median", "two ways", "--angles gimbal or --angles airframe"],
+    ),
+    "fx of other photos": (
+        of_smaller_photos(False),
+        ["camera.json", "fx is 17 px", "film makes 33.51", "in a photo of 40x30 px: 5 of 5"],
+    ),
+    "fx in columns of other photos": (
+        of_smaller_photos(True),
+        ["poses.csv", "fx is 17 px", "makes 33.51"],
     ),
     "which CRS": (without("--crs"), ["the CRS of the columns X and Y", "--crs EPSG:32633"]),
     "no camera": (without("--camera"), ["no camera is given", "focal_mm and sensor_mm"]),
