@@ -222,6 +222,14 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
         as_pix4d,
         ["5 cameras of 5 look more than 65 degrees away", "is -85 degrees", "--angles gimbal"],
     ),
+    "degrees as radians": (
+        lambda made: [*gimbal_table(made), "--angle-unit", "radians"],
+        ["which is no angle in radians", "leave out --angle-unit radians"],
+    ),
+    "a camera of half the size": (
+        bad_camera('{"fx": 21, "cx": 10, "cy": 7.5}'),
+        ["camera matrices of another image size", "(10.0, 7.5)", "scale K"],
+    ),
     "which CRS": (without("--crs"), ["the CRS of the columns X and Y", "--crs EPSG:32633"]),
     "no camera": (without("--camera"), ["no camera is given", "focal_mm and sensor_mm"]),
     "no map": (without("--dom"), ["--dom must be given"]),
