@@ -259,6 +259,12 @@ def test_no_flights(root: Path, tmp_path: Path, made: str) -> None:
         UAV_VISLOC.scenes(UavVisLocOptions(source))
 
 
+def test_the_folder_of_a_flight_names_the_one_above(root: Path) -> None:
+    with pytest.raises(UserError, match="is the folder of one flight") as refused:
+        UAV_VISLOC.scenes(UavVisLocOptions(root / "01"))
+    assert refused.value.fix == f"--source {root} --scene 01"
+
+
 def test_a_broken_flight_leaves_nothing(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

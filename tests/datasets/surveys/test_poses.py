@@ -240,6 +240,10 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
         header(GIMBAL.replace("altitude", "hight")),
         ["lacks height (did you mean 'hight'?)", "'image, longitude, latitude, hight"],
     ),
+    "a heading": (
+        header(GIMBAL.replace("GimbalYawDegree", "heading")),
+        ["lacks yaw, pitch and roll", "(did you mean yaw by 'heading'? Rename it)"],
+    ),
     "twice the same": (
         header(GIMBAL.replace("GimbalYawDegree", "Lng")),
         ["columns that mean the same: 'longitude' and 'Lng'"],
