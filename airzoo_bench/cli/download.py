@@ -42,7 +42,8 @@ def download(
     about, folder = _about(benchmark), to or Path(benchmark)
     say(f"{about.title}, licence: {about.licence}")
     if about.repository is None:
-        raise _by_hand(benchmark, about)
+        _list_links(benchmark, about)
+        return
     from airzoo_bench.datasets.downloads import download as fetch
     from airzoo_bench.datasets.downloads import of_scenes, planned
     from airzoo_bench.datasets.hub import HubDataset
@@ -74,17 +75,12 @@ def _about(benchmark: str) -> About:
     return published[benchmark]
 
 
-def _by_hand(benchmark: str, about: About) -> UsageError:
-    """Print the links, one a line, and return what to do with them."""
+def _list_links(benchmark: str, about: About) -> None:
+    """Print the links, one a line, and say what to do with them."""
     put("".join(f"{link}\n" for link in about.links or (about.page,)))
-    return UsageError(
-        f"{about.title} is not on Hugging Face: fetch it by hand",
-        where=about.page,
-        expected="the links that are printed, fetched in a browser or with wget -c"
-        if about.links
-        else "what the page says",
-        fix=f"unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER",
-    )
+    how = "in a browser or with wget -c" if about.links else "as the page says"
+    say(f"{about.title} is not on Hugging Face: fetch it by hand, {how}")
+    say(f"next: unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER")
 
 
 def _ask(plan: Plan, *, yes: bool) -> None:

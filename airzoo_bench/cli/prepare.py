@@ -18,6 +18,7 @@ from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings, SceneSummary
+from airzoo_bench.datasets.surveys.survey import Survey
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.native import About
@@ -79,8 +80,16 @@ class _PrepareGroup(BuiltGroup):
             parameter("force", ForceOption, False),
             *([] if thing.jobs is None else [parameter("jobs", JobsOption, thing.jobs)]),
         ]
-        command = with_parameters(partial(_prepare, thing), parameters, thing.summary)
+        command = with_parameters(partial(_prepare, thing), parameters, _help_of(thing))
         return command, f"prepare {thing.example}"
+
+
+def _help_of(dataset: Dataset[Any]) -> str:
+    """Return the summary and, of published data, where to get them and their licence."""
+    about = dataset.about
+    if about is None or isinstance(dataset, Survey):
+        return dataset.summary
+    return f"{dataset.summary}\n\nData: {about.page}\n\nLicence: {about.licence}."
 
 
 app = typer.Typer(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,13 +17,14 @@ from airzoo_bench.cli.common import (
     examples,
     put,
     resolve_data,
+    say,
     show,
 )
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.native import About
     from airzoo_bench.protocol.model import Protocol
-    from airzoo_bench.tables.model import Row
+    from airzoo_bench.tables.model import Row, Table
 
 __all__ = ["EXAMPLES", "protocols"]
 
@@ -47,10 +51,12 @@ def protocols(
         path = Path(name) if name.endswith(".toml") else protocol_files(folder)[name]
         put(_about_lines(_about(protocol.benchmark)) + path.read_text(encoding="utf-8"))
         return
+    if form is Format.TERMINAL:
+        say("protocols NAME prints one and what is assumed of its data; --format json has all")
     loaded = {key: load_protocol(path) for key, path in protocol_files(folder).items()}
-    in_full = form is not Format.TERMINAL
-    rows = tuple(_row(key, protocol, in_full=in_full) for key, protocol in loaded.items())
-    show(Table("Protocols", tuple(map(Column, _TITLES)), rows), form)
+    rows = tuple(_row(key, protocol) for key, protocol in loaded.items())
+    table = Table("Protocols", tuple(map(Column, _TITLES)), rows)
+    show(_narrow(table) if form is Format.TERMINAL else table, form)
 
 
 _TITLES = (
@@ -59,11 +65,23 @@ _TITLES = (
 )
 
 
-def _row(key: str, protocol: Protocol, *, in_full: bool) -> Row:
+_IN_A_TERMINAL = ("Protocol", "Track", "Scenes", "Queries")
+
+
+def _narrow(table: Table) -> Table:
+    """Keep the columns that fit a terminal."""
+    kept = [_TITLES.index(title) for title in _IN_A_TERMINAL]
+    rows = [replace(row, cells=tuple(row.cells[i] for i in kept)) for row in table.rows]
+    return replace(table, columns=tuple(table.columns[i] for i in kept), rows=tuple(rows))
+
+
+def _row(key: str, protocol: Protocol) -> Row:
     from airzoo_bench.tables.model import Cell, Row
 
     about = _about(protocol.benchmark)
-    counts = [scene.queries for scene in protocol.scenes if scene.queries is not None]
+    # Published counts are of the whole benchmark, not of what a folder holds of it.
+    partial = protocol.benchmark.endswith("-partial")
+    counts = [s.queries for s in protocol.scenes if s.queries is not None and not partial]
     assumed = () if about is None else about.assumptions
     values = (
         *(key, protocol.version, protocol.track, len(protocol.scenes)),
@@ -71,7 +89,7 @@ def _row(key: str, protocol: Protocol, *, in_full: bool) -> Row:
         *(protocol.fingerprint[:12], protocol.title),
         "" if about is None else about.page,
         "" if about is None else about.licence,
-        " ".join(assumed) if in_full else len(assumed) or "",
+        " ".join(assumed),
     )
     return Row(tuple(map(Cell, values)))
 
@@ -91,4 +109,17 @@ def _about_lines(about: About | None) -> str:
     lines = [f"{about.title}: {about.page}", f"licence: {about.licence}"]
     lines += [f"assumed: {sentence}" for sentence in about.assumptions]
     lines += [f"not verified: {sentence}" for sentence in about.unverified]
-    return "".join(f"# {line}\n" for line in lines)
+    width = shutil.get_terminal_size((80, 24)).columns
+    return "".join(f"{_comment(line, width)}\n" for line in lines)
+
+
+def _comment(line: str, width: int) -> str:
+    """Wrap a comment at the terminal's width, but no address."""
+    return textwrap.fill(
+        line,
+        max(width, 40),
+        initial_indent="# ",
+        subsequent_indent="#   ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

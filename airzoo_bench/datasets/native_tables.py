@@ -7,10 +7,11 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -25,6 +26,7 @@ __all__ = ["NativeTable", "read_lines", "read_table"]
 _LIMIT_BYTES = 64 << 20
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_POINT = "write numbers with a decimal point, or separate the values by semicolons"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +113,7 @@ class NativeTable:
                     f"column {column}: {text[:40]!r}" if text else f"column {column} is empty",
                     where=f"{self.path}, line {line}",
                     expected=_range(least, most),
+                    fix=_POINT if _DECIMAL_COMMA.fullmatch(text) else None,
                 )
         return np.array(values, dtype=np.float64)
 
@@ -142,6 +145,7 @@ def read_table(
     columns: Sequence[str],
     optional: Collection[str] = (),
     limit_bytes: int = _LIMIT_BYTES,
+    synonyms: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> NativeTable:
     """Read a table whose first line names its columns.
 
@@ -158,6 +162,8 @@ def read_table(
         Those of them that the file may lack.
     limit_bytes : int
         A larger file is refused before it is read.
+    synonyms : mapping of str to sequence of str
+        What people call a column, for the message where it is missing.
 
     Raises
     ------
@@ -178,7 +184,7 @@ def read_table(
     if not parts:
         raise BenchmarkError("is empty", where=path, expected=_columns_text(columns, optional))
     header = [name.strip() for name in parts[0][1]]
-    _check_header(path, header, columns, optional)
+    _check_header(path, header, columns, optional, synonyms)
     places = _found(header, columns)
     for line, row in parts[1:]:
         _check_width(path, line, row, header, separator)
@@ -237,7 +243,11 @@ def _found(header: Sequence[str], columns: Sequence[str]) -> dict[str, int]:
 
 
 def _check_header(
-    path: Path, header: list[str], columns: Sequence[str], optional: Collection[str]
+    path: Path,
+    header: list[str],
+    columns: Sequence[str],
+    optional: Collection[str],
+    synonyms: Mapping[str, Sequence[str]],
 ) -> None:
     counts = Counter(name.casefold() for name in header if name)
     twice = [name for name in columns if counts[name.casefold()] > 1]
@@ -247,12 +257,21 @@ def _check_header(
     unknown = [name for name in header if counts[name.casefold()] and name not in columns]
     lacks = f"lacks the {agreeing(len(missing), 'column', 'columns')}"
     what = "two columns are called" if twice else lacks
-    names = ", ".join(twice or (f"{name}{nearest(name, unknown)}" for name in missing))
+    meant = (f"{name}{_meant(name, unknown, synonyms.get(name, ()))}" for name in missing)
+    names = ", ".join(twice or meant)
     raise BenchmarkError(
         f"{what} {names}; its first line is {', '.join(header)[:300]!r}",
         where=path,
         expected=_columns_text(columns, optional),
+        fix="keep one of them" if twice else "rename the column, or download the table again",
     )
+
+
+def _meant(name: str, unknown: list[str], synonyms: Sequence[str]) -> str:
+    """Offer the columns that a missing one may be: other words for it, else names like its own."""
+    words = {word.casefold() for word in synonyms}
+    other = [column for column in unknown if column.casefold() in words]
+    return f" (did you mean {' or '.join(map(repr, other))}?)" if other else nearest(name, unknown)
 
 
 def _columns_text(columns: Sequence[str], optional: Collection[str]) -> str:
@@ -269,9 +288,7 @@ def _check_width(path: Path, line: int, row: list[str], header: list[str], separ
         f"has {counted(len(row), 'value')} for {counted(len(header), 'column')}",
         where=f"{path}, line {line}",
         expected=f"{len(header)} values, separated by {_SEPARATORS[separator]}",
-        fix="download the file again if it ends here"
-        if few
-        else "write numbers with a decimal point, or separate the values by semicolons",
+        fix="download the file again if it ends here" if few else _POINT,
     )
 
 

@@ -247,8 +247,9 @@ def _of_priors(priors: PriorFacts) -> Found:
     for what, ids in priors.turned:
         yield (
             Kind.TURNED,
-            f"the priors' {what} in {first_of(ids, priors.photos)}: look at the gimbal angles in "
-            "the metadata, and at the axes of the poses where it is all of them",
+            f"the priors' {what} in {first_of(ids, priors.photos)}: either the priors or the "
+            "poses are wrong: look at the gimbal angles in the metadata or --priors, and at the "
+            "angles of the poses (convention, unit, signs, axes) where it is most photos",
         )
     if not priors.turned and priors.rotation_deg > LARGE_ROTATION_DEG:
         yield (

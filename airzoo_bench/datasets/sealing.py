@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify, write_benchmark_file
-from airzoo_bench.benchmark.queries import read_queries
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import read_toml, validated
 from airzoo_bench.geometry.rasters import raster_sha256
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.protocol.model import Protocol
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 __all__ = ["seal_folder"]
+
+_BY_HAND = "correct it (docs/benchmark-folder.md says what is expected), then seal the folder again"
 
 
 def seal_folder(folder: Path, *, replace: bool = False) -> list[str]:
@@ -35,20 +41,23 @@ def seal_folder(folder: Path, *, replace: bool = False) -> list[str]:
     Raises
     ------
     BenchmarkError
-        There are no protocols, a scene lacks its files, or a file was changed since the folder was
-        sealed and `replace` is false.
+        There are no protocols, the truth of a scene cannot be read as `eval` reads it, an id lacks
+        its scene, or a file was changed since the folder was sealed and `replace` is false.
     """
     path = folder / "benchmark.toml"
     values = read_toml(path, BenchmarkError, "benchmark file")
     protocols = _protocols(folder)
     said = _fill_in(values, protocols)
     file = validated(values, BenchmarkFile, BenchmarkError, path, "benchmark file")
-    for scene in file.scenes:
-        _check_files(folder, scene, protocols)
     if file.checksums and not replace:
         verify(folder, file)
     scenes = tuple(_with_checksums(folder, scene, said, replace) for scene in file.scenes)
-    write_benchmark_file(folder, file.model_copy(update={"scenes": scenes}))
+    benchmark = Benchmark(folder, file.model_copy(update={"scenes": scenes}))
+    for protocol in protocols:
+        benchmark.check_fits(protocol)
+        for scene in protocol.scenes:
+            _check_truth(benchmark, scene.id, protocol)
+    write_benchmark_file(folder, benchmark.file)
     return [*said, "checksums of all files below scenes/"]
 
 
@@ -80,21 +89,36 @@ def _fill_in(values: dict[str, Any], protocols: list[Protocol]) -> list[str]:
     return said
 
 
-def _check_files(folder: Path, scene: SceneFile, protocols: list[Protocol]) -> None:
-    """Refuse a scene that lacks its table or the folder of a track."""
-    import pandas as pd
+def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
+    """Read the truth of a scene as `eval` does, and refuse ids that predictions could not name."""
+    home = benchmark.scene_folder(scene)
+    if not (home / protocol.track).is_dir():
+        raise BenchmarkError(
+            f"scene {scene} has no truth for {protocol.track}",
+            where=home / protocol.track,
+            expected=f"the files of {protocol.track}, see docs/benchmark-folder.md",
+            fix=f"add them, or take the scene out of protocol {protocol.name}",
+        )
+    try:
+        truth = TRACKS.get(protocol.track).read_truth(benchmark, scene)
+    except BenchmarkError as error:
+        raise BenchmarkError(
+            error.what, where=error.where, expected=error.expected, fix=_BY_HAND
+        ) from error
+    for table in ("queries", "tiles"):
+        _check_ids(getattr(truth, table, None), table, scene, home)
 
-    home = folder / "scenes" / scene.id
-    read_queries(home, pd.DataFrame({"id": []}))
-    for protocol in protocols:
-        wanted = any(one.id == scene.id for one in protocol.scenes)
-        if wanted and not (home / protocol.track).is_dir():
-            raise BenchmarkError(
-                f"scene {scene.id} has no truth for {protocol.track}",
-                where=home / protocol.track,
-                expected=f"the files of {protocol.track}, see docs/benchmark-folder.md",
-                fix=f"add them, or take the scene out of protocol {protocol.name}",
-            )
+
+def _check_ids(table: pd.DataFrame | None, name: str, scene: str, home: Path) -> None:
+    ids = [] if table is None else table["id"].tolist()
+    without = [one for one in ids if not one.startswith(f"{scene}/")]
+    if without:
+        raise BenchmarkError(
+            f"ids of {name} lack their scene: {first_of(without, len(ids))}",
+            where=home,
+            expected=f"ids that begin with the scene, such as {scene}/{without[0]}",
+            fix="write them so in all tables, then seal the folder again",
+        )
 
 
 def _with_checksums(folder: Path, scene: SceneFile, said: list[str], replace: bool) -> SceneFile:

@@ -75,3 +75,11 @@ def test_what_a_picture_needs_is_said(
     assert run_main("plot", "recall", "--help") == 0
     said = capsys.readouterr().out
     assert [line for line in said.splitlines() if "RESULTS" in line and "required" in line]
+
+
+def test_help_of_published_data_says_where_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        app(["prepare", "uav-visloc", "--help"])
+    said = capsys.readouterr().out
+    assert "https://github.com/IntelliSensing/UAV-VisLoc" in said
+    assert "Licence:" in said

@@ -436,10 +436,19 @@ def test_records_of_another_kind_are_left_aside(
 
 
 def test_protocols_say_where_the_data_are(
-    flights: Flights, source: Path, data: Path, capsys: pytest.CaptureFixture[str]
+    flights: Flights,
+    source: Path,
+    data: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert prepare(source, "--scene", "one") == 0
     capsys.readouterr()
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run_main("protocols") == 0
+    listed = capsys.readouterr().out
+    assert max(map(len, listed.splitlines())) <= 80
+    assert "flights-retrieval-partial" in listed
     assert run_main("protocols", "--format", "json") == 0
     said = capsys.readouterr().out
     for text in ("https://example.org", "CC BY 4.0", "North is up.", "flights-retrieval-partial"):

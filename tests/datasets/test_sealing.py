@@ -105,6 +105,44 @@ def test_a_scene_without_its_files_is_refused(
     assert "has no protocol" in capsys.readouterr().err
 
 
+def beyond_the_last_tile(home: Path) -> None:
+    path = home / "retrieval" / "positives.npz"
+    with np.load(path) as arrays:
+        found = dict(arrays)
+    found["tiles"][-1] = 10_000
+    np.savez(path, **found)
+
+
+def without_scenes(home: Path) -> None:
+    for path in home.rglob("*.csv"):
+        path.write_text(path.read_text().replace("park/", ""))
+
+
+UNREADABLE = {
+    "no footprints": (
+        lambda home: (home / "retrieval" / "footprints.csv").unlink(),
+        "footprints.csv: the benchmark folder has no truth here",
+    ),
+    "positives beyond the last tile": (beyond_the_last_tile, "the positives are damaged"),
+    "ids without the scene": (without_scenes, "ids of queries lack their scene"),
+}
+
+
+@pytest.mark.parametrize("what", UNREADABLE)
+def test_what_eval_refuses_is_not_sealed(
+    folder: Path, what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil, message = UNREADABLE[what]
+    spoil(folder / "scenes" / "park")
+    change(folder, "checksums")
+    before = (folder / "benchmark.toml").read_bytes()
+    assert run_main("seal-folder", folder) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert "seal the folder again" in said
+    assert (folder / "benchmark.toml").read_bytes() == before
+
+
 def test_the_page_names_every_column(folder: Path) -> None:
     named = set(re.findall(r"`([A-Za-z0-9_]+)`", PAGE.read_text()))
     seen = 0

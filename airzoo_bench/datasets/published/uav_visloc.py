@@ -103,8 +103,9 @@ class UavVisLoc(NativeDataset[UavVisLocOptions]):
             "Heading: Phi1, clockwise from true north (--heading-column, --heading), as Game4Loc "
             "reads it and as the long sides of six maps lie; the benchmark's own table says 0 is "
             "east. Half a turn changes no truth of retrieval.",
-            "07.csv has no heading: all its photos get -1.5 degrees, the flight's Phi in the "
-            "benchmark's table (--missing-heading).",
+            "07.csv has no column of a heading (only it may lack one): all its photos get -1.5 "
+            "degrees, the flight's Phi in the benchmark's table. So do single photos of other "
+            "flights whose cell is empty, with their flight's Phi (--missing-heading).",
             "Heights are above the ground, which is a plane (--plane-height). Where they vary by "
             "more than 100 m (5th to 95th percentile; known of 05, 06, 11) they are likely above "
             "sea level: the plane is then put so that their median is 500 m above it "

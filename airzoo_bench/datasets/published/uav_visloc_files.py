@@ -43,6 +43,13 @@ def found_root(source: Path) -> Path:
         )
     if _numbered(source):
         return source
+    if re.fullmatch(r"[0-9]{1,2}", source.resolve().name) and (source / "drone").is_dir():
+        raise BenchmarkError(
+            "is the folder of one flight",
+            where=source,
+            expected=f"the folder above it: {_LAYOUT}",
+            fix=f"--source {source.resolve().parent} --scene {source.resolve().name}",
+        )
     folders = [path for path in sorted(source.iterdir()) if path.is_dir()]
     below = [path for path in folders if os.access(path, os.R_OK | os.X_OK) and _numbered(path)]
     if len(below) == 1:

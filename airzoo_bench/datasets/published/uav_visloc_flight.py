@@ -34,6 +34,8 @@ from airzoo_bench.geometry.units import grid_convergence_deg
 __all__ = ["read_flight"]
 
 _COLUMNS = ("filename", "lat", "lon", "height")
+_HEADINGS = ("Phi1", "Phi2", "Phi", "Yaw", "Heading")  # what a heading may be called
+_WITHOUT_HEADING = "07"  # whose table as published has no column of a heading
 # Phi of each flight by the table in UAV-VisLoc's README.
 _FLIGHT_PHI = dict(
     zip(
@@ -81,7 +83,7 @@ def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> N
     folder = folders[flight]
     images, there = drone_photos(folder)
     path = flight_table(folder, flight)
-    rows, notes = _with_headings(_read_rows(path, there, options), flight, options)
+    rows, notes = _with_headings(_read_rows(path, there, flight, options), flight, options)
     plane, plane_notes = _plane_height(rows.height, flight, options, path)
     dom = flight_map(root, folder, flight, options.joined_maps)
     crs = _utm_zone(rows.lonlat)
@@ -103,9 +105,12 @@ def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> N
     )
 
 
-def _read_rows(path: Path, there: Mapping[str, str], options: UavVisLocOptions) -> _Rows:
+def _read_rows(
+    path: Path, there: Mapping[str, str], flight: str, options: UavVisLocOptions
+) -> _Rows:
     column = options.heading_column
-    table = read_table(path, (*_COLUMNS, column), optional=(column,))
+    optional = (column,) if flight == _WITHOUT_HEADING else ()
+    table = read_table(path, (*_COLUMNS, column), optional, synonyms={column: _HEADINGS})
     if not len(table):
         raise BenchmarkError("has no rows", where=path, expected="a row a photo")
     table.require_unique("filename")

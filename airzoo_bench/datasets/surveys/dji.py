@@ -71,8 +71,8 @@ class DjiFolders(Survey[DjiOptions]):
     options = DjiOptions
     without_truth = MappingProxyType(
         {
-            "matching": "the photos' metadata are the truth, and cannot be the prior too: give "
-            "--dsm, and --priors of another source",
+            "matching": "the photos' metadata are the truth, and cannot be the prior too: it needs "
+            "--priors of another source, and --dsm",
             "reconstruction": "no true cloud was given (--cloud)",
         }
     )

@@ -48,6 +48,7 @@ _RADIANS = ("rad", "rads", "radian", "radians")
 # Metashape writes what was given, and what it found under the same names with this ending.
 _FOUND = "est"
 _POSE = ("lat", "lon", "x", "y", "height", "yaw", "pitch", "roll", "omega", "phi", "kappa")
+_HEADINGS = ("heading", "azimuth", "bearing", "course")  # which people write for yaw
 _SEPARATORS = (",", ";", "\t", None)  # None: blanks
 _HEADER_LINES = 20  # within which the header is looked for
 _LEAST_COLUMNS = 4
@@ -226,6 +227,9 @@ def _require_columns(path: Path, names: Sequence[str], header: Mapping[str, str]
     if lacking:
         unknown = [name for name in names if name and _column(name) is None]
         near = [nearest(name, unknown) for name in lacking[:1]]
+        headings = [name for name in unknown if _plain(name) in _HEADINGS]
+        if "yaw" not in there and headings:
+            near.append(f" (did you mean yaw by {headings[0]!r}? Rename it)")
         raise BenchmarkError(
             f"lacks {'; '.join(lacking)}{''.join(near)}; its columns are "
             f"{', '.join(names)[:300]!r}",

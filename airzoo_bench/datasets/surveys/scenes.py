@@ -13,7 +13,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.height_systems import check_accuracy, surface_altitudes, surface_centres
 from airzoo_bench.datasets.native import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
-from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.datasets.poses import PosedPhotos, check_centred
 from airzoo_bench.datasets.sources import check_names, metric_crs
 from airzoo_bench.datasets.surveys.survey import SurveyOptions
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
@@ -85,10 +85,12 @@ def survey_scene(
     Raises
     ------
     UserError
-        A photo's metadata or the table of priors are damaged, or names cannot become ids.
+        A photo's metadata or the table of priors are damaged, names cannot become ids, or a camera
+        is of another image size.
     """
     photos = found.photos
     check_names(photos.names, found.images)
+    check_centred(photos, found.poses_from)
     stated = options.crs or photos.crs or ""
     place = f"--crs {options.crs}" if options.crs else str(found.poses_from)
     crs = metric_crs(stated, place).to_string()

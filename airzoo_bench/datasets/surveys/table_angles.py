@@ -120,6 +120,7 @@ def _degrees(given: PoseTable, rows: list[int], convention: Convention, unit: st
     columns = angle_columns(given)
     values = np.column_stack([given.numbers(column, rows, 1e4) for column in columns])
     if unit == "radians":
+        _check_radians(given, values)
         return np.degrees(values)
     if given.in_radians(columns):
         raise BenchmarkError(
@@ -145,6 +146,18 @@ def _degrees(given: PoseTable, rows: list[int], convention: Convention, unit: st
             fix="--angle-unit radians, or --angle-unit degrees if they are",
         )
     return values
+
+
+def _check_radians(given: PoseTable, values: Floats) -> None:
+    most = float(np.abs(values).max())
+    if most > 2.0 * math.pi:
+        names = ", ".join(given.header[column] for column in angle_columns(given))
+        raise BenchmarkError(
+            f"{names} reach {most:.6g}, which is no angle in radians",
+            where=given.table.path,
+            expected="radians, at most 2 pi (6.283) in size",
+            fix="leave out --angle-unit radians if they are degrees",
+        )
 
 
 def _look_like_radians(values: Floats, convention: Convention) -> bool:

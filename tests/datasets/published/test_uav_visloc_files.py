@@ -125,6 +125,14 @@ FOLDER_FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda root: rewrite(root / "01" / "01.csv", ",lat,", ",latitude,"),
         "lacks the column lat",
     ),
+    "a heading by another name": (
+        lambda root: rewrite(root / "01" / "01.csv", ",Phi1", ",Yaw"),
+        r"lacks the column Phi1 \(did you mean 'Yaw' or 'Phi2'\?\)",
+    ),
+    "quoted decimal commas": (
+        lambda root: rewrite(root / "01" / "01.csv", ",405.0,", ',"405,0",'),
+        "column height: '405,0'(.|\n)*fix: .*decimal point, or separate the values by semicolons",
+    ),
     "decimal commas": (
         lambda root: rewrite(root / "01" / "01.csv", "29.7", "29,7"),
         "line 2: has 11 values for 10 columns",
@@ -249,6 +257,12 @@ def test_no_flights(root: Path, tmp_path: Path, made: str) -> None:
     }
     with pytest.raises(UserError, match=messages[made]):
         UAV_VISLOC.scenes(UavVisLocOptions(source))
+
+
+def test_the_folder_of_a_flight_names_the_one_above(root: Path) -> None:
+    with pytest.raises(UserError, match="is the folder of one flight") as refused:
+        UAV_VISLOC.scenes(UavVisLocOptions(root / "01"))
+    assert refused.value.fix == f"--source {root} --scene 01"
 
 
 def test_a_broken_flight_leaves_nothing(

@@ -305,6 +305,14 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
         of_smaller_photos(True),
         ["poses.csv", "fx is 17 px", "makes 33.51"],
     ),
+    "degrees as radians": (
+        lambda made: [*gimbal_table(made), "--angle-unit", "radians"],
+        ["which is no angle in radians", "leave out --angle-unit radians"],
+    ),
+    "a camera of half the size": (
+        bad_camera('{"fx": 21, "cx": 10, "cy": 7.5}'),
+        ["camera matrices of another image size", "(10.0, 7.5)", "scale K"],
+    ),
     "which CRS": (without("--crs"), ["the CRS of the columns X and Y", "--crs EPSG:32633"]),
     "no camera": (without("--camera"), ["no camera is given", "focal_mm and sensor_mm"]),
     "no map": (without("--dom"), ["--dom must be given"]),
@@ -314,6 +322,10 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
     "no height": (
         header(GIMBAL.replace("altitude", "hight")),
         ["lacks height (did you mean 'hight'?)", "'image, longitude, latitude, hight"],
+    ),
+    "a heading": (
+        header(GIMBAL.replace("GimbalYawDegree", "heading")),
+        ["lacks yaw, pitch and roll", "(did you mean yaw by 'heading'? Rename it)"],
     ),
     "twice the same": (
         header(GIMBAL.replace("GimbalYawDegree", "Lng")),
