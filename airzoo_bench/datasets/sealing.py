@@ -102,8 +102,10 @@ def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
     try:
         truth = TRACKS.get(protocol.track).read_truth(benchmark, scene)
     except BenchmarkError as error:
+        # A folder made by hand cannot be prepared again.
+        fix = _BY_HAND if "prepare" in (error.fix or "prepare") else error.fix
         raise BenchmarkError(
-            error.what, where=error.where, expected=error.expected, fix=_BY_HAND
+            error.what, where=error.where, expected=error.expected, fix=fix
         ) from error
     for table in ("queries", "tiles"):
         _check_ids(getattr(truth, table, None), table, scene, home)
