@@ -180,7 +180,7 @@ def _floor(path: str | Path | None, methods: Sequence[Scored]) -> NoiseFloor | N
     if path is None:
         return None
     floor = read_noise_floor(Path(path))
-    floor.check_fits(methods[0].result, Path(path), [method.name for method in methods])
+    floor.check_fits({method.name: method.result for method in methods}, Path(path))
     return floor
 
 

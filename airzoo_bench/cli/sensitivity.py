@@ -170,7 +170,7 @@ def _floor(
         ranges=ranges.given,
         draws=draws,
         seed=seed,
-        methods=moved.methods,
+        methods={one.name: one.result.predictions.sha256 for one in methods},
         overall=dict(zip(keys, moved.floors().tolist(), strict=True)),
         scenes={
             scene: dict(zip(keys, moved.floors(scene).tolist(), strict=True))

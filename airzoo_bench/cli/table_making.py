@@ -135,8 +135,8 @@ class _TableMaker:
         if self.request.intervals:
             table = self._with_intervals(table, places)
         if self.request.noise_floor is not None:
-            first = self.results[places[0]]
-            table = self._with_noise_floor(table, self.request.noise_floor, first)
+            own = [self.results[place] for place in places]
+            table = self._with_noise_floor(table, self.request.noise_floor, own)
         if self.request.published:
             table = self._with_published(table, self.results[places[0]])
         if self.request.floors and self.layout is not Layout.RESULT:
@@ -146,12 +146,15 @@ class _TableMaker:
                 table = table.noted(*_of_floors(floors), legend=True)
         return table
 
-    def _with_noise_floor(self, table: MethodTable, path: Path, result: Result) -> MethodTable:
+    def _with_noise_floor(
+        self, table: MethodTable, path: Path, results: Sequence[Result]
+    ) -> MethodTable:
         from airzoo_bench.results.sensitivity import read_noise_floor
         from airzoo_bench.tables.wording import noise_floor_note
 
         floor, scene = read_noise_floor(path), self.request.scene
-        floor.check_fits(result, path, [entry.method for entry in table.rows])
+        names = [entry.method for entry in table.rows]
+        floor.check_fits(dict(zip(names, results, strict=True)), path)
         scene = None if scene is None else find_scene(table.scenes, scene)
         note = noise_floor_note({score: floor.of(score.key, scene) for score in table.scores})
         return table.noted(*note, legend=True)

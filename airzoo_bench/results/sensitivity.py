@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -110,8 +110,8 @@ class NoiseFloor(Strict):
     ranges : dict of str to float
         How far each value was moved, see `retrieval.assumptions.AssumedRanges`.
     draws, seed : int
-    methods : tuple of str
-        Whose differences were looked at.
+    methods : dict of str to str
+        Whose differences were looked at: names, with the SHA-256 of their predictions.
     overall : dict of str to float
         Floors of the average over scenes by score, 0 to 1.
     scenes : dict of str to dict of str to float
@@ -125,7 +125,7 @@ class NoiseFloor(Strict):
     ranges: dict[str, Floor]
     draws: Annotated[int, Field(ge=0)]
     seed: Annotated[int, Field(ge=0)]
-    methods: Annotated[tuple[str, ...], Field(min_length=2)]
+    methods: Annotated[dict[str, str], Field(min_length=2)]
     overall: dict[str, Floor]
     scenes: dict[str, dict[str, Floor]]
 
@@ -134,14 +134,15 @@ class NoiseFloor(Strict):
         floors = self.overall if scene is None else self.scenes.get(scene, {})
         return floors.get(score)
 
-    def check_fits(self, result: Result, path: Path, methods: Sequence[str]) -> None:
-        """Refuse floors of another protocol or truth than a result's, or of other methods.
+    def check_fits(self, results: Mapping[str, Result], path: Path) -> None:
+        """Refuse floors of another protocol or truth than results by method, or of others.
 
         Raises
         ------
         ResultError
             They are.
         """
+        result = next(iter(results.values()))
         ours = (self.protocol_fingerprint, self.truth_fingerprint)
         if ours != (result.protocol.fingerprint, result.truth.fingerprint):
             raise ResultError(
@@ -151,11 +152,12 @@ class NoiseFloor(Strict):
                 f"truth {result.truth.fingerprint[:12]}",
                 fix=_MAKE,
             )
-        others = [name for name in methods if name not in self.methods]
+        known = set(self.methods.values())
+        others = [n for n, one in results.items() if one.predictions.sha256 not in known]
         if others:
             raise ResultError(
                 f"noise floors of differences between {', '.join(self.methods)}, not of "
-                f"{first_of(others, len(methods))}",
+                f"{first_of(others, len(results))}",
                 where=path,
                 expected="floors that were made of all methods that are compared",
                 fix=_MAKE,

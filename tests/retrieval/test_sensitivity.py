@@ -226,7 +226,7 @@ def test_floors_of_another_truth_are_refused(results: list[Path]) -> None:
     floor.write_text(json.dumps(changed))
     found = read_noise_floor(floor)
     with pytest.raises(ResultError, match="another protocol or truth"):
-        found.check_fits(read_scored(results)[0].result, floor, found.methods)
+        found.check_fits({one.name: one.result for one in read_scored(results)}, floor)
     floor.write_text("{}")
     with pytest.raises(ResultError, match="no noise floors"):
         read_noise_floor(floor)
@@ -279,7 +279,7 @@ def test_verdicts_by_floor(floor: float, word: str) -> None:
         ranges={},
         draws=0,
         seed=0,
-        methods=("sure", "worse"),
+        methods={"sure": "0", "worse": "1"},
         overall={"recall@1": floor},
         scenes={},
     )
