@@ -124,7 +124,7 @@ def _sure_of_nested(place: Path) -> float:
     """Leave to the suite's own layout what it reads: results.npz alone in a scene's folder."""
     results = _results(place)
     own = results is not None and (place.is_file() or results == place / _CANONICAL)
-    return 0.4 if own else _sure(place)
+    return 0.2 if own else _sure(place)
 
 
 def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:

@@ -164,11 +164,11 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
         lambda _, folder: (folder.mkdir(), folder)[1],
         ["p: holds no cloud, mesh or npz", "school.ply", "name the files by their scenes"],
     ),
-    "a csv": (
-        lambda _, folder: (folder.with_suffix(".csv").write_text("a"), folder.with_suffix(".csv"))[
+    "a document": (
+        lambda _, folder: (folder.with_suffix(".doc").write_text("a"), folder.with_suffix(".doc"))[
             1
         ],
-        ["p.csv: no kind of file that", "'.csv'", ".ply", "template"],
+        ["p.doc: no kind of file that", "'.doc'", ".ply", "template"],
     ),
     "only other scenes": (
         edited(clouds(), lambda p: [f.rename(p / f"x{f.name}") for f in p.glob("*.ply")]),

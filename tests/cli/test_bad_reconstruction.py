@@ -64,7 +64,7 @@ def test_faults(case: str, world: World, tmp_path: Path, capsys: Capture) -> Non
 @pytest.mark.parametrize(
     ("name", "fragments"),
     [
-        ("p.csv", ["p.csv: no kind of file that predictions come in: '.csv'", "retrieval: .npz"]),
+        ("p.doc", ["p.doc: no kind of file that predictions come in: '.doc'", "retrieval: .npz"]),
         ("p", ["p: holds no cloud, mesh or npz"]),
         ("nowhere.ply", ["nowhere.ply: "]),
     ],
@@ -73,7 +73,7 @@ def test_check_of_what_is_no_prediction(
     name: str, fragments: list[str], world: World, tmp_path: Path, capsys: Capture
 ) -> None:
     (tmp_path / "p").mkdir()
-    (tmp_path / "p.csv").write_text("a,b\n")
+    (tmp_path / "p.doc").write_text("a,b\n")
     assert run_main("check", tmp_path / name) == 2
     message = capsys.readouterr().err
     for fragment in fragments:

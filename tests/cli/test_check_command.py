@@ -176,7 +176,7 @@ def test_a_scene_by_its_title_is_told_how_it_is_written(
 
 OF_TRACKS = {
     "retrieval": ("uav-visloc-retrieval", ["p.npz", "p.parquet"]),
-    "matching": ("photos-matching", ["p.npz", "p.txt"]),
+    "matching": ("photos-matching", ["p.npz"]),  # a .txt may be a cloud
     "reconstruction": ("photos-reconstruction", ["p.npz", "p.ply", "p.laz", "p.zip", "p"]),
 }
 """A protocol of each track, and what its predictions come as; names without ending are folders."""

@@ -189,7 +189,7 @@ def pack_bytes(path: Path, files: list[tuple[str, bytes]]) -> Path:
         (["a/x.ply", "a/y.ply", "b.ply"], "two entries"),
         (["a.ply", "b.zip"], "an archive inside"),
         (["a.ply", "b.ply.gz"], "an archive inside"),
-        (["a.txt"], "holds no cloud"),
+        (["a.doc"], "holds no cloud"),
         (["a/b/c.ply", "d/e/f.ply"], "holds no cloud"),
         ([], "holds no cloud"),
     ],
@@ -273,10 +273,10 @@ def test_protocols_that_are_no_names(name: str, folder: Path) -> None:
 
 
 def test_endings_that_are_not_read_are_named(tmp_path: Path) -> None:
-    (tmp_path / "small.xyz").write_text("0 0 0\n")
-    with refused("small.xyz") as caught:
+    (tmp_path / "small.shp").write_text("0 0 0\n")
+    with refused("small.shp") as caught:
         listed(tmp_path)
-    assert caught.value.fix == "endings such as '.xyz' are not read: write a cloud as .ply"
+    assert caught.value.fix == "endings such as '.shp' are not read: write a cloud as .ply"
 
 
 def test_nothing_there(tmp_path: Path) -> None:

@@ -161,7 +161,7 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
 
     path = world.write(tmp_path / "m.npz", world.poses())
     run = evaluate(path, data=world.root)
-    truth, dom = run.truths[0], run.truths[0].dom
+    truth, dom = run.truths[0], run.truths[0].maps[0].dom
     corner, east, south = to_lonlat(
         dom.crs, np.array([[5e5, 5.2e6], [5e5 + 600, 5.2e6], [5e5, 5.2e6 - 600]])
     )
@@ -175,7 +175,9 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
         return draw_queries_on_map(GREY, extent, truth_xy, estimate_xy, title)
 
     monkeypatch.setattr(matching_figures, "draw_queries_on_map", look)
-    for number, other in enumerate((truth, replace(truth, dom=lonlat))):
+    for number, other in enumerate(
+        (truth, replace(truth, maps=(replace(truth.maps[0], dom=lonlat),)))
+    ):
         matching_figures._draw_map(other, run.scored["hills"], "Hills", tmp_path / f"{number}.png")
     np.testing.assert_allclose(seen[0][0], (0, 600, 0, 600))
     expected = world.truth.poses.centres[:, :2] - (5e5, 5.2e6 - 600)

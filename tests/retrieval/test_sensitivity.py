@@ -237,7 +237,8 @@ def test_floors_of_other_methods_are_refused(
 ) -> None:
     floor, third = results[0].parent / "floor.json", results[0].parent / "third"
     assert run_main("sensitivity", "park", *results, "--height", 5, "--out", floor) == 0
-    predicted = results[0].parent / "sure.npz"
+    predicted = results[0].parent / "third.npz"
+    assert run_main("template", "park-retrieval", "--seed", 5, "--out", predicted) == 0
     assert run_main("eval", "retrieval", predicted, "--out", third) == 0
     capsys.readouterr()
     for command in ("compare", "table"):

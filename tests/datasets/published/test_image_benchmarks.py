@@ -306,7 +306,7 @@ def test_from_the_command_line(
     assert "nan" not in (said + capsys.readouterr().out).lower()
     assert run_main("table", out) == 0
     assert run_main("report", out, "--out", tmp_path / "report.html") == 0
-    assert ": its gallery is a set of images" in capsys.readouterr().err
+    assert ": it has many small ones, or images only" in capsys.readouterr().err
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/jpeg") > 3  # photos, and the tiles that were ranked first
 
