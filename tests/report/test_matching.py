@@ -175,10 +175,10 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
         return draw_queries_on_map(GREY, extent, truth_xy, estimate_xy, title)
 
     monkeypatch.setattr(matching_figures, "draw_queries_on_map", look)
-    for number, other in enumerate(
-        (truth, replace(truth, maps=(replace(truth.maps[0], dom=lonlat),)))
-    ):
-        matching_figures._draw_map(other, run.scored["hills"], "Hills", tmp_path / f"{number}.png")
+    reference = truth.maps[0]
+    for number, one in enumerate((reference, replace(reference, dom=lonlat))):
+        scored, path = run.scored["hills"], tmp_path / f"{number}.png"
+        matching_figures._draw_map(truth, one, scored, "Hills", path)
     np.testing.assert_allclose(seen[0][0], (0, 600, 0, 600))
     expected = world.truth.poses.centres[:, :2] - (5e5, 5.2e6 - 600)
     np.testing.assert_allclose(seen[0][1], expected, atol=1e-6)
