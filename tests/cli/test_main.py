@@ -104,7 +104,7 @@ def test_a_method_s_name_is_shown_and_never_obeyed(
 def test_a_reader_that_goes_away_is_no_fault() -> None:
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "airzoo_bench", "protocols"]
+    command = [sys.executable, "-m", "airzoo_bench", "readers"]
     with os.fdopen(write, "wb") as pipe:
         done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, env=environment())
     assert (done.returncode, done.stderr) == (0, b"")

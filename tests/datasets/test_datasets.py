@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -165,21 +164,6 @@ def test_what_is_published_is_told(name: str) -> None:
     for sentence in (*about.assumptions, *about.unverified):
         assert sentence[0].isupper() or sentence[0].isdigit()
         assert sentence.endswith(".")
-
-
-@pytest.mark.parametrize("arguments", [("prepare",), ("prepare", "uav-visloc")])
-def test_help_comes_at_once(arguments: tuple[str, ...]) -> None:
-    """CPU seconds of the quickest of five: other processes slow them down."""
-    seconds = []
-    for _ in range(5):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-        subprocess.run(
-            [sys.executable, "-m", "airzoo_bench", *arguments, "--help"],
-            stdout=subprocess.DEVNULL,
-            check=True,
-        )
-        seconds.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
-    assert min(seconds) < 0.4, seconds
 
 
 def test_none_loads_numpy_for_the_help() -> None:
