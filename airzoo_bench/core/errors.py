@@ -20,6 +20,7 @@ __all__ = [
     "ProtocolError",
     "RasterError",
     "ResultError",
+    "SubmissionError",
     "UnreadableError",
     "UsageError",
     "UserError",
@@ -108,6 +109,10 @@ class UnreadableError(PredictionError):
 
 class ResultError(UserError):
     """A result file cannot be read, or results cannot be put side by side."""
+
+
+class SubmissionError(UserError):
+    """A submission, or the board that it is for, is not as it must be."""
 
 
 class RasterError(UserError):

@@ -1,0 +1,1 @@
+"""The leaderboard: submissions and their checks, sealed truth, the public board, exports."""

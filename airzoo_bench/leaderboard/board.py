@@ -1,0 +1,76 @@
+"""What a board states of itself, in ``leaderboard.toml`` at the root of its repository."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.validation import Count, Name, Strict, read_toml, validated
+
+__all__ = ["BOARD_FILE", "Board", "BoardBenchmark", "Limits", "read_board"]
+
+BOARD_FILE = "leaderboard.toml"
+
+Title = Annotated[str, Field(min_length=1, max_length=120)]
+
+
+class Limits(Strict):
+    """What a submission may cost the board.
+
+    Attributes
+    ----------
+    committed_bytes, url_bytes : int
+        Of all files of a submission in the repository, and of predictions at an address.
+    tries, days : int
+        Scored tries of one account within so many days, on a sealed benchmark.
+    """
+
+    committed_bytes: Count = 25_000_000
+    url_bytes: Annotated[int, Field(ge=1, le=1 << 40)] = 20_000_000_000
+    tries: Count = 4
+    days: Count = 30
+
+
+class BoardBenchmark(Strict):
+    """A benchmark that the board is of.
+
+    Attributes
+    ----------
+    name : str
+        Of the benchmark folder in the data root, and of the folder below submissions/.
+    protocols : tuple of str
+        One a track.
+    sealed : str or None
+        The archive of the truth, relative to the repository; none where the truth is public.
+    """
+
+    name: Name
+    title: Title
+    protocols: Annotated[tuple[Name, ...], Field(min_length=1)]
+    sealed: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._/-]*\.age$")] | None = None
+
+
+class Board(Strict):
+    """The benchmarks of a board, and its rules."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    title: Title
+    url: Annotated[str, Field(pattern=r"^https://\S+$")] | None = None
+    repository: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+/[A-Za-z0-9_.-]+$")] | None = None
+    limits: Limits = Limits()
+    benchmarks: Annotated[tuple[BoardBenchmark, ...], Field(min_length=1)]
+
+
+def read_board(path: Path) -> Board:
+    """Read a leaderboard.toml.
+
+    Raises
+    ------
+    SubmissionError
+        It is missing, no TOML, or has missing, unknown or malformed keys.
+    """
+    data = read_toml(path, SubmissionError, "leaderboard file")
+    return validated(data, Board, SubmissionError, path, "leaderboard file")
