@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Bools, Floats
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,6 +38,7 @@ _LARGEST_WHOLE = 1 << 31
 _LARGEST, _LARGEST_LON, _LARGEST_LAT = 1e9, 540.0, 90.0
 _NAMED = 3
 _SHOWN = 40
+_PLAIN = r"^-?[0-9]{1,20}(\.[0-9]{1,30})?(e[+-]?[0-9]{1,2})?$"
 _FIX = "correct it, or prepare the benchmark again"
 
 
@@ -91,7 +94,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
     typed = table.assign(**{name: _typed(path, table[name]) for name in _known(table)})
     for name in complete:
         values = typed[name]
-        refuse_cells(path, name, table[name].tolist(), values.isna().tolist(), "a number")
+        refuse_cells(path, name, table[name].to_numpy(object), values.isna().tolist(), "a number")
     return typed
 
 
@@ -127,15 +130,14 @@ def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
     """Return a column as what its name promises, or refuse the first values that are none."""
     import pandas as pd
 
-    name, values = str(column.name), column.tolist()
+    name, values = str(column.name), column.to_numpy(object)
     if name in _TEXTS:
-        odd = [not (isinstance(v, str) and v and v.isprintable()) for v in values]
-        refuse_cells(path, name, values, odd, "text that prints")
+        if not _all_print(values):
+            refuse_cells(path, name, values, [not _prints(v) for v in values], "text that prints")
         if name == "id":
             refuse_cells(path, name, values, column.duplicated().tolist(), "each id once")
         return column.astype(str)
-    numbers = np.array([_number(value) for value in values], np.float64)
-    missing = np.array([_is_missing(value) for value in values], np.bool_)
+    numbers, missing = _numbers(column)
     limit = _limit(name)
     wrong = ~(np.abs(numbers) <= limit) & ~missing
     refuse_cells(path, name, values, wrong.tolist(), f"a number, at most {limit:.12g} in size")
@@ -146,6 +148,44 @@ def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
     wrong = ~((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST_WHOLE))
     refuse_cells(path, name, values, wrong.tolist(), "a whole number")
     return pd.Series(numbers.astype(np.int64), column.index, name=name)
+
+
+def _all_print(values: NDArray[np.object_]) -> bool:
+    try:
+        joined = "".join(values)
+    except TypeError:  # not all are texts
+        return False
+    return joined.isprintable() and bool((values != "").all())
+
+
+def _prints(value: object) -> bool:
+    return isinstance(value, str) and value != "" and value.isprintable()
+
+
+def _numbers(column: pd.Series[Any]) -> tuple[Floats, Bools]:
+    """Return a column as numbers, NaN where a cell is none, and which cells are empty."""
+    import pyarrow as pa
+
+    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
+        numbers = column.to_numpy(np.float64)
+        return numbers, np.isnan(numbers)
+    try:
+        return _plain_numbers(pa.array(column, pa.large_string(), from_pandas=True))
+    except (pa.ArrowTypeError, pa.ArrowInvalid):  # not all are texts, or plain ones
+        values = column.tolist()
+        missing = np.array([_is_missing(value) for value in values], np.bool_)
+        return np.array([_number(value) for value in values], np.float64), missing
+
+
+def _plain_numbers(texts: Any) -> tuple[Floats, Bools]:
+    """Read decimal numbers at once, rounded correctly; raises ArrowInvalid for other texts."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not pc.all(pc.match_substring_regex(texts, _PLAIN), min_count=0).as_py():
+        raise pa.ArrowInvalid
+    missing = texts.is_null().to_numpy(zero_copy_only=False)
+    return texts.cast(pa.float64()).to_numpy(zero_copy_only=False), missing
 
 
 def _limit(name: str) -> float:
@@ -175,7 +215,7 @@ def _is_missing(value: object) -> bool:
 def refuse_cells(
     path: Path,
     name: str,
-    values: list[Any],
+    values: Sequence[Any] | NDArray[Any],
     wrong: list[bool],
     expected: str,
     ids: Sequence[str] = (),
@@ -187,7 +227,7 @@ def refuse_cells(
     path : Path
     name : str
         Of the column.
-    values, wrong : list of N
+    values, wrong : sequence of N
     expected : str
     ids : sequence of N str, optional
         To be named beside the rows.

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from datetime import datetime
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.core.files import atomic_entries
+from airzoo_bench.core.files import atomic_entries, sha256_of
 from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.results.records_csv import csv_blocks
 from airzoo_bench.results.result import read_result, write_result
 
 __all__ = ["check_run_folder", "earlier_run", "save"]
@@ -52,10 +52,11 @@ def save(evaluation: Evaluation, folder: Path) -> list[Path]:
         The files, ``result.json`` first.
     """
     check_run_folder(folder)
-    content = evaluation.records.to_csv(index=False, lineterminator="\n").encode()
-    result = evaluation.result.with_records(hashlib.sha256(content).hexdigest())
     with atomic_entries(folder, _run_entries()) as staged:
-        (staged / "records.csv").write_bytes(content)
+        with (staged / "records.csv").open("wb") as stream:
+            for block in csv_blocks(evaluation.records):
+                stream.write(block)
+        result = evaluation.result.with_records(sha256_of(staged / "records.csv"))
         write_result(staged / "result.json", result)
         for name, write in evaluation.given.track.files.items():
             write(evaluation, staged / name)

@@ -66,6 +66,9 @@ def rank_scene(
         kept, depth, cut = n_tiles, n_tiles, kept
     match content:
         case RankedIds() as ranked:
+            if isinstance(settings, RetrievalScores) and ranked.scores is None:
+                # Ranks beyond short lists would hold nothing, for each of a million queries.
+                kept = min(kept, max(ranked.ids.shape[1], settings.deepest))
             step = max(1, _CELLS // max(1, ranked.ids.shape[1], kept))
             rank = partial(_rank_some, ranked, truth, kept, depth)
         case Descriptors() as described:

@@ -109,10 +109,14 @@ class RetrievalScores(Strict):
 
     @model_validator(mode="after")
     def _kept_ranks_suffice(self) -> RetrievalScores:
-        deepest = max(*self.recall_at, self.ap_at, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
-        if self.ranks_kept < deepest:
-            raise ValueError(f"ranks_kept must reach the deepest score, {deepest}")
+        if self.ranks_kept < self.deepest:
+            raise ValueError(f"ranks_kept must reach the deepest score, {self.deepest}")
         return self
+
+    @property
+    def deepest(self) -> int:
+        """The deepest rank that any score names."""
+        return max(*self.recall_at, self.ap_at, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
 
     @property
     def depth(self) -> int:
