@@ -276,7 +276,7 @@ class _Run:
 
 
 def _is_as_written(place: Path) -> bool:
-    """Whether scenes can be taken from a place: a benchmark folder's files are as it was sealed."""
+    """Whether scenes can be taken from a place: none of its files was changed."""
     if not (place / "benchmark.toml").is_file():
         return True  # a scene that an earlier run has finished
     try:
