@@ -13,7 +13,8 @@ and every file of it is held to its checksum.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -37,6 +38,11 @@ __all__ = [
 
 
 PartT = TypeVar("PartT")
+
+_BY_HAND = (
+    "correct it (docs/benchmark-folder.md says what is expected), then run `airzoo-bench manifest "
+    "{folder} --force`"
+)
 
 
 def needed(part: PartT | None, what: str, scene: str) -> PartT:
@@ -118,8 +124,20 @@ class Benchmark:
             )
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
-        verify(folder, file)
-        return cls(folder, file)
+        benchmark = cls(folder, file)
+        with benchmark.fixes():
+            verify(folder, file)
+        return benchmark
+
+    @contextmanager
+    def fixes(self) -> Iterator[None]:
+        """Say of faults within how they are mended in a folder that `prepare` did not make."""
+        try:
+            yield
+        except BenchmarkError as error:
+            if self.file.by_hand and "prepare" in (error.fix or "prepare"):
+                error.fix = _BY_HAND.format(folder=self.folder)
+            raise
 
     @property
     def name(self) -> str:

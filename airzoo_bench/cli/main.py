@@ -22,13 +22,13 @@ from airzoo_bench.cli import (
     demo,
     download,
     evaluate,
+    manifest,
     mini,
     plot,
     prepare,
     protocols,
     readers,
     report,
-    seal_folder,
     sensitivity,
     table,
     template,
@@ -76,9 +76,7 @@ app.command(
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
 app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download.download)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
-app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
-    seal_folder.seal_folder
-)
+app.command("manifest", epilog=manifest.EXAMPLES, rich_help_panel=DATA)(manifest.manifest)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(

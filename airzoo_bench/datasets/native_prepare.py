@@ -20,7 +20,7 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.temporaries import only_writer, temporary_folder
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import served_protocols, write_folder_files, write_scene
-from airzoo_bench.datasets.scene_additions import extended_protocols, parts_of
+from airzoo_bench.datasets.scene_additions import extended_protocols, parts_of, shared_photos
 from airzoo_bench.datasets.scene_content import scene_content
 from airzoo_bench.datasets.scene_parts import (
     RECORDS,
@@ -152,6 +152,8 @@ def _alone(folder: Path) -> Iterator[None]:
 def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
     """Make the folder of scenes that were in it before, and those that were finished."""
     settings, parts = run.settings, {**before, **run.parts}
+    for sentence in shared_photos(before, run.parts):
+        settings.note(f"warning: {sentence}")
     made = run.protocols.of_scenes(parts)
     folder = _named(settings.folder, run.protocols, made)
     if made is not run.protocols:
@@ -276,7 +278,7 @@ class _Run:
 
 
 def _is_as_written(place: Path) -> bool:
-    """Whether scenes can be taken from a place: a benchmark folder's files are as it was sealed."""
+    """Whether scenes can be taken from a place: none of its files was changed."""
     if not (place / "benchmark.toml").is_file():
         return True  # a scene that an earlier run has finished
     try:

@@ -189,7 +189,8 @@ def read_truths(track: AnyTrack, protocol: Protocol, data: Path) -> tuple[Benchm
     """
     benchmark = find_benchmark(protocol.benchmark, data)
     benchmark.check_fits(protocol)
-    return benchmark, [track.read_truth(benchmark, scene.id) for scene in protocol.scenes]
+    with benchmark.fixes():
+        return benchmark, [track.read_truth(benchmark, scene.id) for scene in protocol.scenes]
 
 
 def track_of(path: Path, protocol: str | None, data: Path, resources: Resources) -> AnyTrack:

@@ -63,7 +63,7 @@ class Input:
         Data root, relative to the folder; None for what needs no benchmark.
     share : float
         How many cases it gets beside others; less where a case takes long.
-    sealed : bool
+    checksums : bool
         Put hashes right again that hold the file, in nine of ten cases.
     """
 
@@ -74,7 +74,7 @@ class Input:
     commands: tuple[tuple[str, ...], ...]
     data: str | None = None
     share: float = 1.0
-    sealed: bool = False
+    checksums: bool = False
 
 
 def made_inputs(home: Path) -> list[Input]:
@@ -243,7 +243,7 @@ def _matching(home: Path) -> list[Input]:
                 command,
                 "data",
                 0.4,
-                sealed=True,
+                checksums=True,
             )
         )
     return made
@@ -319,7 +319,7 @@ def _reconstruction(home: Path) -> list[Input]:
         (f"{base}/protocols/{reconstruction.PROTOCOL}.toml", spoil_text),
     ):
         name = f"folder/reconstruction {Path(file).name}"
-        made.append(Input(name, whole, file, spoil, command, "data", 0.3, sealed=True))
+        made.append(Input(name, whole, file, spoil, command, "data", 0.3, checksums=True))
     return made
 
 
@@ -456,10 +456,10 @@ def _results(home: Path, retrieval: Path) -> list[Input]:
     made = []
     for file, spoil in (("result.json", spoil_text), ("records.csv", spoil_text)):
         made.append(
-            Input(f"results/{file}", home, f"mine/{file}", spoil, cheap, None, 0.7, sealed=True)
+            Input(f"results/{file}", home, f"mine/{file}", spoil, cheap, None, 0.7, checksums=True)
         )
         made.append(
-            Input(f"report/{file}", home, f"mine/{file}", spoil, report, None, 0.2, sealed=True)
+            Input(f"report/{file}", home, f"mine/{file}", spoil, report, None, 0.2, checksums=True)
         )
     return made
 
@@ -524,13 +524,13 @@ def spoilt(one: Input, random: Random, folder: Path) -> list[str]:
     path = folder / one.file
     before = sha256_of(path)
     path.write_bytes(one.spoil(random, path.read_bytes()))
-    if one.sealed and random.random() < 0.9:
-        _seal(path, before)
+    if one.checksums and random.random() < 0.9:
+        _write_checksums(path, before)
     command = one.commands[int(random.integers(len(one.commands)))]
     return [word.replace("FOLDER", str(folder)).replace("FILE", str(path)) for word in command]
 
 
-def _seal(path: Path, before: str) -> None:
+def _write_checksums(path: Path, before: str) -> None:
     """Put right what holds a file to its hash, as who made the input by hand would have."""
     after = sha256_of(path)
     for holder in (*path.parents[:6],):
@@ -548,17 +548,19 @@ def _seal(path: Path, before: str) -> None:
     if isinstance(values, dict):
         if values.get("records_sha256") == before:
             values["records_sha256"] = after
-        result.write_text(json.dumps(_resealed(values)))
+        result.write_text(json.dumps(_with_checksum(values)))
 
 
-def _resealed(values: dict[str, Any]) -> dict[str, Any]:
+def _with_checksum(values: dict[str, Any]) -> dict[str, Any]:
     from pydantic import ValidationError
 
     from airzoo_bench.results.result import Result
 
     try:
         return json.loads(
-            Result.model_validate_json(json.dumps(values)).sealed().model_dump_json(by_alias=True)
+            Result.model_validate_json(json.dumps(values))
+            .with_checksum()
+            .model_dump_json(by_alias=True)
         )
     except (ValidationError, ValueError):
         return values

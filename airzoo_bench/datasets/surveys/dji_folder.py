@@ -90,6 +90,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
         plane_height_m=plane,
         priors=priors,
         metadata={name: metadata[name] for name in names},
+        is_metadata=True,
         unposed=tuple(name for name in sorted(sizes) if name not in kept),
         notes=tuple(notes),
         truth_accuracy_m=options.truth_accuracy or accuracy,
