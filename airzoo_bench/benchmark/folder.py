@@ -156,6 +156,13 @@ class Benchmark:
         """Return the place of a file that benchmark.toml names."""
         return self.folder / path
 
+    @property
+    def image_folders(self) -> tuple[Path, ...]:
+        """The folder itself, and those of its photos and of galleries of images."""
+        named = [one for scene in self.file.scenes for one in (scene.images, scene.gallery) if one]
+        places = [self.folder, *map(self.resolve, named)]
+        return tuple(place for place in dict.fromkeys(places) if place.is_dir())
+
     def check_fits(self, protocol: TruthWanted) -> None:
         """Refuse a protocol that the truth in this folder was not made for.
 
