@@ -20,7 +20,7 @@ import numpy as np
 
 from airzoo_bench.core.files import sha256_of
 from tests.formats import cloud_support as clouds
-from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
+from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_e57, spoil_text
 from tests.matching import world as matching
 from tests.readers import retrieval_support
 from tests.readers.samples import (
@@ -323,6 +323,9 @@ def _reconstruction(home: Path) -> list[Input]:
     return made
 
 
+_SPOILS = {".npz": spoil_arrays, ".obj": spoil_text, ".e57": spoil_e57}
+
+
 def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> list[Input]:
     """Each file alone in a folder, named by its scene."""
     commands = (("eval", "reconstruction", "FILE", *protocol), ("check", "FILE", *protocol))
@@ -334,7 +337,7 @@ def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> l
         one.mkdir(parents=True)
         ending = path.name[path.name.index(".") :]
         shutil.copy(path, one / f"yard{ending}")
-        spoil = {".npz": spoil_arrays, ".obj": spoil_text}.get(path.suffix, spoil_bytes)
+        spoil = _SPOILS.get(path.suffix, spoil_bytes)
         if "ascii" in path.name:
             spoil = spoil_text
         name = f"reconstruction/{path.name}"
