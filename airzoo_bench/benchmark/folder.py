@@ -13,7 +13,8 @@ and every file of it is held to its checksum.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -37,6 +38,11 @@ __all__ = [
 
 
 PartT = TypeVar("PartT")
+
+_BY_HAND = (
+    "correct it (docs/benchmark-folder.md says what is expected), then run `airzoo-bench manifest "
+    "{folder} --force`"
+)
 
 
 def needed(part: PartT | None, what: str, scene: str) -> PartT:
@@ -118,8 +124,20 @@ class Benchmark:
             )
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
-        verify(folder, file)
-        return cls(folder, file)
+        benchmark = cls(folder, file)
+        with benchmark.fixes():
+            verify(folder, file)
+        return benchmark
+
+    @contextmanager
+    def fixes(self) -> Iterator[None]:
+        """Say of faults within how they are mended in a folder that `prepare` did not make."""
+        try:
+            yield
+        except BenchmarkError as error:
+            if self.file.by_hand and "prepare" in (error.fix or "prepare"):
+                error.fix = _BY_HAND.format(folder=self.folder)
+            raise
 
     @property
     def name(self) -> str:
@@ -137,6 +155,13 @@ class Benchmark:
     def resolve(self, path: str) -> Path:
         """Return the place of a file that benchmark.toml names."""
         return self.folder / path
+
+    @property
+    def image_folders(self) -> tuple[Path, ...]:
+        """The folder itself, and those of its photos and of galleries of images."""
+        named = [one for scene in self.file.scenes for one in (scene.images, scene.gallery) if one]
+        places = [self.folder, *map(self.resolve, named)]
+        return tuple(place for place in dict.fromkeys(places) if place.is_dir())
 
     def check_fits(self, protocol: TruthWanted) -> None:
         """Refuse a protocol that the truth in this folder was not made for.

@@ -64,7 +64,8 @@ class SceneFile(_Model):
 class BenchmarkFile(_Model):
     """The content of benchmark.toml.
 
-    `tracks` holds, by track, section and key, the settings that the truth was made by.
+    `tracks` holds, by track, section and key, the settings that the truth was made by; `by_hand`
+    says that `airzoo-bench manifest` filled in what `prepare` writes.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -74,6 +75,7 @@ class BenchmarkFile(_Model):
     tracks: dict[str, dict[str, dict[str, Any]]]
     scenes: tuple[SceneFile, ...]
     checksums: dict[str, str]
+    by_hand: Literal[True] | None = None
 
 
 def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:

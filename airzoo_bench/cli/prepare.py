@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -138,7 +138,7 @@ def _prepare(
     if add_to is None:
         check_new_folder(folder, replace=force)
     prepared = dataset.prepare(chosen, settings)
-    _print_prepared(dataset, prepared)
+    _print_prepared(dataset.about, dataset.reasons(chosen), prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
         where = with_data(None if prepared.folder.parent == root else prepared.folder)
@@ -147,12 +147,12 @@ def _prepare(
         raise typer.Exit(1)
 
 
-def _print_prepared(dataset: Dataset[Any], prepared: Prepared) -> None:
+def _print_prepared(about: About | None, reasons: Mapping[str, str], prepared: Prepared) -> None:
     put(f"{prepared.folder}\n")
-    _print_about(dataset.about)
-    for scene, summary in prepared.summaries.items():
-        _print_scene(dataset, prepared, scene, summary)
+    _print_about(about)
     several = len(prepared.summaries) > 1
+    for scene, summary in prepared.summaries.items():
+        _print_scene(scene, summary, reasons, several)
     for scene, summary in prepared.summaries.items():
         for sentence in summary.warnings:
             say(f"warning: {_of_scene(scene, sentence) if several else sentence}")
@@ -179,15 +179,15 @@ def _print_about(about: About | None) -> None:
 
 
 def _print_scene(
-    dataset: Dataset[Any], prepared: Prepared, scene: str, summary: SceneSummary
+    scene: str, summary: SceneSummary, reasons: Mapping[str, str], several: bool
 ) -> None:
-    if not summary.facts or len(prepared.summaries) > 1:
+    if not summary.facts or several:
         put(f"{scene}, {counted(summary.photos, 'photo')}\n")
     for line in summary.facts:
         put(f"  {line}\n")
     for track, found in summary.tracks.items():
         _print_track(track, found.text, found.left_out)
-    for track, reason in dataset.without_truth.items():
+    for track, reason in reasons.items():
         if track not in summary.tracks:
             _print_track(track, f"no: {reason}")
 

@@ -114,7 +114,10 @@ def sensitivity(
         **{name: stated.get(name, 0.0) if value is None else value for name, value in given.items()}
     )
     protocol = _protocol_of(methods, found, data)
-    moved = measured(found, protocol, methods, ranges, draws=draws, seed=seed, progress=progress)
+    with found.fixes():
+        moved = measured(
+            found, protocol, methods, ranges, draws=draws, seed=seed, progress=progress
+        )
     for name in score or ():
         check_score(name, moved.scores, "--score")
     chosen = [one for one in moved.scores if not score or {one.key, one.title} & set(score)]

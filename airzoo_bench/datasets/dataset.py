@@ -143,6 +143,11 @@ class Dataset(ABC, Generic[OptionsT]):
     without_truth: ClassVar[Mapping[str, str]] = {}
     about: ClassVar[About | None] = None
 
+    def reasons(self, options: OptionsT) -> Mapping[str, str]:
+        """Return `without_truth`, as it is with these options."""
+        del options
+        return self.without_truth
+
     @abstractmethod
     def benchmark(self, options: OptionsT) -> str:
         """Name the benchmark, which is what its folder in the data root is called.

@@ -13,6 +13,8 @@ from airzoo_bench.geometry.crs import LOCAL_CRS
 
 __all__ = ["fact_lines", "kinds_and_warnings", "plausibility_warnings"]
 
+_SAME_M = 0.001
+
 
 def fact_lines(facts: SceneFacts) -> list[str]:
     """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
@@ -74,6 +76,8 @@ def _poses(facts: SceneFacts) -> str:
         return "in a local frame, without a place on the earth"
     if gps is None:
         return "no photo has a GPS position to hold them against"
+    if facts.is_metadata and gps.distance_m < _SAME_M:
+        return "the photos' own positions and angles"
     text = f"{gps.distance_m:.1f} m from the photos' GPS"
     text += f" ({gps.photos} of {photos} have it)" if gps.photos < photos else ""
     text += f", {gps.height_m:+.1f} m in height" if math.isfinite(gps.height_m) else ""

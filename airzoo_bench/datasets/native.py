@@ -97,6 +97,8 @@ class NativeScene:
         N, NaN where a photo has none.
     metadata : mapping of str to PhotoPrior
         What photos say of themselves, by name.
+    is_metadata : bool
+        Whether poses are the metadata's, which are no priors then.
     conditions : mapping of str to sequence of N
         Further columns of queries.csv, by which scores can be broken down.
     unposed : tuple of str
@@ -125,6 +127,7 @@ class NativeScene:
     plane_height_m: float | None = None
     priors: Poses | None = None
     metadata: Mapping[str, PhotoPrior] = field(default_factory=dict)
+    is_metadata: bool = False
     conditions: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     unposed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -268,7 +271,7 @@ class NativeDataset(Dataset[OptionsT]):
         from airzoo_bench.datasets.scene_parts import SceneSource
 
         return SceneSource(
-            chosen_scenes(self.scenes(options), options.scene),
+            chosen_scenes(self.scenes(options), options.scene, options.source),
             partial(self.read, options, progress=progress),
             partial(self.files, options),
             options,

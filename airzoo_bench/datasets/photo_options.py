@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from airzoo_bench.core.options import Option
 
-__all__ = ["HeightOptions", "PhotoOptions", "ProtocolOptions", "Rule"]
+__all__ = ["HeightOptions", "PhotoOptions", "ProtocolOptions", "Rule", "SceneOptions"]
 
 Rule = Literal["plane", "dsm", "iou"]
 
@@ -74,14 +74,10 @@ class HeightOptions:
     ] = None
 
 
-@dataclass(frozen=True)
-class PhotoOptions(ProtocolOptions, HeightOptions):
-    """Where the parts of a scene lie, and what differs from the protocols to start from."""
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions(HeightOptions):
+    """Where the further parts of a scene lie."""
 
-    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
-    images: Annotated[Path, Option("images", "Folder of the photos.")]
-    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
-    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
     dsm: Annotated[
         Path | None, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")
     ] = None
@@ -107,6 +103,16 @@ class PhotoOptions(ProtocolOptions, HeightOptions):
             "of the surface model).",
         ),
     ] = None
+
+
+@dataclass(frozen=True)
+class PhotoOptions(ProtocolOptions, SceneOptions):
+    """Where the parts of a scene lie, and what differs from the protocols to start from."""
+
+    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
+    images: Annotated[Path, Option("images", "Folder of the photos.")]
+    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
+    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
 
     @property
     def files(self) -> dict[str, Path]:

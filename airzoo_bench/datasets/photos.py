@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,15 +16,53 @@ from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.height_systems import check_accuracy, surface_altitudes, surface_centres
 from airzoo_bench.datasets.native import NativeScene, paths_among
 from airzoo_bench.datasets.native_prepare import prepare_scenes
-from airzoo_bench.datasets.photo_options import PhotoOptions
-from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.datasets.photo_options import PhotoOptions, SceneOptions
+from airzoo_bench.datasets.poses import PosedPhotos, check_centred, read_poses
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.scene_parts import SceneSource
-from airzoo_bench.datasets.sources import check_target, metric_crs, photo_sizes
+from airzoo_bench.datasets.sources import check_names, check_target, metric_crs, photo_sizes
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["metadata_priors", "photo_metadata", "photo_source", "prepare_photos", "read_photos"]
+__all__ = [
+    "FoundPhotos",
+    "metadata_priors",
+    "photo_metadata",
+    "photo_source",
+    "posed_scene",
+    "prepare_photos",
+    "read_photos",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPhotos:
+    """Photos and their poses as a source has them.
+
+    Attributes
+    ----------
+    images : Path
+    sizes : mapping of str to (width, height)
+        Every photo below `images`.
+    photos : PosedPhotos
+        In a projected CRS, which ``--crs`` states where the source does not.
+    poses_from, crs_from
+        For messages: the file of the poses, and what states their CRS.
+    dom, dsm : Path or None
+    notes : tuple of str
+    accuracy_m : float or None
+        Standard error of the positions, as the source has it.
+    """
+
+    images: Path
+    sizes: Mapping[str, tuple[int, int]]
+    photos: PosedPhotos
+    poses_from: Path
+    dom: Path | None
+    dsm: Path | None
+    notes: tuple[str, ...] = ()
+    accuracy_m: float | None = None
+    crs_from: str = ""
 
 
 def prepare_photos(
@@ -68,37 +106,63 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
         )
     sizes = photo_sizes(sources.images, progress)
     photos = read_poses(sources.poses, sizes)
-    place = f"--crs {sources.crs}" if sources.crs else f"{sources.poses}, key 'crs'"
-    named = sources.crs or photos.crs
-    if named is None:
+    if sources.crs is None and photos.crs is None:
         raise UsageError(
             "the CRS of the poses is not known",
             where=sources.poses,
             expected="a projected CRS in metres",
             fix="add the key 'crs' to the file, or give --crs EPSG:...",
         )
-    crs = metric_crs(named, place).to_string()
-    check_accuracy(sources)
-    centres, notes = surface_centres(photos.poses.centres, named, crs, sources, sources.dsm, place)
-    metadata = photo_metadata(photos.names, sources.images, sources.priors, sizes, progress)
-    metadata, more = surface_altitudes(metadata, sources, sources.dsm)
+    found = FoundPhotos(
+        sources.images,
+        sizes,
+        photos,
+        sources.poses,
+        sources.dom,
+        sources.dsm,
+        crs_from=f"{sources.poses}, key 'crs'",
+    )
+    return posed_scene(sources, scene, found, progress)
+
+
+def posed_scene(
+    options: SceneOptions, scene: str, found: FoundPhotos, progress: Progress
+) -> NativeScene:
+    """Make the scene, its priors from the photos' metadata and ``--priors``.
+
+    Raises
+    ------
+    UserError
+        A photo's metadata or the table of priors are damaged, names cannot become ids, or a camera
+        is of another image size.
+    """
+    photos = found.photos
+    check_names(photos.names, found.images)
+    check_centred(photos, found.poses_from)
+    stated = options.crs or photos.crs or ""
+    place = f"--crs {options.crs}" if options.crs else found.crs_from or str(found.poses_from)
+    crs = metric_crs(stated, place).to_string()
+    check_accuracy(options)
+    centres, notes = surface_centres(photos.poses.centres, stated, crs, options, found.dsm, place)
+    metadata = photo_metadata(photos.names, found.images, options.priors, found.sizes, progress)
+    metadata, more = surface_altitudes(metadata, options, found.dsm)
     return NativeScene(
         scene,
-        sources.images,
+        found.images,
         photos.names,
         photos.cameras,
         replace(photos.poses, centres=centres),
         crs,
-        dom=sources.dom,
-        dsm=sources.dsm,
-        cloud=sources.cloud,
-        plane_height_m=sources.plane_height,
+        dom=found.dom,
+        dsm=found.dsm,
+        cloud=options.cloud,
+        plane_height_m=options.plane_height,
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
-        unposed=tuple(sorted(set(sizes) - set(photos.names))),
-        notes=(*notes, *more),
-        truth_accuracy_m=sources.truth_accuracy,
-        poses_from=sources.poses,
+        unposed=tuple(sorted(set(found.sizes) - set(photos.names))),
+        notes=(*found.notes, *notes, *more),
+        truth_accuracy_m=options.truth_accuracy or found.accuracy_m,
+        poses_from=found.poses_from,
         crs_from=place,
     )
 

@@ -168,9 +168,12 @@ def prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
     return PriorFacts(len(there), position, yaw, pitch, rotation, ids)
 
 
-def without_prior(photos: pd.DataFrame, metadata: Mapping[str, PhotoPrior]) -> WithoutPrior:
-    """Find the photos that have no prior, and what each of them lacks."""
+def without_prior(photos: pd.DataFrame, metadata: Mapping[str, PhotoPrior] | None) -> WithoutPrior:
+    """Find the photos that have no prior, and what each lacks; without metadata, of the table."""
     lacking: dict[str, tuple[str, ...]] = {}
+    if metadata is None:
+        ids = tuple(photos["id"][~_with_prior(photos)])
+        return WithoutPrior(len(photos), {"whole row in --priors": ids} if ids else {}, False)
     said = [metadata.get(name, PhotoPrior()) for name in photos["image"]]
     for one, prior, there in zip(photos["id"], said, _with_prior(photos), strict=True):
         if not there:

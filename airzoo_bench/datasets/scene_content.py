@@ -87,7 +87,9 @@ def _measured(native: NativeScene) -> MeasuredScene:
         maps[1],
         native.maps,
     )
-    return MeasuredScene.of(inputs, native.metadata, survey, native.images)
+    return MeasuredScene.of(
+        inputs, native.metadata, survey, native.images, is_metadata=native.is_metadata
+    )
 
 
 def _check_photos(native: NativeScene) -> None:

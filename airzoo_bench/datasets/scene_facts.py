@@ -65,6 +65,8 @@ class MeasuredScene:
         Of the surface model.
     files : PhotoFiles
     cameras : Cameras3D
+    is_metadata : bool
+        Whether poses are the metadata's.
     """
 
     inputs: SceneInputs
@@ -72,6 +74,7 @@ class MeasuredScene:
     survey: HeightSurvey | None
     files: PhotoFiles
     cameras: Cameras3D
+    is_metadata: bool
 
     @classmethod
     def of(
@@ -80,10 +83,13 @@ class MeasuredScene:
         metadata: Mapping[str, PhotoPrior],
         survey: HeightSurvey | None,
         images: Path,
+        *,
+        is_metadata: bool = False,
     ) -> MeasuredScene:
         """Measure the photos of a folder, those that have metadata, and the cameras."""
         cameras = camera_facts(inputs, metadata)
-        return cls(inputs, metadata, survey, survey_photos(images, metadata), cameras)
+        files = survey_photos(images, metadata)
+        return cls(inputs, metadata, survey, files, cameras, is_metadata)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,9 +217,10 @@ def scene_facts(
         scene.survey,
         scene.files,
         scene.cameras,
+        scene.is_metadata,
         _same_pose(inputs),
         gps_facts(inputs, metadata),
-        without_prior(inputs.photos, metadata),
+        without_prior(inputs.photos, None if scene.is_metadata else metadata),
         prior_facts(inputs.photos),
         gsd,
         footprint,

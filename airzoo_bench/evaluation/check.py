@@ -90,7 +90,8 @@ def _described(given: Given) -> list[str]:
     if given.reader is None:
         return [f"{given.track.name} predictions for {given.protocol.name}"]
     reader = READERS.get(given.reader.name)
-    written = f", as {', '.join(reader.methods)} write it" if reader.methods else ""
+    verb = "writes" if len(reader.methods) == 1 else "write"
+    written = f", as {', '.join(reader.methods)} {verb} it" if reader.methods else ""
     return [
         f"{reader.title}{written}: {given.track.name} predictions for {given.protocol.name}, read "
         f"by --reader {given.reader.name}",

@@ -166,7 +166,7 @@ def _result(
         ),
         **asdict(summarise(records, scores, [scene.id for scene in protocol.scenes])),
         references=track.references(protocol, truths),
-    ).sealed()
+    ).with_checksum()
 
 
 def versions() -> dict[str, str]:

@@ -56,7 +56,10 @@ def run_baseline(
     chosen = protocol_of_track(protocol, data, of.protocol)
     benchmark = find_benchmark(chosen.benchmark, data)
     benchmark.check_fits(chosen)
-    of.baseline.predict(chosen, benchmark, settings or of.baseline.settings, out, resources, note)
+    with benchmark.fixes():
+        of.baseline.predict(
+            chosen, benchmark, settings or of.baseline.settings, out, resources, note
+        )
 
 
 @dataclass(frozen=True)

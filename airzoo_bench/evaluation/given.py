@@ -136,8 +136,8 @@ def _open_native(
         known = read_truths(found, chosen, data)
     except BenchmarkError:
         known = None  # readers say what they cannot tell without; scoring says that it is missing
-    truths = known[1] if known else []
-    read = reader.read(path, Reading(chosen, truths, names, resources.memory_bytes))
+    truths, folders = (known[1], known[0].image_folders) if known else ([], ())
+    read = reader.read(path, Reading(chosen, truths, names, resources.memory_bytes, folders))
     used = ReaderUsed(name=name, conventions=read.conventions)
     return Given(found, read.predictions, chosen, data, used, read.notes, known)
 
@@ -189,7 +189,8 @@ def read_truths(track: AnyTrack, protocol: Protocol, data: Path) -> tuple[Benchm
     """
     benchmark = find_benchmark(protocol.benchmark, data)
     benchmark.check_fits(protocol)
-    return benchmark, [track.read_truth(benchmark, scene.id) for scene in protocol.scenes]
+    with benchmark.fixes():
+        return benchmark, [track.read_truth(benchmark, scene.id) for scene in protocol.scenes]
 
 
 def track_of(path: Path, protocol: str | None, data: Path, resources: Resources) -> AnyTrack:

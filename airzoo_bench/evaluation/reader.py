@@ -47,12 +47,16 @@ class Reading:
         A list of image names, a line each, in the order in which the method saw them.
     memory_bytes : int
         The most that reading may hold.
+    folders : tuple of Path
+        The benchmark's own and those of its images. Predictions may name any folder of the
+        computer; only what lies in these, or below the predictions, may be listed for them.
     """
 
     protocol: Protocol
     truths: Sequence[Any]
     names: Path | None
     memory_bytes: int
+    folders: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,30 +46,31 @@ class RowStream:
             The data are damaged or cut off.
         """
         try:
-            if self._stream is None or row < self._next - 1:
-                self._rewind()
+            stream = self._stream
+            if stream is None or row < self._next - 1:
+                stream = self._rewound()
             while self._next <= row:
-                self._last = self._read()
+                self._last = self._read(stream)
                 self._next += 1
         except DAMAGE as error:
             raise damaged(self._file.path, self._entry.name, str(error)) from error
         return self._last
 
-    def _rewind(self) -> None:
+    def _rewound(self) -> IO[bytes]:
         if self._stream is not None:
             self._stream.close()
         with zipfile.ZipFile(self._file.path) as archive:
             # The stream keeps the file open for itself.
-            self._stream = archive.open(self._entry.member)
-        self._stream.read(self._entry.header_bytes)
+            self._stream = stream = archive.open(self._entry.member)
+        stream.read(self._entry.header_bytes)
         self._next = 0
+        return stream
 
-    def _read(self) -> NDArray[Any]:
-        assert self._stream is not None
+    def _read(self, stream: IO[bytes]) -> NDArray[Any]:
         data = bytearray(self._row_bytes)
         view, done = memoryview(data), 0
         while done < len(view):
-            count = self._stream.readinto(view[done:])  # type: ignore[attr-defined]
+            count = stream.readinto(view[done:])  # type: ignore[attr-defined]
             if not count:
                 raise EOFError("the data ends early")
             done += count

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.map_files import (
     check_same_number,
     maps_of_files,
@@ -14,7 +13,7 @@ from airzoo_bench.readers.map_files import (
     numbered,
     read_npy,
 )
-from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
+from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import cameras_only, looks_like_trajectory, read_trajectory
 from airzoo_bench.readers.view_files import (
     GivenArrays,
@@ -37,50 +36,53 @@ _LINES = """write them as arrays, from Python:
   np.savez("SCENE.npz", world_points=d["pts_all"].astype(np.float32))"""
 
 
-class Cut3r(Reader):
+class Cut3r(SceneReader):
     """Reads depth maps with their cameras, or cameras alone."""
 
-    track = "reconstruction"
     title = "depth maps and cameras of CUT3R"
     layout = (
         "folders depth and camera of 000000.npy, 000000.npz (pose, intrinsics); or pred_traj.txt"
     )
     methods = ("CUT3R",)
 
-    def recognise(self, path: Path) -> float:
+    def sure_of(self, place: Path) -> float:
         """Look at the first files of the folders, and at the lines of a trajectory."""
-        return most_sure(path, _sure, _sure)
+        if place.is_dir() and (_is_demo(place) or _is_trajectory(place / _TRAJECTORY)):
+            return 0.9
+        return 0.9 if _is_trajectory(place) or _is_pickled(place) else 0.0
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """List the scenes; each is read when it is scored."""
-        scenes = find_scenes(path, reading, lambda place: _sure(place) > 0.0)
-
-        def read_scene(place: Path, memory: int) -> ScenePrediction:
-            return _scene(scenes, place, memory)
-
-        return ReadPredictions(scenes.predictions(read_scene), _conventions(scenes))
-
-
-def _conventions(scenes: ScenePlaces) -> tuple[str, ...]:
-    places = list(scenes.places.values())
-    order = in_photo_order(scenes)
-    if any(_is_demo(place) for place in places):
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        """See `SceneReader.conventions`."""
+        places = list(scenes.places.values())
+        order = in_photo_order(scenes)
+        if any(_is_demo(place) for place in places):
+            return (
+                "pose camera-to-world, axes of OpenCV",
+                "pixel centres are integers: the principal point is shifted by half a pixel",
+                "intrinsics of the images as the network sees them",
+                order,
+            )
         return (
-            "pose camera-to-world, axes of OpenCV",
-            "pixel centres are integers: the principal point is shifted by half a pixel",
-            "intrinsics of the images as the network sees them",
+            "pred_traj.txt: camera-to-world, quaternions w x y z, axes of OpenCV; cameras alone",
             order,
         )
-    return (
-        "pred_traj.txt: camera-to-world, quaternions w x y z, axes of OpenCV; cameras alone",
-        order,
-    )
 
-
-def _sure(place: Path) -> float:
-    if place.is_dir() and (_is_demo(place) or _is_trajectory(place / _TRAJECTORY)):
-        return 0.9
-    return 0.9 if _is_trajectory(place) or _is_pickled(place) else 0.0
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
+        """See `SceneReader.read_scene`."""
+        if _is_pickled(place):
+            raise PredictionError(
+                "is a pickle of CUT3R's evaluation of point maps, which is never opened here",
+                where=place,
+                expected="the folder that demo.py writes (--output_dir)",
+                fix=_LINES,
+            )
+        names = view_names(scenes, place)
+        if _is_demo(place):
+            return _read_demo(place, memory, None if names is None else list(names.names))
+        path = place / _TRAJECTORY if place.is_dir() else place
+        trajectory = read_trajectory(path, w_first=True)
+        what = "demo.py --output_dir writes depth maps, too"
+        return cameras_only(trajectory, None if names is None else list(names.names), what)
 
 
 def _is_demo(place: Path) -> bool:
@@ -101,23 +103,6 @@ def _is_pickled(path: Path) -> bool:
     except OSError:
         return False
     return all(word in head for word in _PICKLED)
-
-
-def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
-    if _is_pickled(place):
-        raise PredictionError(
-            "is a pickle of CUT3R's evaluation of point maps, which is never opened here",
-            where=place,
-            expected="the folder that demo.py writes (--output_dir)",
-            fix=_LINES,
-        )
-    names = view_names(scenes, place)
-    if _is_demo(place):
-        return _read_demo(place, memory, None if names is None else list(names.names))
-    path = place / _TRAJECTORY if place.is_dir() else place
-    trajectory = read_trajectory(path, w_first=True)
-    what = "demo.py --output_dir writes depth maps, too"
-    return cameras_only(trajectory, None if names is None else list(names.names), what)
 
 
 def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePrediction:

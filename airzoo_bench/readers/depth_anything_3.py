@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.colmap_models import first_cameras, is_model, model_scene
 from airzoo_bench.readers.depth_anything_3_streaming import is_streaming, streaming_scene
-from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
+from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.view_files import (
     ViewFields,
     in_photo_order,
@@ -43,10 +42,9 @@ _NAMES_FROM_META = (
 _FIX_GLB = "write depth and cameras too: model.inference(..., export_format='mini_npz')"
 
 
-class DepthAnything3(Reader):
+class DepthAnything3(SceneReader):
     """Reads depth maps with cameras; points and poses of models and of streaming runs."""
 
-    track = "reconstruction"
     title = "depth maps of Depth Anything 3"
     layout = (
         "results.npz with depth, extrinsics, intrinsics and no names, in exports/; "
@@ -54,36 +52,58 @@ class DepthAnything3(Reader):
     )
     methods = ("Depth Anything 3",)
 
-    def recognise(self, path: Path) -> float:
+    def sure_of(self, place: Path) -> float:
         """Look at the names of fields and files, and at the cameras of a model."""
-        return most_sure(path, _sure, _sure_of_nested)
+        if _results(place) is not None or is_streaming(place) or npz_fields(place) == _META:
+            return 0.9
+        return 0.8 if _is_model(place) or _is_glb(place) else 0.0
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """List the scenes; each is read when it is scored."""
-        scenes = find_scenes(path, reading, lambda place: _sure(place) > 0.0)
+    def sure_within(self, place: Path) -> float:
+        """Leave to the suite's own layout what it reads: results.npz alone in a scene's folder."""
+        results = _results(place)
+        own = results is not None and (place.is_file() or results == place / _CANONICAL)
+        return 0.2 if own else self.sure_of(place)
 
-        def read_scene(place: Path, memory: int) -> ScenePrediction:
-            return _scene(scenes, place, memory)
-
-        return ReadPredictions(scenes.predictions(read_scene), _conventions(scenes))
-
-
-def _conventions(scenes: ScenePlaces) -> tuple[str, ...]:
-    place = next(iter(scenes.places.values()))
-    if _is_model(place):
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        """See `SceneReader.conventions`."""
+        place = next(iter(scenes.places.values()))
+        if _is_model(place):
+            return (
+                "poses world-to-camera, quaternions w x y z, axes of OpenCV",
+                "points of points3D.bin; 2D points and intrinsics are not read",
+            )
+        poses = "camera_poses.txt camera-to-world"
+        if not is_streaming(place):
+            poses = "extrinsics world-to-camera"
         return (
-            "poses world-to-camera, quaternions w x y z, axes of OpenCV",
-            "points of points3D.bin; 2D points and intrinsics are not read",
+            f"{poses}, axes of OpenCV",
+            "pixel centres are integers: the principal point is shifted by half a pixel",
+            "intrinsics of the images as the network sees them",
+            in_photo_order(scenes),
         )
-    poses = "camera_poses.txt camera-to-world"
-    if not is_streaming(place):
-        poses = "extrinsics world-to-camera"
-    return (
-        f"{poses}, axes of OpenCV",
-        "pixel centres are integers: the principal point is shifted by half a pixel",
-        "intrinsics of the images as the network sees them",
-        in_photo_order(scenes),
-    )
+
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
+        """See `SceneReader.read_scene`."""
+        from airzoo_bench.formats.npz import NpzFile
+
+        results = _results(place)
+        meta = place if results is None else results.parents[1] / "gt_meta.npz"
+        if scenes.reading.names is None and npz_fields(meta) >= _META:
+            raise _pickled_names(meta)
+        if results is not None:
+            file = NpzFile(results, memory, ("image",))
+            return read_views(file, _FIELDS, view_names(scenes, place))
+        if is_streaming(place):
+            return streaming_scene(place, memory, view_names(scenes, place))
+        if _is_model(place):
+            return model_scene(scenes, place, place, memory)
+        raise PredictionError(
+            "scene.glb is turned, moved to its middle point, thinned to a million points, and has "
+            "the cameras drawn into it",
+            where=place,
+            expected="exports/mini_npz/results.npz",
+            fix=_FIX_GLB,
+        )
 
 
 def _is_results(path: Path) -> bool:
@@ -112,42 +132,6 @@ def _is_model(place: Path) -> bool:
 def _is_glb(place: Path) -> bool:
     beside = (place / "scene.jpg").is_file() or (place / "depth_vis").is_dir()
     return beside and (place / "scene.glb").is_file()
-
-
-def _sure(place: Path) -> float:
-    if _results(place) is not None or is_streaming(place) or npz_fields(place) == _META:
-        return 0.9
-    return 0.8 if _is_model(place) or _is_glb(place) else 0.0
-
-
-def _sure_of_nested(place: Path) -> float:
-    """Leave to the suite's own layout what it reads: results.npz alone in a scene's folder."""
-    results = _results(place)
-    own = results is not None and (place.is_file() or results == place / _CANONICAL)
-    return 0.2 if own else _sure(place)
-
-
-def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
-    from airzoo_bench.formats.npz import NpzFile
-
-    results = _results(place)
-    meta = place if results is None else results.parents[1] / "gt_meta.npz"
-    if scenes.reading.names is None and npz_fields(meta) >= _META:
-        raise _pickled_names(meta)
-    if results is not None:
-        file = NpzFile(results, memory, ("image",))
-        return read_views(file, _FIELDS, view_names(scenes, place))
-    if is_streaming(place):
-        return streaming_scene(place, memory, view_names(scenes, place))
-    if _is_model(place):
-        return model_scene(scenes, place, place, memory)
-    raise PredictionError(
-        "scene.glb is turned, moved to its middle point, thinned to a million points, and has the "
-        "cameras drawn into it",
-        where=place,
-        expected="exports/mini_npz/results.npz",
-        fix=_FIX_GLB,
-    )
 
 
 def _pickled_names(meta: Path) -> PredictionError:

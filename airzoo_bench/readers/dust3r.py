@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
+from airzoo_bench.evaluation.reader import Reading, ReadPredictions
+from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.view_files import (
     GivenArrays,
     as_maps,
@@ -35,38 +35,57 @@ _LINES = """save the scene itself, after the alignment (docs/recipes/dust3r.md):
            conf=np.stack([c.detach().cpu() for c in scene.im_conf]), names=photos)"""
 
 
-class Dust3r(Reader):
+class Dust3r(SceneReader):
     """Reads point maps with the poses of their views; the GLB of the demo is refused."""
 
-    track = "reconstruction"
     title = "point maps of DUSt3R or MASt3R"
     layout = "npz with pts3d and poses, as the recipe's lines save them; scene.glb of the demo"
     methods = ("DUSt3R", "MASt3R")
 
-    def recognise(self, path: Path) -> float:
+    def sure_of(self, place: Path) -> float:
         """Look at the names of the fields."""
-        return most_sure(path, _sure, _sure)
+        path = _file(place)
+        return 0.9 if npz_fields(path) >= _NEEDED or _is_shown(path) else 0.0
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """List the scenes; each is read when it is scored."""
+        """See `SceneReader.read`; what a demo shows is refused at once."""
         if _is_shown(path):
             raise _refused(path)
-        scenes = find_scenes(path, reading, lambda place: _sure(place) > 0.0)
+        return super().read(path, reading)
 
-        def read_scene(place: Path, memory: int) -> ScenePrediction:
-            return _scene(scenes, place, memory)
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        """See `SceneReader.conventions`."""
+        place = next(iter(scenes.places.values()))
+        named = scenes.reading.names is None and "names" in npz_fields(_file(place))
+        return (
+            "pts3d are points of the world, a pixel of the network's image each",
+            "poses camera-to-world, axes of OpenCV",
+            "views named by the field names" if named else in_photo_order(scenes),
+        )
 
-        return ReadPredictions(scenes.predictions(read_scene), _conventions(scenes))
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
+        """See `SceneReader.read_scene`."""
+        import numpy as np
 
+        from airzoo_bench.formats.arrays import check_fields, numbers
+        from airzoo_bench.formats.npz import NpzFile
+        from airzoo_bench.reconstruction.depth_map_files import maps_of
 
-def _conventions(scenes: ScenePlaces) -> tuple[str, ...]:
-    place = next(iter(scenes.places.values()))
-    named = scenes.reading.names is None and "names" in npz_fields(_file(place))
-    return (
-        "pts3d are points of the world, a pixel of the network's image each",
-        "poses camera-to-world, axes of OpenCV",
-        "views named by the field names" if named else in_photo_order(scenes),
-    )
+        path = _file(place)
+        if _is_shown(path):
+            raise _refused(path)
+        file = NpzFile(path, memory)
+        check_fields(file, tuple(sorted(_NEEDED)), _ALLOWED, ", ".join(_ALLOWED))
+        names = _names(scenes, place, file)
+        given: dict[str, Callable[[], Any]] = {
+            "world_points": lambda: as_maps(file, "pts3d", 4),
+            "extrinsics": lambda: inverted(numbers(file, "poses", (None, 4, 4))),
+        }
+        if "conf" in file.names():
+            given["conf"] = lambda: as_maps(file, "conf", 3)
+        if names is not None:
+            given["image_names"] = lambda: np.array(names, dtype=str)
+        return maps_of(GivenArrays(file.path, file.budget, given))
 
 
 def _file(place: Path) -> Path:
@@ -75,11 +94,6 @@ def _file(place: Path) -> Path:
         return place
     inside = [one for one in place.glob("*.npz") if npz_fields(one) >= _NEEDED]
     return inside[0] if len(inside) == 1 else place / _SHOWN
-
-
-def _sure(place: Path) -> float:
-    path = _file(place)
-    return 0.9 if npz_fields(path) >= _NEEDED or _is_shown(path) else 0.0
 
 
 def _is_shown(path: Path) -> bool:
@@ -107,30 +121,6 @@ def _refused(path: Path) -> PredictionError:
         expected="points in the frame of the cameras that go with them",
         fix=_LINES,
     )
-
-
-def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
-    import numpy as np
-
-    from airzoo_bench.formats.arrays import check_fields, numbers
-    from airzoo_bench.formats.npz import NpzFile
-    from airzoo_bench.reconstruction.depth_map_files import maps_of
-
-    path = _file(place)
-    if _is_shown(path):
-        raise _refused(path)
-    file = NpzFile(path, memory)
-    check_fields(file, tuple(sorted(_NEEDED)), _ALLOWED, ", ".join(_ALLOWED))
-    names = _names(scenes, place, file)
-    given: dict[str, Callable[[], Any]] = {
-        "world_points": lambda: as_maps(file, "pts3d", 4),
-        "extrinsics": lambda: inverted(numbers(file, "poses", (None, 4, 4))),
-    }
-    if "conf" in file.names():
-        given["conf"] = lambda: as_maps(file, "conf", 3)
-    if names is not None:
-        given["image_names"] = lambda: np.array(names, dtype=str)
-    return maps_of(GivenArrays(file.path, file.budget, given))
 
 
 def _names(scenes: ScenePlaces, place: Path, file: NpzFile) -> list[str] | None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.colmap_models import first_cameras, is_model, model_scene
-from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
+from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.view_files import (
     ViewFields,
     in_photo_order,
@@ -34,10 +33,9 @@ _LONG_SIDES = (504, 512, 518)
 """Of the images as the network sees them, at the resolutions that it is trained for."""
 
 
-class MapAnything(Reader):
+class MapAnything(SceneReader):
     """Reads depth maps with cameras, or the points and poses of a model."""
 
-    track = "reconstruction"
     title = "depth maps or COLMAP models of MapAnything"
     layout = (
         "predictions.npz with depth, extrinsic and final_mask; or sparse/ with points.ply and "
@@ -45,37 +43,39 @@ class MapAnything(Reader):
     )
     methods = ("MapAnything",)
 
-    def recognise(self, path: Path) -> float:
+    def sure_of(self, place: Path) -> float:
         """Look at the names of the fields, or at the cameras of the model."""
-        return most_sure(path, _sure, _sure)
+        names = npz_fields(_file(place))
+        if names >= _NEEDED and names & {"depth", "world_points"}:
+            return 0.9
+        return 0.9 if is_processed_model(place / "sparse") else 0.0
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """List the scenes; each is read when it is scored."""
-        scenes = find_scenes(path, reading, lambda place: _sure(place) > 0.0)
-
-        def read_scene(place: Path, memory: int) -> ScenePrediction:
-            if is_model(place / "sparse"):
-                return model_scene(scenes, place, place / "sparse", memory)
-            return _views(scenes, place, memory)
-
-        return ReadPredictions(scenes.predictions(read_scene), _conventions(scenes))
-
-
-def _conventions(scenes: ScenePlaces) -> tuple[str, ...]:
-    place = next(iter(scenes.places.values()))
-    if is_model(place / "sparse"):
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        """See `SceneReader.conventions`."""
+        place = next(iter(scenes.places.values()))
+        if is_model(place / "sparse"):
+            return (
+                "poses world-to-camera, quaternions w x y z, axes of OpenCV",
+                "points of points3D.bin; intrinsics, which are of the processed images, are not "
+                "read",
+            )
         return (
-            "poses world-to-camera, quaternions w x y z, axes of OpenCV",
-            "points of points3D.bin; intrinsics, which are of the processed images, are not read",
+            "depth, intrinsic and extrinsic are read where final_mask is set; world_points only "
+            "where there is no depth",
+            "extrinsic camera-to-world, axes of OpenCV",
+            "pixel centres are integers: the principal point is shifted by half a pixel",
+            "intrinsic of the images as the network sees them",
+            in_photo_order(scenes, _file(place).parent / "images"),
         )
-    return (
-        "depth, intrinsic and extrinsic are read where final_mask is set; world_points only where "
-        "there is no depth",
-        "extrinsic camera-to-world, axes of OpenCV",
-        "pixel centres are integers: the principal point is shifted by half a pixel",
-        "intrinsic of the images as the network sees them",
-        in_photo_order(scenes, _file(place).parent / "images"),
-    )
+
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
+        """See `SceneReader.read_scene`."""
+        from airzoo_bench.formats.npz import NpzFile
+
+        if is_model(place / "sparse"):
+            return model_scene(scenes, place, place / "sparse", memory)
+        file = NpzFile(_file(place), memory, _UNTOUCHED)
+        return read_views(file, _FIELDS, view_names(scenes, place, file.path.parent / "images"))
 
 
 def is_processed_model(folder: Path) -> bool:
@@ -88,20 +88,6 @@ def is_processed_model(folder: Path) -> bool:
 
 def _file(place: Path) -> Path:
     return place / "predictions.npz" if place.is_dir() else place
-
-
-def _sure(place: Path) -> float:
-    names = npz_fields(_file(place))
-    if names >= _NEEDED and names & {"depth", "world_points"}:
-        return 0.9
-    return 0.9 if is_processed_model(place / "sparse") else 0.0
-
-
-def _views(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
-    from airzoo_bench.formats.npz import NpzFile
-
-    file = NpzFile(_file(place), memory, _UNTOUCHED)
-    return read_views(file, _FIELDS, view_names(scenes, place, file.path.parent / "images"))
 
 
 MAPANYTHING = MapAnything()

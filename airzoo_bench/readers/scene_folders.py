@@ -6,6 +6,7 @@ or a folder with such an output a scene, ``PATH/<scene>/...``.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,34 +15,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.evaluation.reader import Reading
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.names import ImageNames, read_names
 
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
-    from airzoo_bench.reconstruction.reading import NativeScenes
 
-__all__ = ["ScenePlaces", "find_scenes", "most_sure"]
+__all__ = ["ScenePlaces", "SceneReader", "find_scenes"]
 
 _LOOKED_AT = 256
-
-
-def most_sure(path: Path, sure: Callable[[Path], float], nested: Callable[[Path], float]) -> float:
-    """Say how sure a reader is of a path: one scene's output, or a folder of scenes' outputs.
-
-    Parameters
-    ----------
-    path : Path
-    sure, nested : callable
-        How sure it is that a place is one scene's output: the path itself, and what a folder holds.
-    """
-    try:
-        found = sure(path)
-        if found or not path.is_dir():
-            return found
-        return max(map(nested, islice(_children(path), _LOOKED_AT)), default=0.0)
-    except OSError:  # a folder that may not be listed is nobody's
-        return 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +44,6 @@ class ScenePlaces:
     places: dict[str, Path]
     others: tuple[str, ...]
     reading: Reading
-
-    def predictions(self, read_scene: Callable[[Path, int], ScenePrediction]) -> NativeScenes:
-        """Return the scenes as predictions, each read by `read_scene` when it is scored."""
-        from airzoo_bench.reconstruction.reading import NativeScenes
-
-        return NativeScenes(self.path, self.places, read_scene, self.others)
 
     def listed_names(self, place: Path) -> list[str] | None:
         """Return the names of a scene's views that ``--names`` lists; None where it is not given.
@@ -131,6 +107,72 @@ class ScenePlaces:
                 fix="list each scene's photos in the order in which the method was given them",
             )
         return [one.split("/", 1)[0] for one in found if one is not None]
+
+
+class SceneReader(Reader):
+    """Reads what a method writes of a scene: the output of one scene, or a folder of them.
+
+    `recognise` and `read` follow from how sure it is of one place, and how it reads one.
+    """
+
+    track = "reconstruction"
+
+    @abstractmethod
+    def sure_of(self, place: Path) -> float:
+        """Say how sure it is that a file or folder is one scene's output, 0 to 1."""
+
+    @abstractmethod
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        """Return what is taken to be so, see `ReadPredictions`."""
+
+    @abstractmethod
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
+        """Read the output of one scene.
+
+        Parameters
+        ----------
+        scenes : ScenePlaces
+            All scenes.
+        place : Path
+            Of this scene.
+        memory : int
+            The most that it may take, in bytes.
+
+        Raises
+        ------
+        PredictionError
+            See `Reader.read`.
+        """
+
+    def sure_within(self, place: Path) -> float:
+        """Do the same for what lies in a folder of scenes' outputs."""
+        return self.sure_of(place)
+
+    def is_scene(self, place: Path) -> bool:
+        """Say whether a place is read as one scene's output, once this reader is chosen."""
+        return self.sure_of(place) > 0.0
+
+    def recognise(self, path: Path) -> float:
+        """See `Reader.recognise`."""
+        try:
+            found = self.sure_of(path)
+            if found or not path.is_dir():
+                return found
+            return max(map(self.sure_within, islice(_children(path), _LOOKED_AT)), default=0.0)
+        except OSError:  # a folder that may not be listed is nobody's
+            return 0.0
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """List the scenes; each is read when it is scored."""
+        from airzoo_bench.reconstruction.reading import NativeScenes
+
+        scenes = find_scenes(path, reading, self.is_scene)
+
+        def read_scene(place: Path, memory: int) -> ScenePrediction:
+            return self.read_scene(scenes, place, memory)
+
+        predictions = NativeScenes(path, scenes.places, read_scene, scenes.others)
+        return ReadPredictions(predictions, self.conventions(scenes))
 
 
 def find_scenes(path: Path, reading: Reading, is_scene: Callable[[Path], bool]) -> ScenePlaces:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
@@ -20,15 +21,15 @@ _SURE_ENOUGH = 0.4  # other tracks have such files, too: it must be known that m
 
 
 class _Trajectory(Reader):
-    """Poses in the order of `--names`; `columns` numbers a row."""
+    """Poses in the order of `--names`; `columns` numbers a row, `order` says which."""
 
     track = "matching"
-    columns = 0
-    order = ""
+    columns: ClassVar[int]
+    order: ClassVar[str]
 
+    @abstractmethod
     def split(self, values: Floats) -> tuple[Floats, Floats]:
         """Return world-to-camera rotations, as quaternions or matrices, and centres."""
-        raise NotImplementedError
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
+from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.view_files import (
     ViewFields,
     in_photo_order,
@@ -33,62 +32,49 @@ _UNTOUCHED = ("pose_enc_list", "images", "world_points_from_depth", "track", "vi
 """Members that no score needs; the first is a pickle in most versions."""
 
 
-class Vggt(Reader):
+class Vggt(SceneReader):
     """Reads depth maps with cameras; the model's point maps only where it wrote no depth."""
 
-    track = "reconstruction"
     title = "depth maps of VGGT"
     layout = "predictions.npz with depth or world_points, and pose_enc or their own confidence"
     methods = ("VGGT",)
 
-    def recognise(self, path: Path) -> float:
+    def sure_of(self, place: Path) -> float:
         """Look at the names of the fields."""
-        return most_sure(path, _sure, _sure)
+        names = npz_fields(_file(place))
+        cameras = "pose_enc" in names or {"extrinsic", "intrinsic"} <= names
+        own = names & _MAPS and names & _OWN and cameras
+        return 0.9 if own and "final_mask" not in names else 0.0
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """List the scenes; each is read when it is scored."""
-        scenes = find_scenes(path, reading, lambda place: _sure(place) > 0.0)
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        """See `SceneReader.conventions`."""
+        place = next(iter(scenes.places.values()))
+        return (
+            "depth, intrinsic and extrinsic are read, and world_points only where there is no "
+            "depth",
+            "extrinsic world-to-camera, axes of OpenCV",
+            "pixel centres are integers: the principal point is shifted by half a pixel",
+            "intrinsic of the images as the network sees them",
+            in_photo_order(scenes, _file(place).parent / "images"),
+        )
 
-        def read_scene(place: Path, memory: int) -> ScenePrediction:
-            return _scene(scenes, place, memory)
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
+        """See `SceneReader.read_scene`."""
+        from airzoo_bench.formats.npz import NpzFile
 
-        return ReadPredictions(scenes.predictions(read_scene), _conventions(scenes))
-
-
-def _conventions(scenes: ScenePlaces) -> tuple[str, ...]:
-    place = next(iter(scenes.places.values()))
-    return (
-        "depth, intrinsic and extrinsic are read, and world_points only where there is no depth",
-        "extrinsic world-to-camera, axes of OpenCV",
-        "pixel centres are integers: the principal point is shifted by half a pixel",
-        "intrinsic of the images as the network sees them",
-        in_photo_order(scenes, _file(place).parent / "images"),
-    )
+        file = NpzFile(_file(place), memory, _UNTOUCHED)
+        made: dict[str, Callable[[], Any]] = {}
+        if not {"extrinsic", "intrinsic"} <= file.names():
+            made = {
+                "intrinsics": lambda: _decoded(file)[0],
+                "extrinsics": lambda: _decoded(file)[1],
+            }
+        names = view_names(scenes, place, file.path.parent / "images")
+        return read_views(file, _FIELDS, names, made)
 
 
 def _file(place: Path) -> Path:
     return place / "predictions.npz" if place.is_dir() else place
-
-
-def _sure(place: Path) -> float:
-    names = npz_fields(_file(place))
-    cameras = "pose_enc" in names or {"extrinsic", "intrinsic"} <= names
-    own = names & _MAPS and names & _OWN and cameras
-    return 0.9 if own and "final_mask" not in names else 0.0
-
-
-def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
-    from airzoo_bench.formats.npz import NpzFile
-
-    file = NpzFile(_file(place), memory, _UNTOUCHED)
-    made: dict[str, Callable[[], Any]] = {}
-    if not {"extrinsic", "intrinsic"} <= file.names():
-        made = {
-            "intrinsics": lambda: _decoded(file)[0],
-            "extrinsics": lambda: _decoded(file)[1],
-        }
-    names = view_names(scenes, place, file.path.parent / "images")
-    return read_views(file, _FIELDS, names, made)
 
 
 def _decoded(file: NpzFile) -> tuple[Any, Any]:

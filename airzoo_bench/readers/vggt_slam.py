@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.map_files import maps_of_files
 from airzoo_bench.readers.names import read_names
-from airzoo_bench.readers.scene_folders import ScenePlaces, find_scenes, most_sure
+from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import (
     Trajectory,
     cameras_only,
@@ -42,47 +41,55 @@ _RENAME = """rename the photos to bare numbers first, and give their names with 
       shutil.copy(photo, f"numbered/{number:06d}{photo.suffix}")"""
 
 
-class VggtSlam(Reader):
+class VggtSlam(SceneReader):
     """Reads point maps with their cameras, or cameras alone."""
 
-    track = "reconstruction"
     title = "poses and point maps of VGGT-SLAM"
     layout = "poses.txt (number, place, quaternion) and poses_logs/<number>.npz (pointcloud, mask)"
     methods = ("VGGT-SLAM",)
 
-    def recognise(self, path: Path) -> float:
+    def sure_of(self, place: Path) -> float:
         """Look at the lines of the text, and for the folder beside it."""
-        return most_sure(path, _sure, _sure)
+        text = _text(place)
+        if text is None:
+            return 0.0
+        if _has_maps(_logs(text)):
+            return 0.9
+        with text.open("rb") as stream:  # without maps, digits as it writes them are all there is
+            own = _WRITTEN.fullmatch(stream.readline(512)) is not None
+        return 0.6 if own and text.name == "poses.txt" else 0.0
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """List the scenes; each is read when it is scored."""
-        scenes = find_scenes(path, reading, lambda place: _sure(place) > 0.0)
-        if reading.names is not None:
-            named = f"number k is line k, from 0, of {reading.names.name}"
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        """See `SceneReader.conventions`."""
+        listed = scenes.reading.names
+        if listed is not None:
+            named = f"number k is line k, from 0, of {listed.name}"
         else:
             named = "numbers are the first number in the name of each photo"
-        conventions = (
+        return (
             "poses camera-to-world, quaternions x y z w, axes of OpenCV",
             "pixels outside the mask are no surface",
             "of a frame that two submaps share, the later one's pose and points",
             named,
         )
 
-        def read_scene(place: Path, memory: int) -> ScenePrediction:
-            return _scene(scenes, place, memory)
-
-        return ReadPredictions(scenes.predictions(read_scene), conventions)
-
-
-def _sure(place: Path) -> float:
-    text = _text(place)
-    if text is None:
-        return 0.0
-    if _has_maps(_logs(text)):
-        return 0.9
-    with text.open("rb") as stream:  # without maps, digits as it writes them are all there is
-        own = _WRITTEN.fullmatch(stream.readline(512)) is not None
-    return 0.6 if own and text.name == "poses.txt" else 0.0
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
+        """See `SceneReader.read_scene`."""
+        text = _text(place)
+        if text is None:
+            raise PredictionError(
+                "is no text of poses of VGGT-SLAM, and holds not one alone",
+                where=place,
+                expected="poses.txt, a line a camera",
+                fix="copy what --log_results wrote, of one run",
+            )
+        trajectory = _last_of_each(read_trajectory(text, w_first=False))
+        names = _names(scenes, place, trajectory)
+        folder = _logs(text)
+        if not folder.is_dir():
+            return cameras_only(trajectory, names, "leave out --skip_dense_log")
+        files = _files(folder, trajectory)
+        return _read(trajectory, names, files, memory)
 
 
 def _text(place: Path) -> Path | None:
@@ -105,18 +112,6 @@ def _logs(text: Path) -> Path:
 def _has_maps(folder: Path) -> bool:
     first = next(folder.glob("*.npz"), None) if folder.is_dir() else None
     return first is not None and npz_fields(first) >= {*_FIELDS}
-
-
-def _scene(scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
-    text = _text(place)
-    assert text is not None
-    trajectory = _last_of_each(read_trajectory(text, w_first=False))
-    names = _names(scenes, place, trajectory)
-    folder = _logs(text)
-    if not folder.is_dir():
-        return cameras_only(trajectory, names, "leave out --skip_dense_log")
-    files = _files(folder, trajectory)
-    return _read(trajectory, names, files, memory)
 
 
 def _last_of_each(trajectory: Trajectory) -> Trajectory:

@@ -63,7 +63,7 @@ class VprReader(Reader):
         """See `Reader.read`."""
         images = SceneImages.of(reading.truths, path)
         budget = Budget(reading.memory_bytes)
-        names = name_source(reading.names)
+        names = name_source(reading.names, (path, *reading.folders))
         folders = log_folders(path)
         logs = [read_log(folder) for folder in folders]
         if any((folder / name).is_file() for folder in folders for name in (_DATABASE, _QUERIES)):

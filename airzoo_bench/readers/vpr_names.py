@@ -27,8 +27,8 @@ _BY_FILE = "names are those of the _images_paths.txt beside the folders that inf
 _BY_LIST = "names are the lines of --names: each run's database images, then its queries"
 _BY_LISTING = "names are the files in the folders that info.log names, in the order of their paths"
 _BY_COUNT = (
-    "names are taken by order: the folders of info.log are not on this machine, and as many "
-    "images as were described are in the benchmark, sorted by path"
+    "names are taken by order: the folders of info.log are neither the benchmark's nor below the "
+    "predictions, and as many images as were described are in the benchmark, sorted by path"
 )
 
 
@@ -42,10 +42,13 @@ class NameSource:
         The lines of ``--names`` that are left.
     path : Path or None
         Where these stand.
+    folders : tuple of Path
+        What a log may name must lie in one of these: it comes from a stranger.
     """
 
     given: list[str] | None
     path: Path | None
+    folders: tuple[Path, ...]
     used: dict[str, None] = field(default_factory=dict)
 
     @property
@@ -73,12 +76,23 @@ class NameSource:
         """
         if self.given is not None:
             return self._from_list(tiles, photos)
-        listed = _from_folder(log.database, tiles), _from_folder(log.queries, photos)
+        listed = [
+            _from_folder(self._ours(folder), rows)
+            for folder, rows in ((log.database, tiles), (log.queries, photos))
+        ]
         if listed[0] is None or listed[1] is None:
             self.used[_BY_COUNT] = None
             return _by_count(log, images, tiles, photos)
         self.used |= dict.fromkeys((listed[0].said, listed[1].said))
         return listed[0].checked(tiles), listed[1].checked(photos)
+
+    def _ours(self, folder: str | None) -> str | None:
+        """Return a folder that may be listed, None for another; which it is is not told."""
+        if not folder:
+            return None
+        place = Path(os.path.realpath(folder))
+        roots = [Path(os.path.realpath(root)) for root in self.folders]
+        return folder if any(place.is_relative_to(root) for root in roots) else None
 
     def check_used_up(self) -> None:
         """Refuse a list of names that is longer than all rows.
@@ -104,15 +118,15 @@ class NameSource:
         return given[:tiles], given[tiles : tiles + photos]
 
 
-def name_source(names: Path | None) -> NameSource:
-    """Make what names rows, by a list where there is one.
+def name_source(names: Path | None, folders: tuple[Path, ...]) -> NameSource:
+    """Make what names rows, by a list where there is one, else by what is in some folders.
 
     Raises
     ------
     PredictionError
         The list cannot be read.
     """
-    return NameSource(None if names is None else read_names(names), names)
+    return NameSource(None if names is None else read_names(names), names, folders)
 
 
 def _other_count(path: Any, what: str) -> PredictionError:
@@ -143,7 +157,7 @@ def _from_folder(folder: str | None, rows: int) -> _Listed | None:
     if not folder or not _is_folder(folder):
         return None
     listed = Path(folder + "_images_paths.txt")
-    if listed.is_file():
+    if listed.is_file() and not listed.is_symlink():
         return _Listed(folder, read_names(listed), _BY_FILE)
     files = sorted(_files(folder, _TIMES_LISTED * rows + _LEAST_LISTED))
     now = [name for name in files if Path(name).suffix.lower() in _LISTED]
@@ -193,7 +207,8 @@ def _by_count(
         f"its {counted(tiles, 'database image')} and {counted(photos, 'query')} have no names, "
         f"and {what}",
         where=log.folder,
-        expected="the folders that info.log names, or a list of names",
+        expected="folders in info.log that are the benchmark's or below the predictions, or a list "
+        "of names",
         fix=_FIX,
     )
 

@@ -92,7 +92,9 @@ def find_places(section: Section, data: Path) -> list[Place]:
     reader = readers.get(section.track)
     if reader is None:
         return []
-    return reader(section, find_benchmark(section.first.truth.benchmark, data))
+    benchmark = find_benchmark(section.first.truth.benchmark, data)
+    with benchmark.fixes():
+        return reader(section, benchmark)
 
 
 def _check_truth(section: Section, benchmark: Benchmark, prints: dict[str, str]) -> None:

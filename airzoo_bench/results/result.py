@@ -255,13 +255,13 @@ class Result(_Model):
         """What a record is of, by the track; a query where the track is not installed."""
         return TRACKS.get(self.track).unit if self.track in TRACKS else "query"
 
-    def sealed(self) -> Result:
+    def with_checksum(self) -> Result:
         """Return the same result with its checksum."""
         return self.model_copy(update={"checksum": self._content_hash()})
 
     def with_records(self, sha256: str) -> Result:
-        """Return the same result, sealed, for records whose file has that hash."""
-        return self.model_copy(update={"records_sha256": sha256}).sealed()
+        """Return the same result, with its checksum, for records whose file has that hash."""
+        return self.model_copy(update={"records_sha256": sha256}).with_checksum()
 
     def is_intact(self) -> bool:
         """Whether the checksum fits the content."""

@@ -69,9 +69,8 @@ def average_precision_by_trapezoids(hit_ranks: Ints, positives: Positives) -> Fl
     ``compute_mAP`` in ``evaluate_gpu.py`` of layumi/University1652-Baseline, after the Oxford
     Buildings protocol (Philbin et al., CVPR 2007).
     """
-    ordinal = _ordinals(positives)
+    ordinal, at = _ordinals(positives), _precision_at_hits(hit_ranks, positives)
     before = np.divide(ordinal - 1, hit_ranks - 1, out=np.ones(len(ordinal)), where=hit_ranks > 1)
-    at = np.divide(ordinal, hit_ranks, out=np.zeros(len(ordinal)), where=hit_ranks > 0)
     return _mean_by_query(np.where(hit_ranks > 0, (before + at) / 2, 0.0), positives)
 
 
@@ -92,10 +91,13 @@ def average_precision(hit_ranks: Ints, positives: Positives) -> Floats:
     ----------
     scikit-learn's ``average_precision_score``, which Game4Loc uses; trec_eval, measure ``map``.
     """
-    at = np.divide(
-        _ordinals(positives), hit_ranks, out=np.zeros(len(hit_ranks)), where=hit_ranks > 0
-    )
-    return _mean_by_query(at, positives)
+    return _mean_by_query(_precision_at_hits(hit_ranks, positives), positives)
+
+
+def _precision_at_hits(hit_ranks: Ints, positives: Positives) -> Floats:
+    """Return the precision at the rank of each positive, 0 where it is not in the list."""
+    at = np.zeros(len(hit_ranks))
+    return np.divide(_ordinals(positives), hit_ranks, out=at, where=hit_ranks > 0)
 
 
 def image_columns(

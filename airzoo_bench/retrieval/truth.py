@@ -218,6 +218,7 @@ def read_tiles(home: Path) -> pd.DataFrame:
         It is missing, lacks a column, or boxes or sizes are none.
     """
     tiles = _read_tile_table(home / "tiles.parquet")
+    _check_sorted(tiles, home / "tiles.parquet")
     if "image" in tiles.columns:
         return tiles
     _check_boxes(boxes_of(tiles), home / "tiles.parquet")
@@ -238,6 +239,20 @@ def _read_tile_table(path: Path) -> pd.DataFrame:
     if "image" in found.columns:
         return read_table(path, IMAGE_COLUMNS, complete=_position_columns(found))
     return read_table(path, _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+
+
+def _check_sorted(tiles: pd.DataFrame, path: Path) -> None:
+    """Refuse rows out of order: ties are ranked by row, which is to mean by id."""
+    ids = tiles["id"].tolist()
+    row = next((row for row in range(1, len(ids)) if ids[row] < ids[row - 1]), None)
+    if row is not None:
+        raise BenchmarkError(
+            f"row {row + 1}, {ids[row]}, stands after {ids[row - 1]}",
+            where=path,
+            expected="rows sorted by id, which positives.npz counts tiles by",
+            fix="sort the rows by id and number the tiles in positives.npz and overlaps.npz anew, "
+            "or prepare the benchmark again",
+        )
 
 
 def _read_footprints(path: Path, tiles: pd.DataFrame) -> pd.DataFrame:

@@ -75,9 +75,13 @@ def _taken(frames: FrameList, rows: list[int]) -> FrameList:
 
 def real_scene(root: Path, home: Path) -> Path:
     """Prepare Brighton Beach."""
-    rasters = (home / "dom_10cm.tif", home / "dsm_10cm.tif")
     sources = PhotoOptions(
-        "brighton", home / "images", home / "poses.json", *rasters, cloud=home / "model.laz"
+        "brighton",
+        home / "images",
+        home / "poses.json",
+        home / "dom_10cm.tif",
+        dsm=home / "dsm_10cm.tif",
+        cloud=home / "model.laz",
     )
     settings = PrepareSettings(root / "brighton", root)
     prepare_photos(sources, photo_protocols("brighton", (256, 128)), settings)

@@ -122,7 +122,7 @@ def scored(folder: Path, arrays: Arrays, method: str, *more: str) -> Path:
     return folder / method / "result.json"
 
 
-def resealed(path: Path, edit: Callable[[Any], None]) -> None:
+def rewritten(path: Path, edit: Callable[[Any], None]) -> None:
     """Edit a result and give it a checksum that fits, as anybody can."""
     content = json.loads(path.read_text())
     edit(content)
@@ -155,23 +155,23 @@ RESULTS: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "not text": (lambda p: p.write_bytes(b"\xff\xfe"), ["not text: byte 0 is not UTF-8"]),
     "other JSON": (lambda p: p.write_text("[1]"), ["result.json: not a result of this version"]),
     "a key too many": (
-        lambda p: resealed(p, lambda c: c.update(best=True)),
+        lambda p: rewritten(p, lambda c: c.update(best=True)),
         ["unknown key 'best'"],
     ),
     "a scene without counts": (
-        lambda p: resealed(p, pop("counts", "east")),
+        lambda p: rewritten(p, pop("counts", "east")),
         ["not a result", "counts, titles and scores are not of the same scenes"],
     ),
     "a score missing": (
-        lambda p: resealed(p, pop("overall", "recall@1")),
+        lambda p: rewritten(p, pop("overall", "recall@1")),
         ["scores do not fit the columns: ['recall@1']"],
     ),
     "NaN": (
-        lambda p: resealed(p, lambda c: c["overall"].update({"recall@1": "NaN"})),
+        lambda p: rewritten(p, lambda c: c["overall"].update({"recall@1": "NaN"})),
         ["key 'overall.recall@1'", "a score is never NaN"],
     ),
     "two protocols": (
-        lambda p: resealed(p, other_protocol),
+        lambda p: rewritten(p, other_protocol),
         ["made with different protocols", "and 000000000000)", "one protocol: a difference"],
     ),
 }

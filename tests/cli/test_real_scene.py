@@ -31,7 +31,7 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         brighton / "images",
         brighton / "poses.json",
         brighton / "dom_10cm.tif",
-        brighton / "dsm_10cm.tif",
+        dsm=brighton / "dsm_10cm.tif",
     )
     prepare_photos(
         sources,

@@ -26,8 +26,9 @@ GIMBAL = "yaw is 180 degrees off in 6 of 18 (first 3: park/DJI_0024, park/DJI_00
 
 @pytest.fixture
 def sources(brighton: Path) -> PhotoOptions:
-    names = ("images", "poses.json", "dom_10cm.tif", "dsm_10cm.tif")
-    return PhotoOptions("park", *(brighton / name for name in names))
+    names = ("images", "poses.json", "dom_10cm.tif")
+    files = (brighton / name for name in names)
+    return PhotoOptions("park", *files, dsm=brighton / "dsm_10cm.tif")
 
 
 def facts_of(sources: PhotoOptions, folder: Path) -> SceneFacts:

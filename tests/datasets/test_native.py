@@ -128,8 +128,17 @@ def flights() -> Iterator[Flights]:
 def source(tmp_path: Path) -> Path:
     """Three flights over the same place, as downloaded."""
     for scene in SCENES:
-        make_place(tmp_path / "source" / scene)
+        mark_photos(make_place(tmp_path / "source" / scene).images, scene)
     return tmp_path / "source"
+
+
+def mark_photos(images: Path, mark: str, but: int = 0) -> str:
+    """Change the photos' bytes, not their pixels; return the name of one that is left aside."""
+    photos = sorted(path for path in images.rglob("*") if path.is_file())
+    for photo in photos[but:]:
+        with photo.open("ab") as stream:
+            stream.write(f"{mark} {photo.name}".encode())
+    return photos[0].relative_to(images).as_posix()
 
 
 @pytest.fixture
@@ -378,8 +387,25 @@ def test_own_photos_are_added_with_the_same_settings_only(
     add = ("--add-to", data / "park")
     assert run_main(*other.arguments(name="later", tile_size=128), *add) == 2
     assert "gallery.tile_sizes_px" in capsys.readouterr().err
+    folder = everything(data / "park")
+    assert run_main(*other.arguments(name="later"), *add) == 2  # the same photos again
+    assert "4 of 4 photos (first 3: " in (said := capsys.readouterr().err)
+    assert "of scene later are photos of scene park" in said
+    assert everything(data / "park") == folder
+    name = mark_photos(other.images, "later", but=1)
     assert run_main(*other.arguments(name="later"), *add) == 0
+    assert f"warning: 1 of 4 photos ({name}) of scene later are" in capsys.readouterr().err
     assert [scene.id for scene in load_benchmark("park").scenes] == ["park", "later"]
+
+
+def test_a_flight_whose_photos_were_moved_is_known_by_its_poses(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place, other = make_place(tmp_path / "a"), make_place(tmp_path / "b")
+    assert run_main(*place.arguments()) == 0
+    place.images.rename(tmp_path / "elsewhere")
+    assert run_main(*other.arguments(name="later"), "--add-to", data / "park") == 2
+    assert "of scene later are photos of scene park" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def prepared(
     sizes = options.pop("tile_sizes_px", (64,))
     chosen = photo_protocols("park", sizes, truth)
     sources = PhotoOptions(
-        "park", place.images, place.poses, place.dom, place.dsm, crs=options.pop("crs", None)
+        "park", place.images, place.poses, place.dom, dsm=place.dsm, crs=options.pop("crs", None)
     )
     return prepare_photos(sources, chosen, PrepareSettings(folder, folder.parent, **options))
 
@@ -377,7 +377,7 @@ def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
         brighton / "images",
         brighton / "poses.json",
         brighton / "dom_10cm.tif",
-        brighton / "dsm_10cm.tif",
+        dsm=brighton / "dsm_10cm.tif",
     )
     result = prepare_photos(
         sources, photo_protocols("park", (512,)), PrepareSettings(tmp_path / "park", tmp_path)
@@ -394,7 +394,7 @@ def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     cloud = tmp_path / "cloud.npy"
     np.save(cloud, np.random.default_rng(0).uniform(0, 100, (50, 3)))
-    sources = PhotoOptions("park", place.images, place.poses, place.dom, place.dsm, cloud)
+    sources = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, cloud=cloud)
     with pytest.raises(BenchmarkError, match="in the CRS of the poses"):
         prepare_photos(
             sources, photo_protocols("park", (64,)), PrepareSettings(tmp_path / "park", tmp_path)
@@ -408,7 +408,7 @@ def test_a_true_cloud_makes_truth_for_reconstruction(tmp_path: Path) -> None:
     images = json.loads(place.poses.read_text())["images"].values()
     centres = np.array([image["center"] for image in images])
     np.save(cloud, np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0))
-    sources = PhotoOptions("park", place.images, place.poses, place.dom, place.dsm, cloud)
+    sources = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, cloud=cloud)
     result = prepare_photos(
         sources,
         photo_protocols("park", (64,)),

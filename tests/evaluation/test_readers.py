@@ -82,7 +82,7 @@ def test_own_files_have_no_reader_in_their_result(
 def test_check_says_what_it_is(ranked: Path, command: Callable[..., Result]) -> None:
     ran = command("check", ranked, "--protocol", "made-retrieval")
     assert ran.exit_code == 0
-    assert "ranked lists of Toy, as Toy write it: retrieval predictions for" in ran.stdout
+    assert "ranked lists of Toy, as Toy writes it: retrieval predictions for" in ran.stdout
     assert "read by --reader toy" in ran.stdout
     assert "taken to be so: best first" in ran.stdout
     assert "answers 10 of 10 queries" in ran.stdout

@@ -295,7 +295,7 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
     out = tmp_path / "mymethod"
     before = write_method(out, made_method({"east": {"recall@1": [1.0]}}))
     left = json.loads(before.read_text()) | {"track": "matching"}
-    write_result(before, Result.model_validate(left).sealed())
+    write_result(before, Result.model_validate(left).with_checksum())
     for name in ("timings.csv", "notes.txt"):
         (out / name).touch()
     (out / "figures").mkdir()

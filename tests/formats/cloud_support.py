@@ -301,10 +301,30 @@ def write_e57(path: Path, columns: dict[str, NDArray[Any]], split: int = 17) -> 
     body = section + text
     pages = -(-(48 + len(body)) // 1020)
     head = b"ASTM-E57" + struct.pack("<IIQQQQ", 1, 0, pages * 1024, place, len(text), 1024)
-    content = (head + body).ljust(pages * 1020, b"\0")
-    starts = range(0, len(content), 1020)
-    path.write_bytes(b"".join(content[start : start + 1020] + bytes(4) for start in starts))
+    path.write_bytes(e57_pages((head + body).ljust(pages * 1020, b"\0")))
     return path
+
+
+def e57_pages(content: bytes) -> bytes:
+    """Cut content into pages, each with its checksum."""
+    starts = range(0, len(content), 1020)
+    pages = [content[start : start + 1020].ljust(1020, b"\0") for start in starts]
+    return b"".join(page + _crc32c(page).to_bytes(4, "big") for page in pages)
+
+
+def e57_content(file: bytes) -> bytes:
+    """Return what the pages of a file hold."""
+    return b"".join(file[start : start + 1020] for start in range(0, len(file), 1024))
+
+
+def _crc32c(content: bytes) -> int:
+    """Bit by bit, as RFC 3720 has it."""
+    register = 0xFFFFFFFF
+    for byte in content:
+        register ^= byte
+        for _ in range(8):
+            register = (register >> 1) ^ (0x82F63B78 if register & 1 else 0)
+    return register ^ 0xFFFFFFFF
 
 
 def write_las(path: Path, columns: dict[str, NDArray[Any]], point_format: int = 3) -> Path:

@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from airzoo_bench.formats.clouds.e57_pages import crc32c
 from tests.formats.cloud_support import (
     E57_SCALE,
     colours_of,
+    e57_content,
+    e57_pages,
     made,
     opened,
     points_of,
@@ -48,18 +51,32 @@ def test_points_are_read_whatever_the_packets(split: int, tmp_path: Path) -> Non
 )
 def test_damage_is_refused(old: bytes, new: bytes, message: str, tmp_path: Path) -> None:
     content = write_e57(tmp_path / "a.e57", made()).read_bytes()
-    logical = b"".join(content[at : at + 1020] for at in range(0, len(content), 1024))
+    logical = e57_content(content)
     assert old in logical
     changed = logical.replace(old, new)
     if len(new) != len(old):
         xml = int.from_bytes(content[32:40], "little") + len(new) - len(old)
         changed = changed[:32] + xml.to_bytes(8, "little") + changed[40:]
         changed = changed[: -(len(new) - len(old))] if len(new) > len(old) else changed + b"\0" * 9
-    pages = range(0, len(changed), 1020)
-    packed = b"".join(changed[at : at + 1020].ljust(1020, b"\0") + bytes(4) for at in pages)
-    (tmp_path / "a.e57").write_bytes(packed)
+    (tmp_path / "a.e57").write_bytes(e57_pages(changed))
     with refused(message):
         read(tmp_path / "a.e57")
+
+
+def test_a_checksum_by_hand() -> None:
+    """RFC 3720, appendix B.4: 32 bytes of zeros, of ones, and 0 to 31."""
+    rows = np.array([[0] * 32, [255] * 32, range(32)], np.uint8)
+    assert crc32c(rows).tolist() == [0x8A9136AA, 0x62A8AB43, 0x46DD794E]
+
+
+@pytest.mark.parametrize("place", [100, 1021, 1500])
+def test_a_page_whose_bits_have_turned_is_refused(place: int, tmp_path: Path) -> None:
+    path = write_e57(tmp_path / "a.e57", made())
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(bytes(content))
+    with refused(f"page {place // 1024 + 1} does not have its checksum"):
+        read(path)
 
 
 def test_a_scan_without_points_has_none(tmp_path: Path) -> None:

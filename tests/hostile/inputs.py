@@ -20,7 +20,7 @@ import numpy as np
 
 from airzoo_bench.core.files import sha256_of
 from tests.formats import cloud_support as clouds
-from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
+from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_e57, spoil_text
 from tests.matching import world as matching
 from tests.readers import retrieval_support
 from tests.readers.samples import (
@@ -63,7 +63,7 @@ class Input:
         Data root, relative to the folder; None for what needs no benchmark.
     share : float
         How many cases it gets beside others; less where a case takes long.
-    sealed : bool
+    checksums : bool
         Put hashes right again that hold the file, in nine of ten cases.
     """
 
@@ -74,7 +74,7 @@ class Input:
     commands: tuple[tuple[str, ...], ...]
     data: str | None = None
     share: float = 1.0
-    sealed: bool = False
+    checksums: bool = False
 
 
 def made_inputs(home: Path) -> list[Input]:
@@ -243,7 +243,7 @@ def _matching(home: Path) -> list[Input]:
                 command,
                 "data",
                 0.4,
-                sealed=True,
+                checksums=True,
             )
         )
     return made
@@ -319,8 +319,11 @@ def _reconstruction(home: Path) -> list[Input]:
         (f"{base}/protocols/{reconstruction.PROTOCOL}.toml", spoil_text),
     ):
         name = f"folder/reconstruction {Path(file).name}"
-        made.append(Input(name, whole, file, spoil, command, "data", 0.3, sealed=True))
+        made.append(Input(name, whole, file, spoil, command, "data", 0.3, checksums=True))
     return made
+
+
+_SPOILS = {".npz": spoil_arrays, ".obj": spoil_text, ".e57": spoil_e57}
 
 
 def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> list[Input]:
@@ -334,7 +337,7 @@ def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> l
         one.mkdir(parents=True)
         ending = path.name[path.name.index(".") :]
         shutil.copy(path, one / f"yard{ending}")
-        spoil = {".npz": spoil_arrays, ".obj": spoil_text}.get(path.suffix, spoil_bytes)
+        spoil = _SPOILS.get(path.suffix, spoil_bytes)
         if "ascii" in path.name:
             spoil = spoil_text
         name = f"reconstruction/{path.name}"
@@ -456,10 +459,10 @@ def _results(home: Path, retrieval: Path) -> list[Input]:
     made = []
     for file, spoil in (("result.json", spoil_text), ("records.csv", spoil_text)):
         made.append(
-            Input(f"results/{file}", home, f"mine/{file}", spoil, cheap, None, 0.7, sealed=True)
+            Input(f"results/{file}", home, f"mine/{file}", spoil, cheap, None, 0.7, checksums=True)
         )
         made.append(
-            Input(f"report/{file}", home, f"mine/{file}", spoil, report, None, 0.2, sealed=True)
+            Input(f"report/{file}", home, f"mine/{file}", spoil, report, None, 0.2, checksums=True)
         )
     return made
 
@@ -524,13 +527,13 @@ def spoilt(one: Input, random: Random, folder: Path) -> list[str]:
     path = folder / one.file
     before = sha256_of(path)
     path.write_bytes(one.spoil(random, path.read_bytes()))
-    if one.sealed and random.random() < 0.9:
-        _seal(path, before)
+    if one.checksums and random.random() < 0.9:
+        _write_checksums(path, before)
     command = one.commands[int(random.integers(len(one.commands)))]
     return [word.replace("FOLDER", str(folder)).replace("FILE", str(path)) for word in command]
 
 
-def _seal(path: Path, before: str) -> None:
+def _write_checksums(path: Path, before: str) -> None:
     """Put right what holds a file to its hash, as who made the input by hand would have."""
     after = sha256_of(path)
     for holder in (*path.parents[:6],):
@@ -548,17 +551,19 @@ def _seal(path: Path, before: str) -> None:
     if isinstance(values, dict):
         if values.get("records_sha256") == before:
             values["records_sha256"] = after
-        result.write_text(json.dumps(_resealed(values)))
+        result.write_text(json.dumps(_with_checksum(values)))
 
 
-def _resealed(values: dict[str, Any]) -> dict[str, Any]:
+def _with_checksum(values: dict[str, Any]) -> dict[str, Any]:
     from pydantic import ValidationError
 
     from airzoo_bench.results.result import Result
 
     try:
         return json.loads(
-            Result.model_validate_json(json.dumps(values)).sealed().model_dump_json(by_alias=True)
+            Result.model_validate_json(json.dumps(values))
+            .with_checksum()
+            .model_dump_json(by_alias=True)
         )
     except (ValidationError, ValueError):
         return values

@@ -11,7 +11,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import Reading
-from airzoo_bench.readers.scene_folders import find_scenes, most_sure
+from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader, find_scenes
 
 PHOTOS = {"yard": ["a/1.JPG", "a/2.JPG"], "lot": ["1.JPG", "3.JPG"]}
 
@@ -29,6 +29,19 @@ def reading(*scenes: str, names: Path | None = None, truths: bool = True) -> Rea
 
 def is_scene(place: Path) -> bool:
     return (place / "out.txt").is_file() or place.suffix == ".out"
+
+
+class Outputs(SceneReader):
+    title, layout = "outputs", "out.txt"
+
+    def sure_of(self, place: Path) -> float:
+        return 0.9 * is_scene(place)
+
+    def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
+        return (f"scenes are {', '.join(scenes.places)}",)
+
+    def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> Any:
+        return scenes.reading, place, memory
 
 
 def output(place: Path) -> Path:
@@ -53,10 +66,20 @@ def test_a_folder_of_outputs(tmp_path: Path) -> None:
     found = find_scenes(tmp_path, reading("yard", "lot"), is_scene)
     assert found.places == {"lot": tmp_path / "lot.out", "yard": place}
     assert found.others == ("log.txt",)
-    assert most_sure(tmp_path, lambda _: 0.0, lambda one: 0.9 * is_scene(one)) == 0.9
+    assert Outputs().recognise(tmp_path) == 0.9
+    assert Outputs().recognise(place) == 0.9
+    assert Outputs().recognise(tmp_path / "log.txt") == 0.0
     (tmp_path / "yard.out").touch()
     with pytest.raises(PredictionError, match=r"'yard' has two outputs: yard and yard\.out"):
         find_scenes(tmp_path, reading("yard", "lot"), is_scene)
+
+
+def test_scenes_are_read_when_they_are_asked_for(tmp_path: Path) -> None:
+    place, given = output(tmp_path / "yard"), reading("yard")
+    read = Outputs().read(place, given)
+    assert read.conventions == ("scenes are yard",)
+    with read.predictions.opened("yard", limit_bytes=7, sampling=None) as scene:
+        assert scene == (given, place, 7)
 
 
 def test_nothing_found(tmp_path: Path) -> None:

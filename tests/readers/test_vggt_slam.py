@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.readers.scene_folders import ScenePlaces
+from airzoo_bench.readers.vggt_slam import VGGT_SLAM
 from tests.readers.recon_support import check_perfect, scored, world
 from tests.readers.samples import vggt_slam
 from tests.readers.samples.true_views import true_views
@@ -83,3 +86,11 @@ def test_what_contradicts_is_refused(world: World, out: Path) -> None:
     np.savez(folder / "0.0.npz", pointcloud=np.ones((4, 5, 3)), mask=np.ones((4, 5)))
     with pytest.raises(PredictionError, match="mask"):
         scored(world, out, names=names)
+
+
+def test_poses_that_went_away_before_their_scene_is_read(out: Path) -> None:
+    (out / "yard" / "poses.txt").unlink()
+    reading: Any = None  # is not looked at without poses
+    scenes = ScenePlaces(out, {"yard": out / "yard"}, (), reading)
+    with pytest.raises(PredictionError, match="no text of poses"):
+        VGGT_SLAM.read_scene(scenes, out / "yard", 1 << 20)

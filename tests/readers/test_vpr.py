@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,14 @@ import pytest
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.retrieval.descriptor_rows import RowParts
-from tests.readers.retrieval_support import Place, made_scenes, perfect, scored, tile_file
+from tests.readers.retrieval_support import (
+    Place,
+    made_scenes,
+    perfect,
+    photo_file,
+    scored,
+    tile_file,
+)
 from tests.readers.samples import vpr
 from tests.support import MadeScene
 
@@ -68,7 +77,7 @@ class TestNames:
     """Where the names of the rows come from."""
 
     def test_listing(self, tmp_path: Path, one: Path, log: Path) -> None:
-        images = str(tmp_path / "images")
+        images = str(log / "images")
         vpr.write_images(images, ONE[0])
         vpr.write_log(log, ONE[0], images)
         result = scored(log, one)
@@ -78,7 +87,7 @@ class TestNames:
     def test_listing_is_of_the_images_that_the_method_takes(
         self, tmp_path: Path, one: Path, log: Path
     ) -> None:
-        images = str(tmp_path / "images")
+        images = str(log / "images")
         vpr.write_images(images, ONE[0])
         tiles = Path(tile_file(images, ONE[0], 0)).parent
         for extra in ("tiles.csv", ".t00000.png", "t00000.tif", ".hidden/t.png"):
@@ -87,10 +96,44 @@ class TestNames:
         vpr.write_log(log, ONE[0], images)
         assert perfect(scored(log, one))
 
+    def test_folders_of_the_machine_are_not_listed(
+        self, tmp_path: Path, one: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A log of a stranger names a folder of this machine: nothing of it is read or told."""
+        images = str(tmp_path / "private")
+        vpr.write_images(images, ONE[0])
+        (log / "images").symlink_to(images)
+        gallery = np.eye(11, 24, dtype=np.float32)
+        np.save(log / "database_descriptors.npy", gallery)
+        seen: list[str] = []
+        walk = os.walk
+
+        def watched(top: str) -> Iterator[tuple[str, list[str], list[str]]]:
+            seen.append(top)
+            return walk(top)
+
+        for home in (images, str(log / "images")):
+            vpr.write_log(log, ONE[0], home, counts=(6, 11))
+            with monkeypatch.context() as patch:
+                patch.setattr(os, "walk", watched)
+                with pytest.raises(UserError, match="fit no scene") as refused:
+                    scored(log, one)
+            assert "12 images" not in str(refused.value)
+        assert not any(os.path.realpath(place).startswith(images) for place in seen)
+
+    def test_photos_of_the_benchmark_are_listed(self, one: Path, log: Path) -> None:
+        photos = Path(photo_file(str(one / "made" / "images"), ONE[0], 0)).parent
+        vpr.write_images(str(one / "made" / "images"), ONE[0])
+        vpr.write_log(log, ONE[0], str(one / "made" / "images"))
+        assert photos.is_dir()
+        result = scored(log, one)
+        assert perfect(result)
+        assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
+
     def test_another_number_of_images_is_refused(
         self, tmp_path: Path, one: Path, log: Path
     ) -> None:
-        images = str(tmp_path / "images")
+        images = str(log / "images")
         vpr.write_images(images, ONE[0])
         Path(tile_file(images, ONE[0], 3)).unlink()
         vpr.write_log(log, ONE[0], images)
@@ -98,7 +141,7 @@ class TestNames:
             scored(log, one)
 
     def test_file_of_paths(self, tmp_path: Path, one: Path, log: Path) -> None:
-        images = str(tmp_path / "images")
+        images = str(log / "images")
         vpr.write_images(images, ONE[0])
         order = np.random.default_rng(0).permutation(12)
         tiles = Path(tile_file(images, ONE[0], 0)).parent

@@ -60,7 +60,9 @@ def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     names += [f"method {number}" for number in range(16)]
     methods = [retrieval_method(name, number) for number, name in enumerate(names)]
     noted = [
-        Scored(m.name, m.result.model_copy(update={"notes": (f"note {n}",)}).sealed(), m.records)
+        Scored(
+            m.name, m.result.model_copy(update={"notes": (f"note {n}",)}).with_checksum(), m.records
+        )
         for n, m in enumerate(methods)
     ]
     out = folder / "report.html"

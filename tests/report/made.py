@@ -85,7 +85,9 @@ def reconstruction_method(name: str, seed: int, scenes: int = 3) -> Scored:
     values = {column.key: random.random(scenes) for column in F1}
     records = pd.DataFrame({"scene": ids, "query": ids, **values})
     result = made_result(records, F1, name, protocol="r" * 64)
-    return Scored(name, result.model_copy(update={"track": "reconstruction"}).sealed(), records)
+    return Scored(
+        name, result.model_copy(update={"track": "reconstruction"}).with_checksum(), records
+    )
 
 
 def write_methods(folder: Path, methods: list[Scored]) -> list[Path]:
@@ -160,5 +162,5 @@ def made_page(folder: Path, *arguments: object) -> Page:
 
 def of_benchmark(method: Scored, name: str) -> Scored:
     truth = method.result.truth.model_copy(update={"benchmark": name})
-    result = method.result.model_copy(update={"truth": truth}).sealed()
+    result = method.result.model_copy(update={"truth": truth}).with_checksum()
     return Scored(method.name, result, method.records)

@@ -118,7 +118,7 @@ def test_other_protocols_are_parts_of_their_own_benchmark_by_benchmark(tmp_path:
 
 
 def of_track(method: Scored, track: str) -> Scored:
-    result = method.result.model_copy(update={"track": track}).sealed()
+    result = method.result.model_copy(update={"track": track}).with_checksum()
     return Scored(method.name, result, method.records)
 
 
@@ -198,7 +198,7 @@ def test_notes_stand_once_with_the_methods_that_have_them(tmp_path: Path) -> Non
     methods = []
     for name, notes in (("a", ("same", "only a")), ("b", ("same",))):
         made = retrieval_method(name, 0)
-        result = made.result.model_copy(update={"notes": notes}).sealed()
+        result = made.result.model_copy(update={"notes": notes}).with_checksum()
         methods.append(Scored(name, result, made.records))
     [part] = made_page(tmp_path, *write_methods(tmp_path, methods)).sections
     assert part["notes"] == [

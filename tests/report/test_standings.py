@@ -168,7 +168,7 @@ def test_floors_stand_apart(tmp_path: Path) -> None:
         overall=values,
         pooled=values,
     )
-    result = made.result.model_copy(update={"references": {"Chance level": floor}}).sealed()
+    result = made.result.model_copy(update={"references": {"Chance level": floor}}).with_checksum()
     [part] = made_page(
         tmp_path, *write_methods(tmp_path, [Scored("a", result, made.records), method("b", 9)])
     ).sections

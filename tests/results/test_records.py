@@ -129,12 +129,12 @@ def test_records_that_cannot_be_of_the_result(change, message, tmp_path):
         read_records(tmp_path / "result.json")
 
 
-def test_a_resealed_result_is_held_to_its_records(path):
+def test_a_result_with_a_new_checksum_is_held_to_its_records(path):
     result = read_result(path)
     better = {**result.overall, "recall@1": 0.9}
     scenes = {scene: dict(better) for scene in result.scenes}
     changes = {"scenes": scenes, "overall": better, "pooled": better}
-    write_result(path, result.model_copy(update=changes).sealed())
+    write_result(path, result.model_copy(update=changes).with_checksum())
     assert read_result(path).is_intact()
     with pytest.raises(ResultError, match=r"does not fit the result .*\n  expected: 0\.9, as the"):
         read_records(path)
@@ -144,7 +144,7 @@ def test_a_resealed_result_is_held_to_its_records(path):
 def test_rounding_is_no_difference(path):
     result = read_result(path)
     overall = {key: value * (1 + 1e-13) for key, value in result.overall.items()}
-    write_result(path, result.model_copy(update={"overall": overall}).sealed())
+    write_result(path, result.model_copy(update={"overall": overall}).with_checksum())
     assert len(read_records(path)) == 4
 
 

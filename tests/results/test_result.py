@@ -59,7 +59,7 @@ def result(method: str = "Method", **overall: float) -> Result:
         scenes={"s": values},
         overall=values,
         pooled=values,
-    ).sealed()
+    ).with_checksum()
 
 
 def two_scenes(**changes: Any) -> Result:
@@ -73,7 +73,7 @@ def two_scenes(**changes: Any) -> Result:
         "overall": {"recall@1": 0.75, "distance_m": 5.0},
         "pooled": {"recall@1": 0.625, "distance_m": 7.0},
     }
-    return base.model_copy(update=parts | changes).sealed()
+    return base.model_copy(update=parts | changes).with_checksum()
 
 
 def test_averages_are_those_of_the_scenes(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_averages_are_those_of_the_scenes(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_resealed_averages_are_refused(
+def test_averages_with_a_new_checksum_are_refused(
     changes: dict[str, Any], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "result.json"
@@ -275,9 +275,9 @@ def chance(**changes: dict[str, Any]) -> Reference:
     return Reference.model_validate({"meaning": "A random order."} | parts | changes)
 
 
-def test_references_are_kept_and_sealed(tmp_path: Path) -> None:
+def test_references_are_kept_and_in_the_checksum(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
-    made = result().model_copy(update={"references": {"chance": chance()}}).sealed()
+    made = result().model_copy(update={"references": {"chance": chance()}}).with_checksum()
     assert made.checksum != result().checksum
     write_result(path, made)
     assert read_result(path).references == {"chance": chance()}

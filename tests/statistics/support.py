@@ -102,7 +102,7 @@ def made_result(
         extra_queries=0,
         notes=(),
         **asdict(summarise(records, scores, scenes)),
-    ).sealed()
+    ).with_checksum()
 
 
 def made_method(

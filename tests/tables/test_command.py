@@ -54,7 +54,7 @@ def made(
         "overall": mean,
         "pooled": pooled,
     }
-    return Result.model_validate(content | parts).sealed()
+    return Result.model_validate(content | parts).with_checksum()
 
 
 @pytest.fixture

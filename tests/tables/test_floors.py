@@ -37,7 +37,7 @@ def scored(method: str, city: float, rural: float, **parts: Any) -> Result:
 
 
 def with_references(result: Result, references: dict[str, Reference]) -> Result:
-    return result.model_copy(update={"references": references}).sealed()
+    return result.model_copy(update={"references": references}).with_checksum()
 
 
 @pytest.fixture

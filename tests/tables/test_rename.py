@@ -89,7 +89,7 @@ def test_a_mistyped_layout(files: list[Path], capsys: pytest.CaptureFixture[str]
 def test_what_is_published_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one = made("Mine", {"City": {"recall@1": 0.5}, "Rural": {"recall@1": 0.5}})
     truth = one.truth.model_copy(update={"benchmark": "lake"})
-    write_result(tmp_path / "r.json", one.model_copy(update={"truth": truth}).sealed())
+    write_result(tmp_path / "r.json", one.model_copy(update={"truth": truth}).with_checksum())
     assert run_main("table", tmp_path / "r.json", "--published") == 0
     out = capsys.readouterr().out
     assert "nothing is published on lake (retrieval), but on " in out
@@ -111,7 +111,7 @@ class TestOneRow:
             protocol = one.protocol.model_copy(update={"name": f"{benchmark}-protocol"})
             changes = {"truth": truth, "protocol": protocol}
             paths.append(tmp_path / f"{name}.json")
-            write_result(paths[-1], one.model_copy(update=changes).sealed())
+            write_result(paths[-1], one.model_copy(update=changes).with_checksum())
         return paths
 
     @pytest.mark.parametrize("form", FORMATS)

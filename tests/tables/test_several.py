@@ -36,7 +36,7 @@ def of(method: str, benchmark: str, track: str, value: float) -> Result:
     if track != "retrieval":
         columns, values = (ERROR,), {"error": value}
     scores = {"scenes": {"s": values}, "overall": values, "pooled": values, "columns": columns}
-    return base.model_copy(update=parts | scores).sealed()
+    return base.model_copy(update=parts | scores).with_checksum()
 
 
 @pytest.fixture
@@ -171,7 +171,7 @@ def test_one_name_and_different_protocols(
     for number in range(20):
         other = base.protocol.model_copy(update={"fingerprint": f"z{number}"})
         path = tmp_path / f"other{number}.json"
-        write_result(path, base.model_copy(update={"protocol": other}).sealed())
+        write_result(path, base.model_copy(update={"protocol": other}).with_checksum())
         files.append(path)
     assert run_main("table", *files) == 2
     message = capsys.readouterr().err

@@ -181,7 +181,7 @@ def scored(name: str, values: dict[str, Sequence[float]]) -> Scored:
             for i, value in enumerate(found)
         ]
     )
-    return Scored(name, base.model_copy(update=parts).sealed(), frame)
+    return Scored(name, base.model_copy(update=parts).with_checksum(), frame)
 
 
 MIXED, SAME = [0.0, 1.0] * 4, [1.0] * 8

@@ -93,7 +93,7 @@ def read_set(source: Path, scene: str, progress: Progress) -> NativeScene:
     size = np.array([sample.size for sample in samples.values()])
     matrices = np.array([sample.intrinsics for sample in samples.values()]) + _HALF_PIXEL
     extrinsics = np.array([sample.extrinsics for sample in samples.values()], np.float64)
-    kinds = [_kind(name) for name in samples]
+    kinds = {path.stem: kind for path, kind in paths.items()}
     black = [name for name, sample in read.items() if sample is None]
     return NativeScene(
         scene,
@@ -104,24 +104,19 @@ def read_set(source: Path, scene: str, progress: Progress) -> NativeScene:
         LOCAL_CRS,
         maps=made / "maps",
         conditions={
-            "location": [location for location, _ in kinds],
-            "domain": [domain for _, domain in kinds],
+            "location": [kinds[name][0] for name in samples],
+            "domain": [kinds[name][1] for name in samples],
         },
         notes=(f"black photos, left out: {first_of(black, len(read))}",) if black else (),
         poses_from=folder,
     )
 
 
-def _kind(name: str) -> tuple[str, str]:
-    """Return location and domain by a sample's name: R is the photos' own."""
-    match = _SAMPLE.fullmatch(name)
-    assert match is not None
-    return match[1], match[2]
-
-
-def _samples(folder: Path) -> list[Path]:
+def _samples(folder: Path) -> dict[Path, tuple[str, str]]:
+    """Return the samples, each with location and domain by its name: R is the photos' own."""
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".npz")
-    odd = [path.name for path in paths if _SAMPLE.fullmatch(path.stem) is None]
+    matches = {path: _SAMPLE.fullmatch(path.stem) for path in paths}
+    odd = [path.name for path, match in matches.items() if match is None]
     if odd or not paths:
         raise BenchmarkError(
             f"holds {first_of(odd, len(paths))}, which is no sample" if odd else "holds no .npz",
@@ -129,7 +124,7 @@ def _samples(folder: Path) -> list[Path]:
             expected="samples such as L08_R0000.npz, L08_xDOP0001.npz, L08_xDOPDSM0002.npz",
             fix="download the set again, or take other files out of the folder",
         )
-    return paths
+    return {path: (match[1], match[2]) for path, match in matches.items() if match is not None}
 
 
 def _read(path: Path, made: Path) -> _Sample | None:

@@ -66,15 +66,15 @@ class ColmapModels(Survey[ColmapOptions]):
 
     def read(self, options: ColmapOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the model, and place it."""
+        from airzoo_bench.datasets.photos import FoundPhotos, posed_scene
         from airzoo_bench.datasets.poses import read_poses
         from airzoo_bench.datasets.sources import photo_sizes
         from airzoo_bench.datasets.surveys.georeference import georeferenced
-        from airzoo_bench.datasets.surveys.scenes import FoundSurvey, survey_scene
 
         images = given(options.images, "images")
         sizes = photo_sizes(images, progress)
         placed = georeferenced(options, read_poses(options.source, sizes))
-        found = FoundSurvey(
+        found = FoundPhotos(
             images,
             sizes,
             placed.photos,
@@ -84,7 +84,7 @@ class ColmapModels(Survey[ColmapOptions]):
             placed.notes,
             placed.accuracy_m,
         )
-        return survey_scene(options, scene, found, progress)
+        return posed_scene(options, scene, found, progress)
 
 
 COLMAP = ColmapModels()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -72,11 +73,20 @@ class DjiFolders(Survey[DjiOptions]):
     without_truth = MappingProxyType(
         {
             "matching": "the photos' metadata are the truth, and cannot be the prior too: it needs "
-            "--priors of another source, and --dsm",
+            "--priors of another source",
             "reconstruction": "no true cloud was given (--cloud)",
         }
     )
     needs = ("dom",)
+
+    def reasons(self, options: DjiOptions) -> Mapping[str, str]:
+        """Return why a track may have no truth, without asking for what was given."""
+        no_dsm = "no surface model was given (--dsm)"
+        if options.dsm is not None:
+            return self.without_truth
+        if options.priors is not None:
+            return {**self.without_truth, "matching": no_dsm}
+        return {**self.without_truth, "matching": f"{self.without_truth['matching']}, and --dsm"}
 
     def protocols(self, options: DjiOptions, root: Path) -> BenchmarkProtocols:
         """Return the protocols of own photos; orientations are not trusted."""

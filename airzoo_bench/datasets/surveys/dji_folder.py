@@ -18,6 +18,7 @@ from airzoo_bench.datasets.native import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.sources import photo_sizes
+from airzoo_bench.datasets.surveys.crs import stated_crs
 from airzoo_bench.datasets.surveys.dji import DjiOptions
 from airzoo_bench.datasets.surveys.dji_tags import (
     FIXED,
@@ -35,7 +36,6 @@ from airzoo_bench.datasets.surveys.lenses import (
     lens_of,
     read_camera_file,
 )
-from airzoo_bench.datasets.surveys.scenes import stated_crs
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import horizontal_crs
 from airzoo_bench.geometry.frames import geodesic_distance_m
@@ -90,6 +90,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
         plane_height_m=plane,
         priors=priors,
         metadata={name: metadata[name] for name in names},
+        is_metadata=True,
         unposed=tuple(name for name in sorted(sizes) if name not in kept),
         notes=tuple(notes),
         truth_accuracy_m=options.truth_accuracy or accuracy,

@@ -14,14 +14,14 @@ from airzoo_bench.datasets.dji import read_prior
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.datasets.surveys.colmap import ColmapOptions
+from airzoo_bench.datasets.surveys.crs import map_crs, stated_crs
 from airzoo_bench.datasets.surveys.names import match_names
-from airzoo_bench.datasets.surveys.scenes import map_crs, stated_crs
 from airzoo_bench.datasets.surveys.survey import given
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.rotations import check_rotations
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
+from airzoo_bench.reconstruction.alignment.cameras import Alignment, Residuals, align
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 
 __all__ = ["PlacedPhotos", "georeferenced"]
@@ -172,7 +172,8 @@ def _fitted(
             expected="positions that span an area",
             fix="give the similarity (--georeference with a 4 x 4 matrix)",
         ) from error
-    if not found.robust or found.inliers < _LEAST_AGREEING * found.cameras:
+    left = found.inlier_centres
+    if left is None or not found.robust or found.inliers < _LEAST_AGREEING * found.cameras:
         raise BenchmarkError(
             f"{found.inliers} of {counted(found.cameras, 'position')} agree with the model to "
             f"{limit:g} m",
@@ -180,14 +181,13 @@ def _fitted(
             expected="at least half",
             fix="look at the positions, or give a larger --inlier-m",
         )
-    assert found.inlier_centres is not None
-    left = round(found.inlier_centres.rms, 4) or None
-    return found.transform, _residual_notes(found, positions), left
+    notes = _residual_notes(found, left, positions)
+    return found.transform, notes, round(left.rms, 4) or None
 
 
-def _residual_notes(found: Alignment, positions: dict[str, tuple[float, ...]]) -> tuple[str, ...]:
-    assert found.inlier_centres is not None
-    left = found.inlier_centres
+def _residual_notes(
+    found: Alignment, left: Residuals, positions: dict[str, tuple[float, ...]]
+) -> tuple[str, ...]:
     notes = [
         f"a similarity of scale {found.transform.scale:.6g} places the model by {found.inliers} "
         f"of {counted(found.cameras, 'position')}: {left.rms:.3f} m remain (root mean square), "

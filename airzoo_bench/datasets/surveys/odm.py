@@ -62,11 +62,11 @@ class OdmProjects(Survey[OdmOptions]):
 
     def read(self, options: OdmOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the project."""
+        from airzoo_bench.datasets.photos import posed_scene
         from airzoo_bench.datasets.surveys.odm_project import read_project
-        from airzoo_bench.datasets.surveys.scenes import survey_scene
 
         found = read_project(options, progress)
-        return survey_scene(options, scene, found, progress)
+        return posed_scene(options, scene, found, progress)
 
 
 ODM = OdmProjects()

@@ -14,6 +14,7 @@ from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.photos import FoundPhotos
 from airzoo_bench.datasets.poses import PosedPhotos
 from airzoo_bench.datasets.sources import photo_sizes
 from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses
@@ -32,7 +33,6 @@ from airzoo_bench.datasets.surveys.odm_layout import (
 )
 from airzoo_bench.datasets.surveys.odm_lens import lens_of_camera
 from airzoo_bench.datasets.surveys.odm_shots import OdmPart, read_part
-from airzoo_bench.datasets.surveys.scenes import FoundSurvey
 from airzoo_bench.datasets.surveys.surface import grid_surface
 from airzoo_bench.geometry.crs import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
@@ -42,7 +42,7 @@ __all__ = ["read_project"]
 _Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
+def read_project(options: OdmOptions, progress: Progress) -> FoundPhotos:
     """Read a project, and grid its clouds where it has no surface model.
 
     Raises
@@ -72,7 +72,7 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundSurvey:
         dsm, said = _gridded(options, project, folders, crs)
         notes += said
     accuracy = round(max(apart, left), 4) or None
-    return FoundSurvey(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes), accuracy)
+    return FoundPhotos(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes), accuracy)
 
 
 def _crs(folders: list[Path]) -> CRS:

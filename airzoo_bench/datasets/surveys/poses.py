@@ -72,13 +72,9 @@ class PoseTables(Survey[PoseTableOptions]):
 
     def read(self, options: PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the table, and what the photos' metadata say."""
+        from airzoo_bench.datasets.photos import FoundPhotos, posed_scene
         from airzoo_bench.datasets.sources import photo_sizes
-        from airzoo_bench.datasets.surveys.scenes import (
-            FoundSurvey,
-            map_crs,
-            stated_crs,
-            survey_scene,
-        )
+        from airzoo_bench.datasets.surveys.crs import map_crs, stated_crs
         from airzoo_bench.datasets.surveys.table_angles import AngleSettings
         from airzoo_bench.datasets.surveys.table_poses import read_table_poses
 
@@ -88,7 +84,7 @@ class PoseTables(Survey[PoseTableOptions]):
         angles = AngleSettings(options.angles, options.angle_unit, options.north)
         crs = map_crs(options) if stated is None else stated
         read = read_table_poses(options.source, images, sizes, crs, stated, angles, options.camera)
-        found = FoundSurvey(
+        found = FoundPhotos(
             images,
             sizes,
             read.photos,
@@ -97,7 +93,7 @@ class PoseTables(Survey[PoseTableOptions]):
             options.dsm,
             read.notes,
         )
-        return survey_scene(options, scene, found, progress)
+        return posed_scene(options, scene, found, progress)
 
 
 POSES = PoseTables()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.options import Option
 from airzoo_bench.datasets.native import NativeDataset, NativeOptions
-from airzoo_bench.datasets.photo_options import HeightOptions, ProtocolOptions
+from airzoo_bench.datasets.photo_options import ProtocolOptions, SceneOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -30,7 +30,7 @@ _LONGEST_NAME = 48  # of which more names are made
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurveyOptions(ProtocolOptions, HeightOptions, NativeOptions):
+class SurveyOptions(ProtocolOptions, SceneOptions, NativeOptions):
     """What every own survey asks for."""
 
     source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
@@ -43,25 +43,7 @@ class SurveyOptions(ProtocolOptions, HeightOptions, NativeOptions):
     dom: Annotated[
         Path | None, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")
     ] = None
-    dsm: Annotated[
-        Path | None, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")
-    ] = None
-    cloud: Annotated[
-        Path | None, Option("cloud", "True cloud in the CRS of the poses, if any.")
-    ] = None
-    priors: Annotated[
-        Path | None,
-        Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
-    ] = None
     crs: Annotated[str | None, Option("crs", "Projected CRS of the poses.")] = None
-    plane_height: Annotated[
-        float | None,
-        Option(
-            "plane-height",
-            "Height of the ground as a plane, in the poses' vertical datum (default: the median "
-            "of the surface model).",
-        ),
-    ] = None
 
 
 OptionsT = TypeVar("OptionsT", bound=SurveyOptions)

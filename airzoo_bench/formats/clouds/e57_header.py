@@ -21,7 +21,7 @@ from airzoo_bench.geometry.rotations import quaternion_to_matrix
 __all__ = ["Field", "Scan", "Stream", "read_scans"]
 
 _HEADER = struct.Struct("<8sIIQQQQ")
-_PAGES = range(128, 1 << 20)
+_PAGES = range(128, (1 << 13) + 1)  # files have 1024
 _LONGEST_XML = 1 << 26
 _MOST_BITS = 64
 _MOST_POINTS = 1 << 48

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import as_colours, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory, triangles_of
-from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text, shown
+from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["open_obj"]
@@ -101,9 +100,9 @@ def _vertex(text: TextLines, words: list[str], line: str) -> list[float]:
     try:
         row = [float(word) for word in words[1:]]
     except ValueError as error:
-        raise _wrong(text, line, "v x y z, or v x y z r g b") from error
+        raise text.wrong(line, "v x y z, or v x y z r g b") from error
     if len(row) not in (3, 4, 6, 7):
-        raise _wrong(text, line, "v x y z, or v x y z r g b")
+        raise text.wrong(line, "v x y z, or v x y z r g b")
     # A fourth number is a weight, which only curves use.
     return row[:3] if len(row) < 6 else row[:6]
 
@@ -112,17 +111,13 @@ def _polygon(text: TextLines, words: list[str], vertices: int, line: str) -> lis
     try:
         given = [int(word.partition("/")[0]) for word in words]
     except ValueError as error:
-        raise _wrong(text, line, "f and indices of vertices") from error
+        raise text.wrong(line, "f and indices of vertices") from error
     if any(index == 0 or abs(index) > _MOST_INDEX for index in given):
-        raise _wrong(text, line, "indices from 1, or below 0 for those before")
+        raise text.wrong(line, "indices from 1, or below 0 for those before")
     return [index - 1 if index > 0 else _from_end(text, index, vertices, line) for index in given]
 
 
 def _from_end(text: TextLines, index: int, vertices: int, line: str) -> int:
     if vertices + index < 0:
-        raise _wrong(text, line, f"at most {vertices:,} vertices back")
+        raise text.wrong(line, f"at most {vertices:,} vertices back")
     return vertices + index
-
-
-def _wrong(text: TextLines, line: str, expected: str) -> PredictionError:
-    return text.error(f"is {shown(line)}", expected)

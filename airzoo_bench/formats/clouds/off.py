@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory, triangles_of
-from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text, shown
+from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["open_off"]
@@ -51,12 +50,12 @@ def open_off(path: Path, limit_bytes: int) -> Mesh:
 def _counts(text: TextLines) -> tuple[int, int]:
     words = _words(text, _EXPECTED)
     if words[0] not in _KEYWORDS:
-        raise text.error(f"is {shown(' '.join(words))}", _EXPECTED)
+        raise text.wrong(" ".join(words), _EXPECTED)
     counts = words[1:] or _words(text, _EXPECTED)
     if len(counts) not in (2, 3) or not all(
         word.isascii() and word.isdigit() and int(word[:20]) < _MOST for word in counts
     ):
-        raise text.error(f"is {shown(' '.join(counts))}", _EXPECTED)
+        raise text.wrong(" ".join(counts), _EXPECTED)
     return int(counts[0]), int(counts[1])
 
 
@@ -74,7 +73,7 @@ def _vertex(text: TextLines) -> list[float]:
     try:
         return [float(words[0]), float(words[1]), float(words[2])]
     except (ValueError, IndexError) as error:
-        raise _wrong(text, words, "x y z") from error
+        raise text.wrong(" ".join(words), "x y z") from error
 
 
 def _faces(text: TextLines, vertices: int, count: int, limit_bytes: int) -> Ints:
@@ -95,11 +94,7 @@ def _face(text: TextLines, vertices: int) -> list[int]:
         size = int(words[0])
         corners = [int(word) for word in words[1 : size + 1]]
     except ValueError as error:
-        raise _wrong(text, words, expected) from error
+        raise text.wrong(" ".join(words), expected) from error
     if size < 1 or len(corners) != size or not all(0 <= one < vertices for one in corners):
-        raise _wrong(text, words, expected)
+        raise text.wrong(" ".join(words), expected)
     return corners
-
-
-def _wrong(text: TextLines, words: list[str], expected: str) -> PredictionError:
-    return text.error(f"is {shown(' '.join(words))}", expected)

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
 from airzoo_bench.formats.clouds.meshes import check_memory, fans, triangles_of
 from airzoo_bench.formats.clouds.ply_header import Element
-from airzoo_bench.formats.clouds.text_rows import TextLines, shown
+from airzoo_bench.formats.clouds.text_rows import TextLines
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["binary_polygons", "end_of_element", "text_polygons"]
@@ -101,7 +101,7 @@ def _text_polygon(text: TextLines, element: Element, name: str, line: str) -> li
 
 
 def _no_face(text: TextLines, line: str) -> PredictionError:
-    return text.error(f"is {shown(line)}", "a face: how many vertices, and their indices")
+    return text.wrong(line, "a face: how many vertices, and their indices")
 
 
 def _runs(

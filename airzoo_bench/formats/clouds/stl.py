@@ -8,7 +8,7 @@ import numpy as np
 
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, read_records, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
-from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text, shown
+from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["looks_like_stl", "open_stl"]
@@ -101,5 +101,5 @@ def _corner(text: TextLines, words: list[str], line: str) -> list[float]:
     try:
         x, y, z = map(float, words[1:])
     except ValueError as error:
-        raise text.error(f"is {shown(line)}", "vertex x y z") from error
+        raise text.wrong(line, "vertex x y z") from error
     return [x, y, z]

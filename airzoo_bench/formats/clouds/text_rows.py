@@ -60,6 +60,10 @@ class TextLines:
         line = self.number if number is None else number
         return refusal(self.path, f"line {line} {what}", expected=expected)
 
+    def wrong(self, line: str, expected: str, number: int | None = None) -> PredictionError:
+        """Make the error of a line that holds something else."""
+        return self.error(f"is {shown(line)}", expected, number)
+
 
 @contextmanager
 def opened_text(path: Path, offset: int = 0, line: int = 0) -> Iterator[TextLines]:
@@ -127,7 +131,7 @@ def _wrong_line(
 ) -> PredictionError:
     for line, number in zip(lines, numbers, strict=True):
         if not _is_row(line, columns):
-            return text.error(f"is {shown(line)}", f"{columns} numbers", number)
+            return text.wrong(line, f"{columns} numbers", number)
     return text.error("or one before it cannot be read", f"{columns} numbers")
 
 

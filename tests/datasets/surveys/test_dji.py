@@ -108,6 +108,24 @@ def test_without_a_surface_the_ground_is_where_the_drone_took_off(made: Made) ->
     assert dataset.protocols(options, made.folder).matching is None
 
 
+def test_what_is_said_fits_what_was_given(
+    made: Made, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ("prepare", "dji", "--source", dji_folder(made), *made.maps, "--tile-size", 64)
+
+    assert run_main(*command, "--name", "place") == 0
+
+    said = capsys.readouterr()
+    assert "it needs --priors of another source\n" in said.out  # --dsm was given
+    assert "the photos' own positions and angles" in said.out
+    assert "m from the photos' GPS" not in said.out
+    assert "no prior" not in said.err
+    priors = prior_file(made, 5e-5)
+    priors.write_text("".join(priors.read_text().splitlines(keepends=True)[:-1]))
+    assert run_main(*command, "--priors", priors, "--name", "other") == 0
+    assert "have no whole row in --priors" in capsys.readouterr().err
+
+
 def test_it_prepares_without_a_surface(
     made: Made, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,7 +61,7 @@ def made(name: str, method: str, seed: int) -> Result:
         "overall": mean,
         "pooled": mean,
     }
-    return Result.model_validate(content).sealed()
+    return Result.model_validate(content).with_checksum()
 
 
 def read_back(

@@ -1,4 +1,4 @@
-"""Sealing a benchmark folder that was made by hand: what benchmark.toml lacks is filled in."""
+"""A benchmark folder that was made by hand: what benchmark.toml lacks is filled in."""
 
 from __future__ import annotations
 
@@ -18,12 +18,10 @@ from airzoo_bench.protocol.model import Protocol
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["seal_folder"]
-
-_BY_HAND = "correct it (docs/benchmark-folder.md says what is expected), then seal the folder again"
+__all__ = ["complete_manifest"]
 
 
-def seal_folder(folder: Path, *, replace: bool = False) -> list[str]:
+def complete_manifest(folder: Path, *, replace: bool = False) -> list[str]:
     """Write what benchmark.toml lacks: settings of the truth, checksums of files and of data.
 
     Parameters
@@ -42,22 +40,27 @@ def seal_folder(folder: Path, *, replace: bool = False) -> list[str]:
     ------
     BenchmarkError
         There are no protocols, the truth of a scene cannot be read as `eval` reads it, an id lacks
-        its scene, or a file was changed since the folder was sealed and `replace` is false.
+        its scene, or a file was changed since its checksums were written and `replace` is false.
     """
     path = folder / "benchmark.toml"
     values = read_toml(path, BenchmarkError, "benchmark file")
     protocols = _protocols(folder)
     said = _fill_in(values, protocols)
     file = validated(values, BenchmarkFile, BenchmarkError, path, "benchmark file")
+    before, file = file.by_hand, file.model_copy(update={"by_hand": True})
     if file.checksums and not replace:
-        verify(folder, file)
+        with Benchmark(folder, file).fixes():
+            verify(folder, file)
     scenes = tuple(_with_checksums(folder, scene, said, replace) for scene in file.scenes)
-    benchmark = Benchmark(folder, file.model_copy(update={"scenes": scenes}))
+    file = file.model_copy(update={"scenes": scenes})
+    benchmark = Benchmark(folder, file)
     for protocol in protocols:
         benchmark.check_fits(protocol)
         for scene in protocol.scenes:
             _check_truth(benchmark, scene.id, protocol)
-    write_benchmark_file(folder, benchmark.file)
+    if not said and not replace:
+        file = file.model_copy(update={"by_hand": before})
+    write_benchmark_file(folder, file)
     return [*said, "checksums of all files below scenes/"]
 
 
@@ -99,14 +102,8 @@ def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
             expected=f"the files of {protocol.track}, see docs/benchmark-folder.md",
             fix=f"add them, or take the scene out of protocol {protocol.name}",
         )
-    try:
+    with benchmark.fixes():
         truth = TRACKS.get(protocol.track).read_truth(benchmark, scene)
-    except BenchmarkError as error:
-        # A folder made by hand cannot be prepared again.
-        fix = _BY_HAND if "prepare" in (error.fix or "prepare") else error.fix
-        raise BenchmarkError(
-            error.what, where=error.where, expected=error.expected, fix=fix
-        ) from error
     for table in ("queries", "tiles"):
         _check_ids(getattr(truth, table, None), table, scene, home)
 
@@ -119,7 +116,7 @@ def _check_ids(table: pd.DataFrame | None, name: str, scene: str, home: Path) ->
             f"ids of {name} lack their scene: {first_of(without, len(ids))}",
             where=home,
             expected=f"ids that begin with the scene, such as {scene}/{without[0]}",
-            fix="write them so in all tables, then seal the folder again",
+            fix="write them so in all tables, then run `airzoo-bench manifest` again",
         )
 
 
@@ -132,7 +129,7 @@ def _with_checksums(folder: Path, scene: SceneFile, said: list[str], replace: bo
         now = found[f"{part}_sha256"] = sha256(folder / place)
         if before not in (None, now) and not replace:
             raise BenchmarkError(
-                f"the {part} of scene {scene.id} was changed since the folder was sealed",
+                f"the {part} of scene {scene.id} was changed since its checksums were written",
                 where=folder / place,
                 expected=f"SHA-256 {before[:12]}…",
                 fix="put it back; or, if the truth is that of the changed file, add --force",

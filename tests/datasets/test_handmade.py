@@ -41,34 +41,34 @@ def change(folder: Path, *without: str) -> None:
 def test_what_is_missing_is_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "benchmark.toml").read_text()
     change(folder, "schema", "name", "version", "title", "tracks", "checksums")
-    assert run_main("seal-folder", folder) == 0
+    assert run_main("manifest", folder) == 0
     assert "dsm_sha256 of scene park" in capsys.readouterr().err
     after = tomllib.loads((folder / "benchmark.toml").read_text())
-    assert after == tomllib.loads(before)
+    assert after == tomllib.loads(before) | {"by_hand": True}
     assert Benchmark.open(folder).name == "park"
 
 
-def test_a_changed_file_is_sealed_again_only_if_that_is_asked(
+def test_a_changed_file_gets_a_new_checksum_only_if_that_is_asked(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = folder / "scenes" / "park" / "queries.csv"
     table.write_text(table.read_text().replace("64", "65"))
-    assert run_main("seal-folder", folder) == 2
+    assert run_main("manifest", folder) == 2
     assert "was changed since" in capsys.readouterr().err
-    assert run_main("seal-folder", folder, "--force") == 0
+    assert run_main("manifest", folder, "--force") == 0
     Benchmark.open(folder)
 
 
-def test_a_changed_surface_model_is_sealed_again_only_if_that_is_asked(
+def test_a_changed_surface_model_gets_a_new_checksum_only_if_that_is_asked(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (folder / "benchmark.toml").read_text()
     entry = tomllib.loads(before)["scenes"][0]
     write_raster(folder / entry["dsm"], np.full((1, 256, 256), 150, np.float32))
-    assert run_main("seal-folder", folder) == 2
+    assert run_main("manifest", folder) == 2
     assert "dsm of scene park was changed" in capsys.readouterr().err
     assert (folder / "benchmark.toml").read_text() == before
-    assert run_main("seal-folder", folder, "--force") == 0
+    assert run_main("manifest", folder, "--force") == 0
     assert (folder / "benchmark.toml").read_text() != before
 
 
@@ -80,7 +80,7 @@ def test_footprints_far_from_all_tiles_are_refused(
     columns = ["footprint_lon", "footprint_lat"]
     table[columns] = table[columns[::-1]].to_numpy()
     table.to_csv(place, index=False)
-    assert run_main("seal-folder", folder, "--force") == 2
+    assert run_main("manifest", folder, "--force") == 2
     said = capsys.readouterr().err
     assert "far from every tile, such as longitude 46.9" in said
     assert "swapped" in said
@@ -93,12 +93,12 @@ def test_a_scene_without_its_files_is_refused(
     home = folder / "scenes" / "park"
     (home / "matching").rename(home / "aside")
     before = (folder / "benchmark.toml").read_bytes()
-    assert run_main("seal-folder", folder) == 2
+    assert run_main("manifest", folder) == 2
     assert "has no truth for matching" in capsys.readouterr().err
     assert (folder / "benchmark.toml").read_bytes() == before
     for path in (folder / "protocols").iterdir():
         path.unlink()
-    assert run_main("seal-folder", folder) == 2
+    assert run_main("manifest", folder) == 2
     assert "has no protocol" in capsys.readouterr().err
 
 
@@ -115,7 +115,13 @@ def without_scenes(home: Path) -> None:
         path.write_text(path.read_text().replace("park/", ""))
 
 
+def out_of_order(home: Path) -> None:
+    path = home / "retrieval" / "tiles.parquet"
+    pd.read_parquet(path).iloc[::-1].to_parquet(path, index=False)
+
+
 UNREADABLE = {
+    "tiles out of order": (out_of_order, "row 2, park/"),
     "no footprints": (
         lambda home: (home / "retrieval" / "footprints.csv").unlink(),
         "footprints.csv: the benchmark folder has no truth here",
@@ -126,18 +132,32 @@ UNREADABLE = {
 
 
 @pytest.mark.parametrize("what", UNREADABLE)
-def test_what_eval_refuses_is_not_sealed(
+def test_what_eval_refuses_gets_no_checksums(
     folder: Path, what: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spoil, message = UNREADABLE[what]
     spoil(folder / "scenes" / "park")
     change(folder, "checksums")
     before = (folder / "benchmark.toml").read_bytes()
-    assert run_main("seal-folder", folder) == 2
+    assert run_main("manifest", folder) == 2
     said = capsys.readouterr().err
     assert message in said
-    assert "seal the folder again" in said
+    assert f"then run `airzoo-bench manifest {folder} --force`" in said or "without" in what
     assert (folder / "benchmark.toml").read_bytes() == before
+
+
+def test_eval_says_what_fits_a_folder_made_by_hand(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = folder / "scenes" / "park" / "queries.csv"
+    change(folder, "checksums")
+    assert run_main("manifest", folder) == 0
+    table.write_text(table.read_text().replace("64", "65"))
+    command = ("baseline", "retrieval", "park-retrieval", "--data", folder, "-o", "x.npz")
+    assert run_main(*command) == 2
+    said = capsys.readouterr().err
+    assert "prepare the benchmark again" not in said
+    assert f"then run `airzoo-bench manifest {folder} --force`" in said
 
 
 def test_the_page_names_every_column(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""``airzoo-bench seal-folder``: a benchmark folder made by hand gets its checksums."""
+"""``airzoo-bench manifest``: a benchmark folder made by hand gets its checksums."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import typer
 
 from airzoo_bench.cli.common import examples, put, say
 
-__all__ = ["EXAMPLES", "seal_folder"]
+__all__ = ["EXAMPLES", "manifest"]
 
-EXAMPLES = examples("seal-folder mine")
+EXAMPLES = examples("manifest mine")
 
 
-def seal_folder(
+def manifest(
     folder: Annotated[Path, typer.Argument(help="Benchmark folder, with benchmark.toml.")],
     force: Annotated[
         bool, typer.Option("--force", help="Replace checksums that differ from the files.")
     ] = False,
 ) -> None:
-    """Write the checksums, and what else is missing, of a benchmark folder made by hand.
+    """Fill in benchmark.toml of a folder made by hand: its checksums, and what else is missing.
 
     docs/benchmark-folder.md says which files and columns there are.
     """
     from airzoo_bench.benchmark.folder import Benchmark
-    from airzoo_bench.datasets.sealing import seal_folder as seal
+    from airzoo_bench.datasets.handmade import complete_manifest
 
-    written = seal(folder, replace=force)
+    written = complete_manifest(folder, replace=force)
     Benchmark.open(folder)
     put(f"{folder}\n")
     for sentence in written:
