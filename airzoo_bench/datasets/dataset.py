@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 from airzoo_bench.core.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.native import About
+    from airzoo_bench.datasets.about import About
     from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = ["Dataset", "PrepareSettings", "Prepared", "SceneSummary", "TrackSummary"]

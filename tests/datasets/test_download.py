@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.native import About
+from airzoo_bench.datasets.about import About
 from tests.datasets.hub_server import Hub, served
 from tests.support import run_main
 

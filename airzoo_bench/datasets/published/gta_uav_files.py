@@ -17,7 +17,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.datasets.published.image_benchmark import ImageScene
+from airzoo_bench.datasets.published.image_scene import ImageScene
 from airzoo_bench.retrieval.stated_truth import ImageSet, StatedPairs
 
 __all__ = ["DroneImage", "Pair", "read_pairs", "scene_of_pairs", "tile_centre"]

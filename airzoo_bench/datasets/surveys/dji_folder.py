@@ -14,12 +14,11 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.height_systems import check_accuracy
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.sources import photo_sizes
 from airzoo_bench.datasets.surveys.crs import stated_crs
-from airzoo_bench.datasets.surveys.dji import DjiOptions
 from airzoo_bench.datasets.surveys.dji_tags import (
     FIXED,
     DjiTags,
@@ -36,6 +35,7 @@ from airzoo_bench.datasets.surveys.lenses import (
     lens_of,
     read_camera_file,
 )
+from airzoo_bench.datasets.surveys.options import DjiOptions
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import horizontal_crs
 from airzoo_bench.geometry.frames import geodesic_distance_m
