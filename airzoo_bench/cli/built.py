@@ -20,6 +20,9 @@ from airzoo_bench.core.registry import Registry
 __all__ = ["BuiltGroup", "option_parameters", "parameter", "with_parameters"]
 
 
+_OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
+
+
 class BuiltGroup(TyperGroup):
     """A group with a subcommand for each thing of a registry, made when it is asked for.
 
@@ -41,14 +44,26 @@ class BuiltGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the subcommand that is meant, or name what may be."""
         names = self.list_commands(ctx)
-        if args and args[0] not in names and Path(args[0]).exists():
+        if args and args[0] not in names:
+            self._refuse_unknown(ctx, args, names)
+        self.commands = dict.fromkeys(names)  # type: ignore[assignment]
+        return super().resolve_command(ctx, args)
+
+    def _refuse_unknown(self, ctx: Any, args: list[str], names: list[str]) -> None:
+        """Refuse a path in place of the name, and a name that is not known."""
+        from airzoo_bench.core.validation import nearest
+
+        if Path(args[0]).exists() or Path(args[0]).suffix in _OF_FILES:
             raise UsageError(
                 f"{args[0]} stands where the name of a command does",
                 expected=" or ".join(names),
                 fix=f"{ctx.command_path} {names[0]} {args[0]}",
             )
-        self.commands = dict.fromkeys(names)  # type: ignore[assignment]
-        return super().resolve_command(ctx, args)
+        if not args[0].startswith("-"):
+            raise UsageError(
+                f"{ctx.command_path} knows no {args[0]!r}{nearest(args[0], names, 1)}",
+                expected=", ".join(names),
+            )
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a subcommand."""

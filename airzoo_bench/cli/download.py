@@ -68,8 +68,11 @@ def _about(benchmark: str) -> About:
         if dataset.about is not None and not isinstance(dataset, Survey)
     }
     if benchmark not in published:
+        from airzoo_bench.core.validation import nearest
+
         raise UsageError(
-            f"there is no published benchmark {benchmark[:80]!r}",
+            f"there is no published benchmark {benchmark[:80]!r}"
+            + nearest(benchmark[:80], list(published), 1),
             expected=", ".join(published) or "none is known yet",
         )
     return published[benchmark]

@@ -6,8 +6,11 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import traceback
+from itertools import islice
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -41,6 +44,7 @@ __all__ = ["app", "main"]
 
 _INPUT_IS_WRONG = 2
 _BUG = 70
+_MOST_NEIGHBOURS = 10_000
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
@@ -113,7 +117,7 @@ def main() -> None:
     try:
         app(standalone_mode=True)
     except UserError as error:
-        say(f"airzoo-bench: {error}")
+        say(f"airzoo-bench: {error}{_near_path(error)}")
         sys.exit(_INPUT_IS_WRONG)
     except (OSError, MemoryError) as error:
         say(f"airzoo-bench: {_fault_of_the_machine(error)}")
@@ -129,6 +133,18 @@ def _allow_every_letter() -> None:
         if isinstance(stream, io.TextIOWrapper):
             # Not every terminal or pipe has a code for every letter of a name.
             stream.reconfigure(errors="backslashreplace")
+
+
+def _near_path(error: UserError) -> str:
+    """Offer the name next to a path that is not there and is most like it."""
+    path = Path(re.sub(r"^--\S+ ", "", error.where or ""))
+    if not error.what.startswith("no such") or path.exists() or not path.parent.is_dir():
+        return ""
+    from airzoo_bench.core.validation import near_names
+
+    names = [entry.name for entry in islice(path.parent.iterdir(), _MOST_NEIGHBOURS)]
+    near = near_names(path.name, names, 1)
+    return f"\n  nearest:  {path.parent / near[0]}" if near else ""
 
 
 def _fault_of_the_machine(error: OSError | MemoryError) -> str:

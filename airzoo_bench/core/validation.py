@@ -24,6 +24,7 @@ __all__ = [
     "Ranks",
     "Seed",
     "Strict",
+    "near_names",
     "nearest",
     "read_toml",
     "validated",
@@ -163,12 +164,26 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 def nearest(name: str, known: list[str], offered: int = _OFFERED) -> str:
     """Offer the known names that are most like a mistyped one, or hold it, for messages."""
+    near = near_names(name, known, offered)
+    return f" (did you mean {' or '.join(map(repr, near))}?)" if near else ""
+
+
+def near_names(name: str, known: list[str], offered: int = _OFFERED) -> list[str]:
+    """Return the known names that are most like a mistyped one, or hold it."""
+    alike = [other for other in known if _letters(other) == _letters(name)][:offered]
+    if alike:
+        return alike
     some = known if len(known) <= _MANY else _alike_at_the_ends(name, known)
     near = difflib.get_close_matches(name, some, n=offered, cutoff=0.6)
     near = [other for other in near if _ratio(name, other) > _ratio(name, near[0]) - _AS_NEAR]
     if not near and len(name) >= _SHORTEST_PART:
         near = [n for n in known if name.casefold() in n.casefold()][:offered]
-    return f" (did you mean {' or '.join(repr(n) for n in near)}?)" if near else ""
+    return near
+
+
+def _letters(name: str) -> str:
+    """Return a name in the one spelling that UAV-VisLoc, uav_visloc and UAVVisLoc share."""
+    return "".join(letter for letter in name.casefold() if letter.isalnum()) or name
 
 
 def _ratio(name: str, other: str) -> float:

@@ -131,7 +131,7 @@ class NativeDataset(Dataset[OptionsT]):
         from airzoo_bench.datasets.scene_parts import SceneSource
 
         return SceneSource(
-            chosen_scenes(self.scenes(options), options.scene),
+            chosen_scenes(self.scenes(options), options.scene, options.source),
             partial(self.read, options, progress=progress),
             partial(self.files, options),
             options,

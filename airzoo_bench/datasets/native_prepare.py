@@ -6,6 +6,9 @@ was, and scenes whose files did not change are not made again.
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -16,8 +19,10 @@ from typing import TYPE_CHECKING
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import atomic_folder
+from airzoo_bench.core.places import cannot_write
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.core.temporaries import only_writer, temporary_folder
+from airzoo_bench.core.temporaries import PART, only_writer, temporary_folder
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import served_protocols, write_folder_files, write_scene
 from airzoo_bench.datasets.scene_additions import extended_protocols, parts_of, shared_photos
@@ -26,7 +31,9 @@ from airzoo_bench.datasets.scene_parts import (
     RECORDS,
     ScenePart,
     SceneSource,
+    changed_options,
     link_or_copy,
+    options_of,
     read_parts,
     scene_keys,
     write_records,
@@ -41,7 +48,13 @@ if TYPE_CHECKING:
 __all__ = ["chosen_scenes", "is_prepared", "prepare_scenes"]
 
 
-def chosen_scenes(there: Sequence[str], only: Sequence[str] | None) -> tuple[str, ...]:
+_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
+_PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".tar.gz", ".part", ".crdownload", ".aria2")
+
+
+def chosen_scenes(
+    there: Sequence[str], only: Sequence[str] | None, source: Path
+) -> tuple[str, ...]:
     """Return the scenes that were asked for, in the order of those that are there.
 
     Raises
@@ -52,11 +65,26 @@ def chosen_scenes(there: Sequence[str], only: Sequence[str] | None) -> tuple[str
     unknown = [scene for scene in only or () if scene not in there]
     if unknown:
         raise UsageError(
-            f"there is no scene {', '.join(map(repr, unknown))}",
+            f"there is no scene {', '.join(map(repr, unknown))} below {source}"
+            + nearest(unknown[0], list(there), 1),
             where="--scene",
             expected="some of " + ", ".join(there),
+            fix=_unpack(unknown, source)
+            or "download or unpack it there, or name a scene that is there",
         )
     return tuple(scene for scene in there if only is None or scene in only)
+
+
+def _unpack(scenes: Sequence[str], source: Path) -> str | None:
+    """Say which archives or unfinished downloads are named as scenes that are not there."""
+    files = (path.name for path in source.iterdir()) if source.is_dir() else ()
+    packed = [
+        name
+        for name in sorted(files)
+        if name.lower().endswith(_PACKED)
+        and any(re.search(rf"(?<!\w){re.escape(scene)}(?!\w)", name) for scene in scenes)
+    ]
+    return f"finish or unpack {', '.join(packed[:3])}" if packed else None
 
 
 def is_prepared(
@@ -68,14 +96,26 @@ def is_prepared(
     ------
     BenchmarkError
         It is, but a file of its truth is missing or was changed.
+    UsageError
+        It was made with other options, or from files that have changed since.
     """
     if not (settings.folder / RECORDS).is_file():
         return False
     parts = read_parts(settings.folder)
     keys = {scene: part.key for scene, part in parts.items()}
-    if keys != scene_keys(source, protocols, settings):
-        return False
-    if not all(part.is_whole for part in parts.values()):
+    if parts and keys != scene_keys(source, protocols, settings):
+        changed = changed_options(parts, source)
+        raise UsageError(
+            "the folder exists already, made "
+            + (
+                f"with {'; '.join(changed)}"
+                if changed
+                else "from files that have changed since, or by another version of this suite"
+            ),
+            where=settings.folder,
+            fix="name another folder with --out, or replace this one with --force",
+        )
+    if not parts or not all(part.is_whole for part in parts.values()):
         return False
     Benchmark.open(settings.folder)
     return True
@@ -100,8 +140,14 @@ def prepare_scenes(
     UserError
         A scene's files are missing or wrong, or no photo of it can be answered.
     """
-    with _alone(settings.folder):
-        return _prepared(source, protocols, settings)
+    try:
+        with _alone(settings.folder):
+            return _prepared(source, protocols, settings)
+    except OSError as error:
+        if error.errno not in _OF_WRITING:  # it is a file that is read
+            raise
+        named = Path(os.fsdecode(error.filename)) if error.filename else settings.folder
+        raise cannot_write(settings.folder if named.name.endswith(PART) else named, error) from None
 
 
 def _prepared(
@@ -157,7 +203,7 @@ def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
     made = run.protocols.of_scenes(parts)
     folder = _named(settings.folder, run.protocols, made)
     if made is not run.protocols:
-        settings.note(_only_some(run.protocols, made))
+        settings.note(_only_some(run, made))
     tracks = {scene: tuple(part.summary.tracks) for scene, part in parts.items()}
     served = served_protocols(made, tracks, folder)
     if before and len(served) < len(made.every):
@@ -256,7 +302,7 @@ class _Run:
         with temporary_folder(self.staging, scene) as temporary:
             title = self.protocols.titles[scene]
             entry = write_scene(temporary, content, title, self.settings)
-            part = ScenePart(temporary, key, entry, summary)
+            part = ScenePart(temporary, key, entry, summary, options_of(self.source))
             part = part.keep(self.staging, link_or_copy)
         if content.facts is not None:
             self.facts[scene] = content.facts
@@ -294,10 +340,13 @@ def _named(folder: Path, whole: BenchmarkProtocols, made: BenchmarkProtocols) ->
     return folder.with_name(made.every[0].benchmark) if named_as_whole else folder
 
 
-def _only_some(whole: BenchmarkProtocols, made: BenchmarkProtocols) -> str:
-    left_out = [scene for scene in whole.titles if scene not in made.titles]
+def _only_some(run: _Run, made: BenchmarkProtocols) -> str:
+    titles, asked = run.protocols.titles, getattr(run.source.options, "scene", None)
+    left_out = [scene for scene in titles if scene not in made.titles]
+    place = getattr(run.source.options, "source", None)
+    packed = None if asked or place is None else _unpack(left_out, place)
     return (
-        f"warning: {len(made.titles)} of {counted(len(whole.titles), 'scene')}, without "
+        f"warning: {len(made.titles)} of {counted(len(titles), 'scene')}, without "
         f"{', '.join(left_out)}: the benchmark is named {made.every[0].benchmark}, and its scores "
-        "are not those of the whole"
+        f"are not those of the whole{f'; {packed}' if packed else ''}"
     )

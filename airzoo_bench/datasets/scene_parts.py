@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,9 @@ __all__ = [
     "RECORDS",
     "ScenePart",
     "SceneSource",
+    "changed_options",
     "link_or_copy",
+    "options_of",
     "read_parts",
     "scene_keys",
     "tracks_only",
@@ -80,12 +82,15 @@ class ScenePart:
     entry : SceneFile
     summary : SceneSummary
         Its tracks are those that have truth.
+    options : mapping of str to str
+        Those of `prepare` that it was made with.
     """
 
     home: Path
     key: str
     entry: SceneFile
     summary: SceneSummary
+    options: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_whole(self) -> bool:
@@ -111,7 +116,7 @@ class ScenePart:
             if home.exists():
                 shutil.rmtree(home)
             temporary.replace(home)
-        return ScenePart(home, self.key, self.entry, self.summary)
+        return replace(self, home=home)
 
 
 def link_or_copy(source: str, target: str) -> None:
@@ -129,6 +134,7 @@ def write_records(folder: Path, parts: Iterable[ScenePart]) -> None:
             "key": part.key,
             "entry": part.entry.model_dump(mode="json", exclude_none=True),
             "summary": asdict(part.summary),
+            "options": dict(part.options),
         }
         for part in parts
     }
@@ -150,7 +156,8 @@ def _part(folder: Path, record: Mapping[str, Any]) -> ScenePart:
     tracks = {name: TrackSummary(**one) for name, one in values["tracks"].items()}
     texts = {key: tuple(values[key]) for key in ("facts", "warnings", "notes")}
     summary = SceneSummary(values["photos"], tracks=tracks, **texts)
-    return ScenePart(folder, record["key"], SceneFile(**record["entry"]), summary)
+    entry, options = SceneFile(**record["entry"]), dict(record["options"])
+    return ScenePart(folder, record["key"], entry, summary, options)
 
 
 def tracks_only(home: Path) -> SceneSummary:
@@ -168,10 +175,9 @@ def scene_keys(
     to disk, and the version of this package.
     """
     stamps: dict[Path, list[tuple[str, int, int]]] = {}
-    values = {one.name: getattr(source.options, one.name) for one in fields(source.options)}
     common = [
         __version__,
-        {name: str(value) for name, value in values.items() if name not in _OF_THE_RUN},
+        options_of(source),
         [settings.tiles_on_disk, settings.crops_on_disk, settings.copy],
     ]
     keys = {}
@@ -185,6 +191,26 @@ def scene_keys(
         files = [[str(path), stamps[path]] for path in paths]
         keys[scene] = fingerprint([*common, scene, rules, files])
     return keys
+
+
+def options_of(source: SceneSource) -> dict[str, str]:
+    """Return the options that a scene depends on, as text, by the names of their fields."""
+    values = {one.name: getattr(source.options, one.name) for one in fields(source.options)}
+    return {name: str(value) for name, value in values.items() if name not in _OF_THE_RUN}
+
+
+def changed_options(parts: Mapping[str, ScenePart], source: SceneSource) -> list[str]:
+    """Say which scenes and options parts were made with, where they are others now."""
+    said = []
+    if set(parts) != set(source.scenes):
+        said.append(f"scenes {', '.join(parts)}, now {', '.join(source.scenes)}")
+    now, before = options_of(source), next(iter(parts.values())).options
+    said += [
+        f"--{name.replace('_', '-')} {before[name]}, now {now[name]}"
+        for name in now
+        if name in before and before[name] != now[name]
+    ]
+    return said
 
 
 def _published(protocol: Any, scene: str) -> list[Any]:

@@ -178,6 +178,8 @@ def read_noise_floor(path: Path) -> NoiseFloor:
     ResultError
         The file is missing or not what `write_noise_floor` writes.
     """
+    if not path.exists():
+        raise ResultError("no such file of noise floors", where=path, fix=_MAKE)
     try:
         return NoiseFloor.model_validate_json(read_text(path, ResultError, "file of noise floors"))
     except ValidationError as error:

@@ -110,7 +110,8 @@ def _wanted(dataset: ImageLayout, options: NativeOptions) -> dict[str, Retrieval
     """Return the scenes that were asked for, each with its protocol."""
     protocols = [_protocol(name) for name in dataset.protocols]
     by_scene = {scene.id: protocol for protocol in protocols for scene in protocol.scenes}
-    return {scene: by_scene[scene] for scene in chosen_scenes(list(by_scene), options.scene)}
+    chosen = chosen_scenes(list(by_scene), options.scene, options.source)
+    return {scene: by_scene[scene] for scene in chosen}
 
 
 def _read_scenes(

@@ -1,0 +1,92 @@
+"""What `prepare` and others say of names that are mistyped, archives, other options, full disks."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.datasets import native_prepare
+from tests.datasets.published.uav_visloc_tree import make_tree
+from tests.support import run_main
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
+    return make_tree(tmp_path / "UAV VisLoc")
+
+
+def said_by(capsys: pytest.CaptureFixture[str], code: int, *command: object) -> str:
+    assert run_main(*command) == code
+    return " ".join(capsys.readouterr().err.split())
+
+
+def prepare(capsys: pytest.CaptureFixture[str], code: int, *more: object) -> str:
+    return said_by(capsys, code, "prepare", "uav-visloc", "--source", *more)
+
+
+def test_an_archive_in_place_of_a_scene_is_named(
+    source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (source / "09").rename(source.parent / "aside")
+    (source / "09.zip").touch()
+    (source / "2019.zip").touch()
+    said = prepare(capsys, 2, source, "--scene", "09")
+    assert f"there is no scene '09' below {source}" in said
+    assert "fix: finish or unpack 09.zip" in said
+    assert "(did you mean '07'?)" in prepare(capsys, 2, source, "--scene", "7")
+    assert "not those of the whole; finish or unpack 09.zip" in prepare(capsys, 0, source)
+
+
+def test_names_that_are_nearly_right_are_offered(
+    source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = prepare(capsys, 2, source.with_name("UAV VisLok"))
+    assert "no such folder" in said
+    assert said.endswith(f"nearest: {source}")
+    for command in ("prepare", "download"):
+        said = said_by(capsys, 2, command, "UAV_VisLoc")
+        assert "(did you mean 'uav-visloc'?)" in said
+    assert "airzoo-bench eval retrieval nowhere.npz" in said_by(
+        capsys, 2, "eval", "nowhere.npz"
+    ).replace("python -m airzoo_bench", "airzoo-bench").replace("pytest", "airzoo-bench")
+
+
+def test_options_that_differ_are_named(source: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    prepare(capsys, 0, source, "--scene", "01")
+    again = "the folder exists already, made with"
+    said = prepare(capsys, 2, source, "--scene", "01", "--fov-across", 50)
+    assert f"{again} --fov-across 52.0, now 50.0" in said
+    said = prepare(capsys, 2, source, "--scene", "01", "--scene", "07")
+    assert f"{again} scenes 01, now 01, 07" in said
+    (source / "01" / "01.csv").touch()
+    said = prepare(capsys, 2, source, "--scene", "01")
+    assert "made from files that have changed since" in said
+    assert "nothing to do" not in said
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+def test_a_disk_that_cannot_be_written_is_named(
+    source: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refuses(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(native_prepare, "write_scene", refuses)
+    said = prepare(capsys, 2, source, "--scene", "01")
+    assert f"data/uav-visloc-partial: cannot be written: {os.strerror(number)} fix:" in said
+
+
+def test_a_missing_file_of_noise_floors_says_how_it_is_made(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prepare(capsys, 0, source, "--scene", "01")
+    protocol = "uav-visloc-retrieval-partial"
+    template, result = tmp_path / "t.npz", tmp_path / "r"
+    assert run_main("template", protocol, "--out", template) == 0
+    assert run_main("eval", "retrieval", template, "--protocol", protocol, "--out", result) == 0
+    said = said_by(capsys, 2, "table", result, "--noise-floor", tmp_path / "nowhere.json")
+    assert "make it with `airzoo-bench sensitivity" in said
