@@ -34,7 +34,6 @@ from airzoo_bench.retrieval.truth import write_truth as write_retrieval_truth
 if TYPE_CHECKING:
     import pandas as pd
 
-
 __all__ = [
     "served_protocols",
     "write_benchmark",

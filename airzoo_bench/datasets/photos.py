@@ -18,7 +18,8 @@ from airzoo_bench.datasets.native import paths_among
 from airzoo_bench.datasets.native_prepare import prepare_scenes
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photo_options import PhotoOptions, SceneOptions
-from airzoo_bench.datasets.poses import PosedPhotos, check_centred, read_poses
+from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
+from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.scene_parts import SceneSource
 from airzoo_bench.datasets.sources import check_names, check_target, metric_crs, photo_sizes

@@ -16,7 +16,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table
-from airzoo_bench.datasets.poses import PosedPhotos, check_centred
+from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.depth_clouds import DepthFrames
 from airzoo_bench.datasets.published.options import AIRZOO_TEST_NAME
 from airzoo_bench.datasets.published.places import folder_content

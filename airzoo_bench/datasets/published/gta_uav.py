@@ -50,7 +50,8 @@ class GtaUav(ImageBenchmark):
 
     def read(self, root: Path, scene: str) -> ImageScene:
         """Read the test list of an area, and turn it round for the way back."""
-        from airzoo_bench.datasets.published.gta_uav_files import read_pairs, scene_of_pairs
+        from airzoo_bench.datasets.published.gta_uav_files import read_pairs
+        from airzoo_bench.datasets.published.gta_uav_scene import scene_of_pairs
 
         area = next(area for area in AREAS if scene.startswith(area))
         found = read_pairs(root / f"{area}-drone2sate-test.json")

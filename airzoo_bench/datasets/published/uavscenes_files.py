@@ -12,7 +12,7 @@ from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.poses import PosedPhotos, check_centred
+from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.datasets.published.reconstructions import (
     chosen_photos,

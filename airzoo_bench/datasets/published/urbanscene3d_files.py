@@ -13,7 +13,8 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, firs
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.poses import PosedPhotos, read_poses
+from airzoo_bench.datasets.posed_photos import PosedPhotos
+from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.published.mega_nerf import (
     COORDINATES,
     mega_nerf_photos,

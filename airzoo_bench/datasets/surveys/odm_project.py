@@ -15,7 +15,7 @@ from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.photos import FoundPhotos
-from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.datasets.posed_photos import PosedPhotos
 from airzoo_bench.datasets.sources import photo_sizes
 from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses
 from airzoo_bench.datasets.surveys.names import match_names
