@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,7 +31,8 @@ def download(
         typer.Option("--to", help="Folder to put it in (default: its name).", show_default=False),
     ] = None,
     scene: Annotated[
-        list[str] | None, typer.Option(help="Only this scene; repeat it (default: all).")
+        list[str] | None,
+        typer.Option(help="Only this scene of airzoo-real, repeatable; others are fetched whole."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing.")] = False,
 ) -> None:
@@ -40,6 +42,7 @@ def download(
     again.
     """
     about, folder = _about(benchmark), to or Path(benchmark)
+    _check_scenes(about, scene or [])
     say(f"{about.title}, licence: {about.licence}")
     if about.repository is None:
         _list_links(benchmark, about)
@@ -78,6 +81,27 @@ def _about(benchmark: str) -> About:
     return published[benchmark]
 
 
+def _check_scenes(about: About, scenes: Sequence[str]) -> None:
+    """Refuse scenes that cannot be fetched by themselves, before anything is asked for."""
+    known = about.scene_files
+    unknown = [scene for scene in scenes if scene not in known]
+    if unknown and not known:
+        raise UsageError(
+            f"{about.title} can only be fetched whole: its files are not known by scene",
+            where="--scene",
+            fix="leave --scene out, and name scenes at `prepare`",
+        )
+    if unknown:
+        from airzoo_bench.core.validation import nearest
+
+        raise UsageError(
+            f"there is no scene {unknown[0]!r} to be fetched by itself"
+            + nearest(unknown[0], list(known), 1),
+            where="--scene",
+            expected="some of " + ", ".join(known),
+        )
+
+
 def _list_links(benchmark: str, about: About) -> None:
     """Print the links, one a line, and say what to do with them."""
     put("".join(f"{link}\n" for link in about.links or (about.page,)))
@@ -98,8 +122,7 @@ def _ask(plan: Plan, *, yes: bool) -> None:
         raise UsageError(
             f"not enough room: {_bytes(plan.needed)} needed, {_bytes(plan.free)} free",
             where=plan.folder,
-            fix="make room, name another folder with --to, or fetch single scenes with --scene; "
-            "--yes tries all the same",
+            fix="make room, or name another folder with --to; --yes tries all the same",
         )
     if sys.stdin.isatty():
         typer.confirm("Go on?", default=True, abort=True, err=True)

@@ -69,17 +69,18 @@ def of_scenes(
     Raises
     ------
     UsageError
-        A scene is not known, or it is not known which files are of which scene.
+        A scene has no file.
     """
-    unknown = [scene for scene in scenes if scene not in patterns]
-    if unknown:
-        raise UsageError(
-            f"there is no scene {', '.join(map(repr, unknown))} to be fetched by itself",
-            where="--scene",
-            expected="some of " + ", ".join(patterns) if patterns else "no --scene: it is one",
-        )
     others = [one for scene, of in patterns.items() if scene not in scenes for one in of]
     wanted = [one for scene in scenes for one in patterns[scene]]
+    for scene in scenes:
+        if not any(fnmatchcase(file.path, one) for file in files for one in patterns[scene]):
+            raise UsageError(
+                f"no file of scene {scene} is listed",
+                where="--scene",
+                expected=" or ".join(patterns[scene]),
+                fix="leave --scene out to fetch all, and name scenes at `prepare`",
+            )
     return [
         file
         for file in files

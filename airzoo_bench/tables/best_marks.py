@@ -16,7 +16,7 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
 
     An infinite value, which is a failure, is never the best; the only finite one is. Rows of
     reported numbers neither compete nor are marked, unless `reported` is true or there are no
-    others; floors never are.
+    others; floors never are. Nothing is marked in a column in which only one row competes.
 
     Parameters
     ----------
@@ -34,7 +34,8 @@ def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> 
         if column.higher_is_better is None:
             continue
         racing = [row[index] for row, runs in zip(rows, competes, strict=True) if runs]
-        first, runner_up = [*best_texts(column, racing), None, None][:2]
+        several = sum(isinstance(cell.value, float) for cell in racing) > 1
+        first, runner_up = [*(best_texts(column, racing) if several else []), None, None][:2]
         for row, runs in zip(rows, competes, strict=True):
             text = row[index].text(column.decimals)
             is_second = runs and second and text == runner_up

@@ -29,7 +29,7 @@ def sensitivity_table(
     scores: Sequence[ScoreColumn],
     without: Sequence[str] = (),
 ) -> Table:
-    """Lay out a row a score and method: its value, its range by assumed value, its ranks.
+    """Lay out a row a score and method: its value, ranges, and ranks if several.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ def sensitivity_table(
     without : sequence of str
         Assumptions of the truth that no range covers.
     """
-    groups = list(dict.fromkeys(found.groups))
+    groups, several = list(dict.fromkeys(found.groups)), len(found.methods) > 1
     columns = (
         *map(Column, ("Score", "Method", "Value")),
         *(Column(_TITLES[group], group="Between, if assumed values are off") for group in groups),
-        *(Column(title, group="Rank") for title in ("Here", "Best", "Worst")),
+        *(Column(title, group="Rank") for title in ("Here", "Best", "Worst") if several),
     )
-    ranks = found.ranks()
+    ranks = found.ranks() if several else ()
     rows = tuple(
         _row(found, groups, ranks, method, score)
         for score, column in enumerate(found.scores)
@@ -75,7 +75,7 @@ def sensitivity_table(
 def _row(
     found: Sensitivity,
     groups: list[str],
-    ranks: tuple[Floats, Floats, Floats],
+    ranks: tuple[Floats, ...],
     method: int,
     score: int,
 ) -> Row:

@@ -55,11 +55,9 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
         ahead, behind = _by_rank(pair)
         return f"{ahead} is better than {behind} on {title} by {_amount(pair)}{evidence}."
     if word == "in noise":
-        floor = _number(pair.score, pair.noise_floor or 0.0)
         return (
-            f"{_by_rank(pair)[0]} is ahead on {title} by {_amount(pair)}, no more than the "
-            f"benchmark's noise floor of {floor}: it could be otherwise if its assumed values were"
-            f"{evidence}."
+            f"{_by_rank(pair)[0]} is ahead on {title} by {_amount(pair)}{_within_noise(pair)}: it "
+            f"could be otherwise if its assumed values were{evidence}."
         )
     both = f"{pair.method} and {pair.reference}"
     untold = {
@@ -68,7 +66,7 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
     }
     if pair.difference is None:
         return f"{untold[word]}: both are infinite."
-    return f"{untold[word]}: {_standing(pair)}{evidence}."
+    return f"{untold[word]}: {_standing(pair)}{_within_noise(pair)}{evidence}."
 
 
 def _by_rank(pair: Pair) -> tuple[str, str]:
@@ -80,6 +78,13 @@ def _standing(pair: Pair) -> str:
     if pair.difference == 0:
         return "both have the same value"
     return f"{_by_rank(pair)[0]} is ahead by {_amount(pair)}"
+
+
+def _within_noise(pair: Pair) -> str:
+    if not pair.difference or not pair.is_in_noise:
+        return ""
+    floor = _number(pair.score, pair.noise_floor or 0.0)
+    return f", no more than the benchmark's noise floor of {floor}"
 
 
 def disagreement(pair: Pair) -> str:

@@ -18,8 +18,13 @@ from typing import Any
 
 import pytest
 
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.downloads import of_scenes
+from airzoo_bench.datasets.hub import HubFile
+from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
+from airzoo_bench.datasets.published.airzoo_real_sites import DAY, SITE_SCENES, SITES
 from tests.datasets.hub_server import Hub, served
 from tests.support import run_main
 
@@ -193,6 +198,29 @@ def test_an_unknown_scene_is_refused(hub: Hub, capsys: pytest.CaptureFixture[str
     assert "some of 01, 02" in said
 
 
+def test_scenes_of_airzoo_real_are_those_of_prepare() -> None:
+    about = DATASETS.get("airzoo-real").about
+    assert set(about.scene_files) == {*REGIONS, *SITE_SCENES}
+    recon = "airzoo_real_recon"
+    paths = ["README.md", "Scene1/a.JPG", "Scene2/a.JPG", f"{recon}/dom/fcw_hangtian_DSM.tif"]
+    paths += [f"{recon}/{site}/{hours}/images/1_0.png" for site in SITES.values() for hours in DAY]
+    files = [HubFile(path, 1, "") for path in paths]
+    city = [one.path for one in of_scenes(files, about.scene_files, ["City"])]
+    assert city == ["README.md", "Scene1/a.JPG"]
+    plaza = [one.path for one in of_scenes(files, about.scene_files, ["plaza-12-14"])]
+    assert plaza == ["README.md", paths[3], f"{recon}/guangchang/12-14/images/1_0.png"]
+    with pytest.raises(UserError, match="no file of scene Rural is listed"):
+        of_scenes(files[:2], about.scene_files, ["Rural"])
+
+
+@pytest.mark.parametrize("name", ["uavscenes", "uav-visloc"])
+def test_what_can_only_be_fetched_whole_says_so(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("download", name, "--scene", "01") == 2
+    assert "can only be fetched whole" in capsys.readouterr().err
+
+
 def test_a_gated_dataset_says_which_page_to_visit(
     hub: Hub, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,7 +366,6 @@ RUN = """
 import sys
 from airzoo_bench.cli.main import main
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.native import About
 from types import SimpleNamespace
 about = About("Park", "https://park", "CC0", repository="who/park")
 DATASETS.add("park", SimpleNamespace(about=about))

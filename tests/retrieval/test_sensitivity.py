@@ -289,3 +289,39 @@ def test_verdicts_by_floor(floor: float, word: str) -> None:
     assert verdict(pair) == word
     said = {"in noise": "noise floor of", "worse": "sure is better than worse"}
     assert said[word] in sentence(pair, plan)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [([1.0] * 80 + [0.0] * 20, "cannot be told apart"), ([1.0] * 99 + [0.0], "Too few")],
+)
+def test_what_is_no_finding_may_be_in_noise_too(values: list[float], word: str) -> None:
+    base = [1.0] * 82 + [0.0] * 18 if len(set(values[:99])) > 1 else [1.0] * 100
+    sure = made_method({"s": {"recall@1": base}}, name="sure")
+    worse = made_method({"s": {"recall@1": values[::-1]}}, name="worse")
+    known = NoiseFloor(
+        protocol="p",
+        protocol_fingerprint="",
+        truth_fingerprint="",
+        ranges={},
+        draws=0,
+        seed=0,
+        methods={"sure": "0", "worse": "1"},
+        overall={"recall@1": 0.05},
+        scenes={},
+    )
+    plan = ResamplingConfig(resamples=1_000)
+    (pair,) = compare([sure, worse], [R1], resampling=plan, noise_floor=known).pairs
+    said = sentence(pair, plan)
+    assert word in said
+    assert "no more than the benchmark's noise floor of 5.00" in said
+    (pair,) = compare([sure, worse], [R1], resampling=plan).pairs
+    assert "noise floor" not in sentence(pair, plan)
+
+
+def test_one_result_has_no_ranks(results: list[Path], command: Callable[..., Ran]) -> None:
+    alone = command("sensitivity", "park", results[0], "--height", 5).stdout
+    assert "Rank" not in alone
+    assert "Worst" not in alone
+    assert "no noise floor" in alone
+    assert "Worst" in command("sensitivity", "park", *results, "--height", 5).stdout

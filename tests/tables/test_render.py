@@ -53,7 +53,8 @@ class TestBest:
 
     def test_missing_values(self) -> None:
         made = best(table(("a", None, None), ("b", 1.0, None)))
-        assert made == [[False, False, False], [False, True, False]]
+        assert made == [[False, False, False], [False, False, False]]  # the best of one is none
+        assert best(table(("a", 1.0, 2.0))) == [[False, False, False]]
 
 
 def test_best_cells_are_set_apart() -> None:

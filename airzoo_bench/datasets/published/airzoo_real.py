@@ -21,6 +21,19 @@ __all__ = ["AIRZOO_REAL", "AirZooReal"]
 
 NAME = "airzoo-real"
 
+_RECON = "airzoo_real_recon"
+_HOURS = {
+    "school": ("xuexiao", "06-08 12-14 18-20 22-24"),
+    "driving-school": ("jiaxiao", "06-08 12-14 18-20 22-24"),
+    "substation": ("biandian", "06-08 12-14 18-20"),
+    "plaza": ("guangchang", "06-08 12-14 18-20"),
+}
+_SCENE_FILES = {"City": ("Scene1/*",), "Rural": ("Scene2/*",)} | {
+    f"{site}-{hours}": (f"*/{folder}/{hours}/*", f"{_RECON}/dom/*", f"{_RECON}/*/dom/*")
+    for site, (folder, every) in _HOURS.items()
+    for hours in every.split()
+}
+
 
 class AirZooReal(NativeDataset[AirZooRealOptions]):
     """AirZoo's own flights."""
@@ -38,6 +51,7 @@ class AirZooReal(NativeDataset[AirZooRealOptions]):
         page="https://huggingface.co/datasets/RingoWRW97/AirZoo-Real",
         licence="not known here: its page, which asks to accept conditions, states it",
         repository="RingoWRW97/AirZoo-Real",
+        scene_files=MappingProxyType(_SCENE_FILES),
         assumptions=(
             "True positions of City and Rural are --positions, else DJI's RTK tables (.MRK) where "
             "they have a fixed solution for every photo, else the photos' own where RtkFlag is 50; "
