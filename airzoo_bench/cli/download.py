@@ -16,8 +16,8 @@ from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.surveys.survey import Survey
 
 if TYPE_CHECKING:
+    from airzoo_bench.datasets.about import About
     from airzoo_bench.datasets.downloads import Plan
-    from airzoo_bench.datasets.native import About
 
 __all__ = ["EXAMPLES", "download"]
 

@@ -21,7 +21,7 @@ from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings, Sc
 from airzoo_bench.datasets.surveys.survey import Survey
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.native import About
+    from airzoo_bench.datasets.about import About
 
 __all__ = ["app"]
 
