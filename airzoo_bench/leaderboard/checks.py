@@ -7,7 +7,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from airzoo_bench.core.errors import ResultError, SubmissionError, UserError
+from airzoo_bench.core.errors import (
+    CameraError,
+    PredictionError,
+    ResultError,
+    SubmissionError,
+    UsageError,
+    UserError,
+)
 from airzoo_bench.core.validation import SAFE_NAME, nearest
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.given import ReadBy
@@ -129,7 +136,7 @@ def check_submission(
     placed = checked.take(_placed(checked, submission, board, data))
     try:
         checked.predictions = find_predictions(folder, submission, board.limits, data, fetch=fetch)
-    except UserError as error:
+    except SubmissionError as error:
         checked.errors.append(error)
     checked.take(_claimed(checked, submission))
     if placed:
@@ -222,7 +229,7 @@ def _content(
             resources=resources,
             read_by=checked.read_by,
         )
-    except UserError as error:
+    except (PredictionError, CameraError, UsageError) as error:
         yield error
         return
     yield from found.errors

@@ -5,10 +5,10 @@ from __future__ import annotations
 import datetime
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.validation import Name, Positive, Strict, nearest, read_toml, validated
@@ -16,21 +16,25 @@ from airzoo_bench.leaderboard.names import BoardName, Line, plain_line
 
 __all__ = [
     "CLAIMED_FILE",
+    "SCHEMA_LINE",
     "SUBMISSION_FILE",
     "Cost",
     "Pipeline",
     "PredictionsGiven",
+    "PublicSubmission",
     "Submission",
+    "read_public_submission",
     "read_submission",
     "submission_text",
 ]
 
 SUBMISSION_FILE = "submission.toml"
+SCHEMA_LINE = "#:schema ../../../../docs/submission.schema.json"
+"""What tells editors the schema, from the folder of a submission; see `schema`."""
 CLAIMED_FILE = "result.json"
 """What the submitter's own `eval` gave, next to submission.toml; it need not be there."""
 
 _LIMIT_BYTES = 64 << 10
-_SCHEMA = "../../../../docs/submission.schema.json"  # from the folder of a submission
 
 
 def _known_licence(expression: str) -> str:
@@ -70,10 +74,15 @@ Bibtex = Annotated[
     AfterValidator(_entry),
 ]
 Setting = bool | int | float
+P = TypeVar("P", bound="PublicSubmission")
 
 
 class PredictionsGiven(Strict):
     """Where the predictions lie: next to submission.toml, or at an address."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["url"]}]}
+    )
 
     file: Name | None = Field(
         None,
@@ -148,15 +157,13 @@ class Cost(Strict):
     )
 
 
-class Submission(Strict):
-    """A method's predictions for one protocol, and what a reader of the board wants to know.
+class PublicSubmission(Strict):
+    """What a board keeps and shows of a submission: all but whom to write to.
 
     Attributes
     ----------
     method : str
         Its name in tables; the folder has a plain name of its own.
-    contact : str
-        For the maintainers; it is shown nowhere.
     training_data : tuple of str
         Ids of datasets; empty for a method that was not trained.
     baseline : dict or None
@@ -181,11 +188,6 @@ class Submission(Strict):
     team: BoardName = Field(
         description="Who submits; the same words for all submissions of a team.",
         examples=["Example Lab"],
-    )
-    contact: Contact = Field(
-        description="Where the maintainers reach you; it is shown on no page, but this file is "
-        "as public as its repository.",
-        examples=["first.last@example.org"],
     )
     authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = Field(
         description="Of the method, in their order.",
@@ -247,6 +249,27 @@ class Submission(Strict):
     )
 
 
+class Submission(PublicSubmission):
+    """A method's predictions for one protocol, and what a reader of the board wants to know.
+
+    Attributes
+    ----------
+    contact : str
+        For the maintainers; it is shown nowhere.
+    """
+
+    contact: Contact = Field(
+        description="Where the maintainers reach you; it is shown on no page, but this file is "
+        "as public as its repository.",
+        examples=["first.last@example.org"],
+    )
+
+    def public(self) -> PublicSubmission:
+        """Return the same without the contact."""
+        values = {name: getattr(self, name) for name in PublicSubmission.model_fields}
+        return PublicSubmission.model_construct(**values)
+
+
 def read_submission(path: Path) -> Submission:
     """Read a submission.toml.
 
@@ -255,11 +278,31 @@ def read_submission(path: Path) -> Submission:
     SubmissionError
         It is missing, too large, no TOML, or has missing, unknown or malformed keys.
     """
+    return _read(path, Submission)
+
+
+def read_public_submission(path: Path) -> PublicSubmission:
+    """Read the submission.toml of a run, which has no contact.
+
+    Raises
+    ------
+    SubmissionError
+        See `read_submission`.
+    """
+    return _read(path, PublicSubmission)
+
+
+def _read(path: Path, model: type[P]) -> P:
     data = read_toml(path, SubmissionError, "submission file", _LIMIT_BYTES)
-    return validated(data, Submission, SubmissionError, path, "submission file")
+    return validated(data, model, SubmissionError, path, "submission file")
 
 
-def submission_text(submission: Submission) -> str:
-    """Return the file that states a submission, for `read_submission`."""
+def submission_text(submission: PublicSubmission) -> str:
+    """Return the file that states a submission, for `read_submission` or, of a run, the other."""
     values: dict[str, Any] = submission.model_dump(by_alias=True, exclude_none=True)
-    return f"#:schema {_SCHEMA}\n\n{tomli_w.dumps(values)}"
+    return f"{SCHEMA_LINE}\n\n{tomli_w.dumps(_plain_first(values))}"
+
+
+def _plain_first(values: dict[str, Any]) -> dict[str, Any]:
+    # What stands below the head of a table belongs to it.
+    return dict(sorted(values.items(), key=lambda item: isinstance(item[1], dict)))
