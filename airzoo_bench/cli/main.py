@@ -30,6 +30,7 @@ from airzoo_bench.cli import (
     report,
     seal_folder,
     sensitivity,
+    submission,
     table,
     template,
 )
@@ -43,6 +44,7 @@ _INPUT_IS_WRONG = 2
 _BUG = 70
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
+LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 
 app = typer.Typer(
@@ -92,6 +94,7 @@ app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel
 )
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
+app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 
 
 def _print_version(wanted: bool) -> None:
