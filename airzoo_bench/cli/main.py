@@ -33,6 +33,7 @@ from airzoo_bench.cli import (
     readers,
     report,
     sensitivity,
+    submission,
     table,
     template,
 )
@@ -47,6 +48,7 @@ _BUG = 70
 _MOST_NEIGHBOURS = 10_000
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
+LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 
 app = typer.Typer(
@@ -94,6 +96,7 @@ app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel
 )
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
+app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 
 
 def _print_version(wanted: bool) -> None:
