@@ -96,3 +96,30 @@ def codabench(
     for path in written:
         put(f"{path}\n")
     say(f"next: docker build -t {docker_image} {out}, push it, and upload {written[0]}")
+
+
+@app.command(
+    epilog=examples(
+        "export evalai airzoo-mini-retrieval --phase Test,2027-01-01,2027-03-01 --out evalai"
+    )
+)
+def evalai(
+    protocol: ProtocolArgument,
+    phase: PhasesOption,
+    out: OutOption,
+    data: DataOption = None,
+    sealed: SealedOption = False,
+    per_day: PerDayOption = 2,
+    in_all: InAllOption = 20,
+) -> None:
+    """Write a challenge for EvalAI, and the folder of the worker that scores it at the host's."""
+    from airzoo_bench.leaderboard.exports.evalai import export_evalai
+
+    competition = _competition(protocol, data, phase, sealed, per_day, in_all, endless=False)
+    written = export_evalai(competition, out)
+    for path in written:
+        put(f"{path}\n")
+    say(
+        f"next: upload {written[0]}, then run "
+        f"python3 -m airzoo_bench.leaderboard.exports.evalai_worker {written[1]}"
+    )

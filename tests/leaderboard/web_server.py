@@ -95,9 +95,7 @@ def running_server(folder: Path, *names: str) -> Iterator[WebServer]:
                 while True:
                     peer, _ = listener.accept()
                     peer.settimeout(10)
-                    threading.Thread(
-                        target=server.serve, args=(peer, context), daemon=True
-                    ).start()
+                    threading.Thread(target=server.serve, args=(peer, context), daemon=True).start()
 
         thread = threading.Thread(target=accept, daemon=True)
         thread.start()

@@ -2,7 +2,7 @@
 
 ``python3 -m airzoo_bench.leaderboard.exports.scoring PROGRAM INPUT OUTPUT``, as Codabench lays
 folders out: PROGRAM holds scoring.json, INPUT/ref the truth, INPUT/res what was submitted. Exit
-code 1, and no scores.json, where the submission is at fault.
+code 1, message.txt, and no scores.json, where the submission is at fault.
 """
 
 from __future__ import annotations
@@ -33,12 +33,22 @@ from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.layouts import scenes_table
 from airzoo_bench.tables.render import render
 
-__all__ = ["Scores", "main", "score"]
+__all__ = [
+    "ERRORS_FILE",
+    "MESSAGE_FILE",
+    "SCORES_FILE",
+    "Scores",
+    "find_submitted",
+    "main",
+    "score",
+]
 
 # The platform's own, beside what was submitted, and what archives of macOS bring along.
 _STATUS = "metadata"
 _NO_PREDICTIONS = (_STATUS, "__MACOSX", ".DS_Store")
 _CODE = "metadata.yaml"
+SCORES_FILE, ERRORS_FILE, MESSAGE_FILE = "scores.json", "errors.json", "message.txt"
+"""What a run writes: scores by key, half widths of their intervals, why there are none."""
 
 
 @dataclass(frozen=True)
@@ -145,14 +155,18 @@ def main(arguments: Sequence[str]) -> int:
     try:
         scores = score(find_submitted(given / "res"), given / "ref", settings)
     except (PredictionError, SubmissionError) as error:
-        sys.stderr.write(f"{_printable(error)}\n")
+        # Where the folders of this machine lie is nobody's business.
+        message = f"{_printable(error)}\n".replace(f"{given / 'res'}/", "")
+        sys.stderr.write(message)
+        with atomic_write(out / MESSAGE_FILE, "w") as stream:
+            stream.write(message)
         return 1
-    _write(out / "errors.json", scores.errors)
+    _write(out / ERRORS_FILE, scores.errors)
     if not settings.sealed:
         page = render(scenes_table(scores.result), "html")
         with atomic_write(out / "detailed_results.html", "w") as stream:
             stream.write(f'<!DOCTYPE html>\n<meta charset="utf-8">\n{page}')
-    _write(out / "scores.json", scores.values)
+    _write(out / SCORES_FILE, scores.values)
     return 0
 
 
