@@ -123,3 +123,36 @@ def evalai(
         f"next: upload {written[0]}, then run "
         f"python3 -m airzoo_bench.leaderboard.exports.evalai_worker {written[1]}"
     )
+
+
+@app.command(
+    epilog=examples(
+        "export huggingface runs/* --dataset airzoo/leaderboard --licence cc-by-4.0 --out hub"
+    )
+)
+def huggingface(
+    results: Annotated[
+        list[Path], typer.Argument(help="Result files, or the folders that hold one.")
+    ],
+    dataset: Annotated[str, typer.Option(help="The dataset to be, ORGANISATION/NAME.")],
+    licence: Annotated[str, typer.Option(help="Of the results, as the hub calls it.")],
+    out: OutOption,
+    title: Annotated[str, typer.Option(help="Of the dataset.")] = "AirZoo leaderboard",
+    framework: Annotated[
+        str, typer.Option(help="Name of the evaluation framework on the hub's list.")
+    ] = "airzoo-bench",
+    source: Annotated[
+        str | None, typer.Option(help="Address that pages of models link to, such as the board's.")
+    ] = None,
+) -> None:
+    """Write results as a dataset for Hugging Face, with the files of community evaluations."""
+    from airzoo_bench.leaderboard.exports.huggingface import HubTarget, export_huggingface
+
+    target = HubTarget(dataset, title, licence, framework, source)
+    written = export_huggingface(results, out, target)
+    for path in written:
+        put(f"{path}\n")
+    say(
+        f"next: hf upload {dataset} {written[0]} --repo-type dataset; "
+        f"{written[1]}/*/.eval_results go into the methods' model repositories"
+    )
