@@ -20,7 +20,7 @@ from airzoo_bench.core.temporaries import clear_abandoned, temporary_folder
 from airzoo_bench.leaderboard.sealed.archive import opened_archive, pieces_of, read_pieces
 from airzoo_bench.leaderboard.sealed.contents import MANIFEST, Contents, SealedFile, commitment
 
-__all__ = ["opened_truth", "unseal"]
+__all__ = ["clear_truth", "opened_truth", "unseal"]
 
 _MANIFEST_BYTES = 1 << 30
 _MEMORY = Path("/dev/shm")  # files in memory, on Linux
