@@ -29,6 +29,7 @@ from airzoo_bench.cli import (
     protocols,
     readers,
     report,
+    seal,
     seal_folder,
     sensitivity,
     table,
@@ -92,6 +93,12 @@ app.command(
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
+for _name, _command, _examples in (
+    ("seal", seal.seal, seal.SEAL_EXAMPLES),
+    ("unseal", seal.unseal, seal.UNSEAL_EXAMPLES),
+    ("seal-key", seal.seal_key, seal.KEY_EXAMPLES),
+):
+    app.command(_name, epilog=_examples, rich_help_panel=LEADERBOARD)(_command)
 app.add_typer(export.app, name="export", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)

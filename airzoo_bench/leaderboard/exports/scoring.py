@@ -8,6 +8,7 @@ code 1, message.txt, and no scores.json, where the submission is at fault.
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -20,13 +21,13 @@ from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.leaderboard.exports.settings import (
     FAILED,
     SETTINGS_FILE,
-    WORST,
     ScoringSettings,
     finite,
     read_settings,
 )
+from airzoo_bench.leaderboard.sealed.scoring import told_of
 from airzoo_bench.results.records import Scored
-from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.result import Result
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -47,6 +48,14 @@ __all__ = [
 _STATUS = "metadata"
 _NO_PREDICTIONS = (_STATUS, "__MACOSX", ".DS_Store")
 _CODE = "metadata.yaml"
+_SEALED_MESSAGE = (
+    "the predictions cannot be scored; what is wrong may tell of the truth, and so is not told\n"
+    "  fix:      run `airzoo-bench check` on them, which finds all that shows without the truth"
+)
+_Z95 = 1.959964
+
+_Told = dict[str, tuple[float, float]]
+
 SCORES_FILE, ERRORS_FILE, MESSAGE_FILE = "scores.json", "errors.json", "message.txt"
 """What a run writes: scores by key, half widths of their intervals, why there are none."""
 
@@ -61,7 +70,7 @@ class Scores:
         By the columns' keys, and `FAILED`: all of them, each finite.
     errors : dict of str to float
         Half the width of the 95 % interval, the wider half where they differ; `WORST` where there
-        is no interval.
+        is no interval. Of a sealed truth, from the standard errors that are told of it.
     result : Result
     """
 
@@ -88,27 +97,41 @@ def score(predictions: Path, reference: Path, settings: ScoringSettings) -> Scor
     """
     protocol = reference / "protocols" / f"{settings.protocol}.toml"
     evaluation = evaluate(predictions, data=reference, track=settings.track, protocol=str(protocol))
-    scores = [column.score for column in settings.columns]
-    found = _intervals(evaluation, scores)
-    overall = evaluation.result.overall
-    values, errors = {}, {}
-    for column, interval in zip(settings.columns, found, strict=True):
-        value = overall[column.score.key]
-        values[column.key] = finite(column.score, value)
-        errors[column.key] = _half_width(column.score, value, interval)
+    told = _coarse(evaluation, settings) if settings.sealed else _exact(evaluation, settings)
+    values = {column.key: finite(column.score, told[column.key][0]) for column in settings.columns}
+    errors = {column.key: finite(column.score, told[column.key][1]) for column in settings.columns}
     values[FAILED] = float(_failed(evaluation.result))
     return Scores(values, errors, evaluation.result)
 
 
-def _intervals(evaluation: Evaluation, scores: Sequence[ScoreColumn]) -> list[Interval]:
+def _exact(evaluation: Evaluation, settings: ScoringSettings) -> _Told:
+    """Return values and half widths by the columns' keys."""
     method = Scored("", evaluation.result, evaluation.records)
-    return score_intervals(method, scores, ResamplingConfig()).overall
+    scores = [column.score for column in settings.columns]
+    found = score_intervals(method, scores, ResamplingConfig()).overall
+    told = {}
+    for column, interval in zip(settings.columns, found, strict=True):
+        value = evaluation.result.overall[column.score.key]
+        told[column.key] = (value, _half_width(value, interval))
+    return told
 
 
-def _half_width(column: ScoreColumn, value: float, interval: Interval) -> float:
-    if interval.low is None or interval.high is None or value == float("inf"):
-        return WORST
-    return finite(column, max(interval.high - value, value - interval.low))
+def _half_width(value: float, interval: Interval) -> float:
+    if interval.low is None or interval.high is None or math.isinf(value):
+        return math.inf
+    return max(interval.high - value, value - interval.low)
+
+
+def _coarse(evaluation: Evaluation, settings: ScoringSettings) -> _Told:
+    """Return values as `sealed` tells them, with half widths from their standard errors."""
+    _, overall = told_of(evaluation, tuple(column.score for column in settings.columns))
+    told = {}
+    for column in settings.columns:
+        one = overall[column.score.key]
+        value = math.inf if one.value is None else one.value
+        error = math.inf if one.standard_error is None else _Z95 * one.standard_error
+        told[column.key] = (value, error)
+    return told
 
 
 def _failed(result: Result) -> int:
@@ -155,8 +178,9 @@ def main(arguments: Sequence[str]) -> int:
     try:
         scores = score(find_submitted(given / "res"), given / "ref", settings)
     except (PredictionError, SubmissionError) as error:
+        message = _SEALED_MESSAGE if settings.sealed else _printable(error)
         # Where the folders of this machine lie is nobody's business.
-        message = f"{_printable(error)}\n".replace(f"{given / 'res'}/", "")
+        message = message.replace(f"{given / 'res'}/", "") + "\n"
         sys.stderr.write(message)
         with atomic_write(out / MESSAGE_FILE, "w") as stream:
             stream.write(message)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -115,6 +116,6 @@ def read_settings(path: Path) -> ScoringSettings:
 
 
 def finite(score: ScoreColumn, value: float) -> float:
-    """Return a value as platforms take it: percent for a share, at most `WORST` for an error."""
-    shown = as_shown(score, value)
-    return round(shown if score.unit == "share" else min(shown, WORST), _DIGITS)
+    """Return a value as platforms take it: percent for a share, and at most `WORST`."""
+    shown = value if math.isinf(value) else as_shown(score, value)
+    return round(min(shown, WORST), _DIGITS)

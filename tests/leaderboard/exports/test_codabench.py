@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.leaderboard.exports.scoring import find_submitted
 from airzoo_bench.leaderboard.exports.settings import WORST, finite, fitted
+from airzoo_bench.leaderboard.sealed.scoring import told_of
 from airzoo_bench.results.result import ScoreColumn
 from tests.leaderboard.exports.platform import (
     IMAGE,
@@ -166,6 +168,29 @@ class TestExport:
         )
         assert run.exit_code == 0
         assert {p.name for p in run.output.iterdir()} == {"scores.json", "errors.json"}
+        self.check_coarse(retrieval, scores_of(run.output), stated)
+
+    def check_coarse(self, made: Made, scores: dict[str, float], stated: dict[str, Any]) -> None:
+        """All but what was missing is told in the steps of `sealed`."""
+        evaluation = evaluate(made.predictions, data=made.data, protocol=made.protocol)
+        headline = tuple(column for column in evaluation.result.columns if column.headline)
+        _, told = told_of(evaluation, headline)
+        assert scores["failed"] == 1
+        for column, found in zip(headline, stated["leaderboards"][0]["columns"], strict=False):
+            one = told[column.key]
+            assert one.value is not None
+            percent = 100 if column.unit == "share" else 1
+            assert scores[found["key"]] == pytest.approx(percent * one.value)
+            assert one.value != evaluation.result.overall[column.key]
+
+    def test_sealed_bundles_do_not_say_what_is_wrong(self, retrieval: Made, tmp_path: Path) -> None:
+        assert export(retrieval, tmp_path, "--sealed") == 0
+        bundle = unpacked(tmp_path / "competition.zip", tmp_path / "bundle")
+        submitted = submitted_folder(tmp_path / "res", broken_predictions(tmp_path / "preds.npz"))
+        run = run_scoring(bundle, submitted, tmp_path / "app")
+        assert run.exit_code == 1
+        assert "airzoo-bench check" in run.stderr
+        assert "preds.npz" not in run.stderr
 
     def test_image_is_required(
         self, retrieval: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
