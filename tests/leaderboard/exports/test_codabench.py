@@ -69,7 +69,7 @@ class TestOfEveryTrack:
 
     def test_scores_as_eval_does(self, made: Made, bundle: Path, tmp_path: Path) -> None:
         submitted = submitted_folder(tmp_path / "res", made.predictions)
-        run = run_scoring(bundle, submitted, tmp_path / "app")
+        run = run_scoring(bundle, submitted, tmp_path / "app", forked=True)
         assert run.exit_code == 0, run.stderr
         result = evaluate(made.predictions, data=made.data, protocol=made.protocol).result
         columns = check_competition(bundle)["leaderboards"][0]["columns"]
@@ -119,7 +119,7 @@ class TestCode:
         assert export(retrieval, tmp_path / "out") == 0
         bundle = unpacked(tmp_path / "out" / "competition.zip", tmp_path / "bundle")
         submitted = submitted_folder(tmp_path / "res", retrieval.predictions)
-        run = run_scoring(bundle, submitted, tmp_path / "app", status="exitCode: 0\n")
+        run = run_scoring(bundle, submitted, tmp_path / "app", "exitCode: 0\n", forked=True)
         assert run.exit_code == 1
         assert "code was submitted" in run.stderr
         assert not (run.output / "scores.json").exists()
