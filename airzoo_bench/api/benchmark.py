@@ -58,9 +58,9 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     """
     folder = path_of("name_or_path", name_or_path)
     if (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
-        return BlindBenchmark.of(Benchmark.open(folder))
+        return BlindBenchmark.of(Benchmark.open(folder, sealed=True))
     root = data_root() if data is None else path_of("data", data)
-    return BlindBenchmark.of(find_benchmark(str(name_or_path), root))
+    return BlindBenchmark.of(find_benchmark(str(name_or_path), root, sealed=True))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

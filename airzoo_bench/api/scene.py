@@ -11,8 +11,7 @@ import numpy as np
 from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
 from airzoo_bench.benchmark.folder import Benchmark, needed
-from airzoo_bench.benchmark.queries import read_queries
-from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.benchmark.queries import read_excluded, read_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
@@ -134,7 +133,8 @@ class BlindScene:
         return Items(f"photos of {self.id}", len(photos), photos.photo)
 
     def _photos(self, track: str) -> Photos:
-        excluded = read_table(self._home(track) / "excluded.csv", ("id", "image", "reason"))
+        self._home(track)
+        excluded = read_excluded(self._source, self.id, track)
         table = read_queries(self._source.scene_folder(self.id), excluded)
         images = self._source.resolve(self._source.scene(self.id).images)
         return Photos.of(table, images)

@@ -13,7 +13,7 @@ from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import SAFE_NAME
 
-__all__ = ["BenchmarkFile", "SceneFile", "verify", "write_benchmark_file"]
+__all__ = ["BenchmarkFile", "SceneFile", "SealedTruth", "verify", "write_benchmark_file"]
 
 
 class _Model(BaseModel):
@@ -61,11 +61,24 @@ class SceneFile(_Model):
     truth_accuracy_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
+class SealedTruth(_Model):
+    """What is said of a truth that is not in the folder.
+
+    Attributes
+    ----------
+    commitment : str
+        SHA-256 over a salt of 256 bits and the checksums of the truth; both lie in the archive.
+    """
+
+    commitment: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
 class BenchmarkFile(_Model):
     """The content of benchmark.toml.
 
     `tracks` holds, by track, section and key, the settings that the truth was made by; `by_hand`
-    says that `airzoo-bench manifest` filled in what `prepare` writes.
+    says that `airzoo-bench manifest` filled in what `prepare` writes, `sealed` that the folder is
+    without its truth.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -76,6 +89,7 @@ class BenchmarkFile(_Model):
     scenes: tuple[SceneFile, ...]
     checksums: dict[str, str]
     by_hand: Literal[True] | None = None
+    sealed: SealedTruth | None = None
 
 
 def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
