@@ -22,6 +22,7 @@ from airzoo_bench.cli import (
     demo,
     download,
     evaluate,
+    leaderboard,
     mini,
     plot,
     prepare,
@@ -44,6 +45,7 @@ _BUG = 70
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
+LEADERBOARD = "Leaderboard"
 
 app = typer.Typer(
     name="airzoo-bench",
@@ -90,6 +92,7 @@ app.command(
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
+app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from airzoo_bench.core.errors import SubmissionError
 
-__all__ = ["TOKEN_VARIABLE", "Change", "Entry", "GitError", "Refusal", "Repository"]
+__all__ = ["TOKEN_VARIABLE", "Change", "Entry", "GitError", "RefusedError", "Repository"]
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
@@ -39,7 +39,7 @@ class GitError(SubmissionError):
     """The remote, or what the event says of it, is not as it must be: no fault of a submission."""
 
 
-class Refusal(SubmissionError):
+class RefusedError(SubmissionError):
     """A pull request is not as it must be."""
 
 
@@ -145,7 +145,7 @@ class Repository:
 
         Raises
         ------
-        Refusal
+        RefusedError
             They are more than `most`, or git cannot read the trees.
         """
         text = self._bounded(most, "diff-tree", "-rz", "--raw", "--no-renames", old, new)
@@ -159,7 +159,7 @@ class Repository:
 
         Raises
         ------
-        Refusal
+        RefusedError
             They are more than `most`, or git cannot read the trees.
         """
         text = self._bounded(most, "ls-tree", "-rz", "--full-tree", commit, "--", f"{folder}/")
@@ -244,7 +244,9 @@ class Repository:
                 process.kill()
                 raise _too_many(most)
         if process.returncode:
-            raise Refusal("git cannot read the trees of this commit", fix="make the commit anew")
+            raise RefusedError(
+                "git cannot read the trees of this commit", fix="make the commit anew"
+            )
         return text
 
     def _run(
@@ -322,8 +324,8 @@ def _at_most(found: list[T], most: int) -> list[T]:
     return found
 
 
-def _too_many(most: int) -> Refusal:
-    return Refusal(
+def _too_many(most: int) -> RefusedError:
+    return RefusedError(
         f"more than {most:,} files",
         expected="one submission",
         fix="put the predictions into one file, such as an .npz or a .zip, or give their URL",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,20 +20,23 @@ from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.ci.artifact import Artifact, problem_of
 from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.event import PullRequest
-from airzoo_bench.leaderboard.ci.git import GitError, Refusal, Repository
-from airzoo_bench.leaderboard.ci.known import known_on_board
+from airzoo_bench.leaderboard.ci.git import GitError, RefusedError, Repository
 from airzoo_bench.leaderboard.ci.ledger import Line, Place, owner
 from airzoo_bench.leaderboard.ci.rules import BASE, Touched, fetch_pull_request, read_files, touched
 from airzoo_bench.leaderboard.ci.standing import standing_of
+from airzoo_bench.leaderboard.known import known_submissions
 from airzoo_bench.leaderboard.rescoring import rescore
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.parts import Resources
 
-__all__ = ["Rules", "score_pull_request"]
+__all__ = ["FETCHED", "Rules", "is_sealed", "score_pull_request"]
+
+FETCHED = "fetched"
+"""The folder for predictions from an address, next to ``submissions``."""
 
 # What a submitter can put right; other errors are faults of the board, and stop the run.
-_OF_SUBMISSION = (Refusal, PredictionError, CameraError, ResultError)
+_OF_SUBMISSION = (RefusedError, PredictionError, CameraError, ResultError)
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,8 @@ class Rules:
 
     Attributes
     ----------
+    root : Path
+        A checkout of the board's own branch.
     branch : str
         The one that submissions are merged into.
     data : Path
@@ -48,6 +54,7 @@ class Rules:
     """
 
     board: Board
+    root: Path
     branch: str
     data: Path
     resources: Resources
@@ -115,13 +122,14 @@ class _Submitted:
             self.work / place.path,
             board,
             self.rules.data,
-            known=known_on_board(self.repository, BASE, place),
+            known=known_submissions(self.rules.root),
             fetch=True,
         )
         faults = [*checked.errors, *self._foreign(checked)]
         if faults:
             return _refused(self.pull, self.found, faults, self.work)
         given = checked.submission
+        assert given is not None  # what has no errors was read
         more = {
             **_of(self.found),
             "update": self.repository.resolve(f"{BASE}:{place.path}") is not None,
@@ -129,7 +137,8 @@ class _Submitted:
             "team": given.team,
             "warnings": tuple(_without(line, self.work) for line in checked.warnings),
         }
-        if _is_sealed(board, place):
+        if is_sealed(board, place):
+            _keep_fetched(checked, self.work)
             return _artifact(self.pull, "sealed", **more)
         return self._scored(checked, more)
 
@@ -144,7 +153,7 @@ class _Submitted:
         if known and self.pull.account in (whose, *self.rules.board.maintainers):
             return []
         what = "belongs to another account" if known else "is not on the board"
-        return [Refusal(
+        return [RefusedError(
             f"supersedes {old.folder}, which {what}",
             where=f"{place.path}/submission.toml",
             expected="a folder of the same benchmark and track that this account has submitted",
@@ -158,7 +167,7 @@ class _Submitted:
             "agrees": None if rescored.claimed is None else rescored.agrees,
         }
         if not rescored.agrees:
-            fault = Refusal(
+            fault = RefusedError(
                 "the claimed result is not what these predictions score",
                 where=f"{self.found.place.path}/result.json",
                 fix="score the predictions again with `airzoo-bench eval ... --out`, or leave "
@@ -173,8 +182,17 @@ class _Submitted:
         )  # fmt: skip
 
 
-def _is_sealed(board: Board, place: Place) -> bool:
+def is_sealed(board: Board, place: Place) -> bool:
+    """Whether the truth of a submission's benchmark is sealed."""
     return any(one.name == place.benchmark and one.sealed for one in board.benchmarks)
+
+
+def _keep_fetched(checked: CheckedSubmission, work: Path) -> None:
+    """Keep predictions that came from an address for the job that has no network."""
+    found = checked.predictions
+    if found is not None and not found.is_relative_to(work):
+        (work / FETCHED).mkdir(exist_ok=True)
+        shutil.copyfile(found, work / FETCHED / found.name)
 
 
 def _artifact(pull: PullRequest, kind: str, **more: Any) -> Artifact:

@@ -118,4 +118,3 @@ def _standing(own: Scored, others: Sequence[Scored], column: ScoreColumn) -> Sta
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or math.isinf(value) else float(value)
-
