@@ -131,9 +131,9 @@ class Repository:
         found = done.stdout.decode("ascii", "replace").strip()
         return found if done.returncode == 0 and _OBJECT_ID.fullmatch(found) else None
 
-    def has_commit(self, commit: str) -> bool:
-        """Whether a commit has been fetched."""
-        return self._call("rev-list", "--max-count=1", "--quiet", commit).returncode == 0
+    def contains(self, ref: str, commit: str) -> bool:
+        """Whether a commit is that of a ref of ours, or one before it."""
+        return self._call("merge-base", "--is-ancestor", commit, ref).returncode == 0
 
     def merge_base(self, one: str, other: str) -> str | None:
         """Return the commit from which two commits went apart."""
@@ -148,7 +148,7 @@ class Repository:
         RefusedError
             They are more than `most`, or git cannot read the trees.
         """
-        text = self._bounded(most, "diff-tree", "-rz", "--raw", "--no-renames", old, new)
+        text = self._bounded(most, "diff-tree", "-r", "-z", "--raw", "--no-renames", old, new)
         fields = text.split(b"\0")[:-1]
         pairs = zip(fields[::2], fields[1::2], strict=True)
         found = [_change(head.decode("ascii"), path) for head, path in pairs]
@@ -162,7 +162,7 @@ class Repository:
         RefusedError
             They are more than `most`, or git cannot read the trees.
         """
-        text = self._bounded(most, "ls-tree", "-rz", "--full-tree", commit, "--", f"{folder}/")
+        text = self._bounded(most, "ls-tree", "-r", "-z", "--full-tree", commit, "--", f"{folder}/")
         return _at_most([_entry(line) for line in text.split(b"\0")[:-1]], most)
 
     def folders(self, commit: str, folder: str) -> list[bytes]:

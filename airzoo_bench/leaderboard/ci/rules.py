@@ -54,7 +54,7 @@ def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
     """
     refs = {pull.ref: HEAD, f"refs/heads/{pull.base}": BASE}
     repository.fetch(refs, blobs=False)
-    if not repository.has_commit(pull.head):
+    if not repository.contains(HEAD, pull.head):
         raise GitError(
             f"the commit {pull.head[:12]} is no longer part of pull request {pull.number}",
             fix="nothing: the newer commit is scored by its own run",
