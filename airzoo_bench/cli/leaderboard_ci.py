@@ -72,6 +72,10 @@ def score(
     data: DataOption = None,
     max_memory: MemoryOption = "4G",
     jobs: JobsOption = 2,
+    outputs: Annotated[
+        Path | None,
+        typer.Option(help="File to append kind=... to: $GITHUB_OUTPUT.", show_default=False),
+    ] = None,
 ) -> None:
     """Fetch a pull request as objects, check it, and score it where the truth is public.
 
@@ -86,6 +90,9 @@ def score(
     rules = _rules(root, branch, data, max_memory, jobs)
     found = score_pull_request(read_event(event), remote, rules, work.resolve())
     write_artifact(out, found)
+    if outputs is not None:
+        with outputs.open("a", encoding="utf-8") as stream:
+            stream.write(f"kind={found.kind}\n")
     _tell(found)
     put(f"{found.kind}\n")
     if found.kind == "refused":
@@ -99,7 +106,10 @@ def ledger(
     ],
     remote: RemoteOption,
     artifact: Annotated[
-        Path | None, typer.Option(help="What an earlier step has found.", show_default=False)
+        list[Path] | None,
+        typer.Option(
+            help="What earlier steps have found; the last that exists is it.", show_default=False
+        ),
     ] = None,
     event: Annotated[
         Path | None, typer.Option(help="Of the merge, for merged.", show_default=False)
@@ -124,7 +134,8 @@ def ledger(
     if outcome is Outcome.MERGED:
         say(enter_merge(read_event(_needed(event, "--event")), remote))
         return
-    found = enter(read_artifact(_needed(artifact, "--artifact")), outcome.value, remote, root)
+    last = _needed(_last(artifact or []), "--artifact")
+    found = enter(read_artifact(last), outcome.value, remote, root)
     if out is not None:
         write_artifact(out, found)
     _tell(found)
@@ -170,9 +181,8 @@ def comment(
     from airzoo_bench.leaderboard.ci.artifact import read_artifact
     from airzoo_bench.leaderboard.ci.comment import comment_on
 
-    there = [path for path in artifacts if path.is_file()] or artifacts
     with atomic_write(out, "w") as stream:
-        stream.write(comment_on(read_artifact(there[-1])))
+        stream.write(comment_on(read_artifact(_last(artifacts) or artifacts[-1])))
 
 
 @app.command(epilog=examples("leaderboard ci rescore --remote . --out runs"))
@@ -228,6 +238,10 @@ def _rules(root: Path, branch: str, data: Path | None, max_memory: str, jobs: in
 def _check_empty(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
+
+
+def _last(paths: list[Path]) -> Path | None:
+    return next((path for path in reversed(paths) if path.is_file()), None)
 
 
 def _needed(path: Path | None, option: str) -> Path:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.leaderboard.ci.git import GitError, Repository
+from airzoo_bench.leaderboard.ci.git import BoardError, Repository
 from airzoo_bench.leaderboard.ci.ledger import LEDGER_FILE, Line, parse_ledger, write_ledger
 from airzoo_bench.leaderboard.ci.paths import checked_path
 
@@ -90,7 +90,7 @@ class DataBranch:
 
         Raises
         ------
-        GitError
+        BoardError
             The branch cannot be pushed to.
         """
         for number in range(_TRIES):
@@ -103,7 +103,7 @@ class DataBranch:
                 return
             time.sleep(0.1 * number)
             self._fetch()
-        raise GitError(
+        raise BoardError(
             f"{DATA_BRANCH} was pushed to by others {_TRIES} times in a row",
             where=self.repository.remote,
             fix="run the job again; if it fails again, see whether the token may push",

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from airzoo_bench.core.errors import SubmissionError
 
-__all__ = ["TOKEN_VARIABLE", "Change", "Entry", "GitError", "RefusedError", "Repository"]
+__all__ = ["TOKEN_VARIABLE", "BoardError", "Change", "Entry", "RefusedError", "Repository"]
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
@@ -35,8 +35,8 @@ _ENTRY_BYTES = 512  # of an entry's line, on average; paths are at most some tho
 _TIMEOUT_S = 1800
 
 
-class GitError(SubmissionError):
-    """The remote, or what the event says of it, is not as it must be: no fault of a submission."""
+class BoardError(SubmissionError):
+    """The board, its data or its remote is not as it must be: no fault of a submission."""
 
 
 class RefusedError(SubmissionError):
@@ -81,7 +81,7 @@ class Repository:
 
         Raises
         ------
-        GitError
+        BoardError
             Git is not installed, or the folder cannot be made.
         """
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -104,7 +104,7 @@ class Repository:
 
         Raises
         ------
-        GitError
+        BoardError
             The remote cannot be reached, or lacks one of them.
         """
         options = [] if blobs else ["--filter=blob:none"]
@@ -220,7 +220,7 @@ class Repository:
 
         Raises
         ------
-        GitError
+        BoardError
             The remote refuses it for another reason.
         """
         done = self._call("push", "--quiet", "--porcelain", "origin", f"{commit}:{ref}")
@@ -275,9 +275,9 @@ class Repository:
                 stderr=subprocess.PIPE, timeout=_TIMEOUT_S, check=False,
             )  # fmt: skip
         except FileNotFoundError as error:
-            raise GitError("git is not installed", fix="install git 2.36 or later") from error
+            raise BoardError("git is not installed", fix="install git 2.36 or later") from error
         except subprocess.TimeoutExpired as error:
-            raise GitError(
+            raise BoardError(
                 f"git {arguments[0]} took longer than {_TIMEOUT_S} s", where=self.remote
             ) from error
 
@@ -304,7 +304,7 @@ class Repository:
 def _check(done: subprocess.CompletedProcess[bytes], name: str) -> None:
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip()[-500:]
-        raise GitError(f"git {name} failed: {said or f'exit code {done.returncode}'}")
+        raise BoardError(f"git {name} failed: {said or f'exit code {done.returncode}'}")
 
 
 def _change(head: str, path: bytes) -> Change:

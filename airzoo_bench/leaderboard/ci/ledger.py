@@ -13,12 +13,12 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.ci.git import RefusedError
+from airzoo_bench.leaderboard.known import Place
 
 __all__ = [
     "LEDGER_FILE",
     "Line",
     "Outcome",
-    "Place",
     "check_tries",
     "owner",
     "parse_ledger",
@@ -30,20 +30,6 @@ LEDGER_FILE = "ledger.csv"
 
 Outcome = Literal["started", "scored", "failed", "merged"]
 _WHEN = "%Y-%m-%dT%H:%M:%SZ"
-
-
-@dataclass(frozen=True)
-class Place:
-    """The folder of a submission: ``submissions/<benchmark>/<track>/<folder>``."""
-
-    benchmark: str
-    track: str
-    folder: str
-
-    @property
-    def path(self) -> str:
-        """Relative to the root of the repository."""
-        return f"submissions/{self.benchmark}/{self.track}/{self.folder}"
 
 
 @dataclass(frozen=True)

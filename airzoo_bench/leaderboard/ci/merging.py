@@ -8,10 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import tomli_w
-
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.validation import read_toml
 from airzoo_bench.core.version import __version__
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.leaderboard.answer import SealedAnswer
@@ -20,13 +17,13 @@ from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.entries import answer_path
 from airzoo_bench.leaderboard.ci.git import Repository
-from airzoo_bench.leaderboard.ci.ledger import Place
 from airzoo_bench.leaderboard.ci.paths import checked_path
 from airzoo_bench.leaderboard.ci.rules import BASE, read_files
 from airzoo_bench.leaderboard.ci.scoring import Rules, is_sealed
+from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.rescoring import rescore
 from airzoo_bench.leaderboard.runs import RUN_FILE, Claimed, Run, newest_runs, read_run, write_run
-from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, submission_text
 
 __all__ = ["record_runs", "score_merged"]
 
@@ -122,7 +119,9 @@ class _New:
             (run / "answer.json").write_bytes(answer)
         else:
             claimed = self._rescored(checked, run)
-        _write_stated(checked.folder / SUBMISSION_FILE, run / SUBMISSION_FILE)
+        assert checked.submission is not None  # what has no errors was read
+        stated = submission_text(checked.submission.public())
+        (run / SUBMISSION_FILE).write_text(stated, encoding="utf-8")
         now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
         write_run(
             run / RUN_FILE,
@@ -162,13 +161,6 @@ class _New:
             )
         SealedAnswer.model_validate_json(content)
         return content
-
-
-def _write_stated(path: Path, out: Path) -> None:
-    """Write a submission's metadata without the contact, which is shown nowhere."""
-    stated = read_toml(path, SubmissionError, "submission file")
-    stated.pop("contact", None)
-    out.write_text(tomli_w.dumps(stated), encoding="utf-8")
 
 
 def record_runs(branch: DataBranch, root: Path) -> list[str]:

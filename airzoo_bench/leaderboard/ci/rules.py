@@ -11,9 +11,10 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.leaderboard.board import Board, Limits
 from airzoo_bench.leaderboard.ci.event import PullRequest
-from airzoo_bench.leaderboard.ci.git import Change, Entry, GitError, RefusedError, Repository
-from airzoo_bench.leaderboard.ci.ledger import Line, Place, owner
+from airzoo_bench.leaderboard.ci.git import BoardError, Change, Entry, RefusedError, Repository
+from airzoo_bench.leaderboard.ci.ledger import Line, owner
 from airzoo_bench.leaderboard.ci.paths import check_entries, checked_path, shown_path
+from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
 __all__ = ["BASE", "HEAD", "Touched", "fetch_pull_request", "read_files", "touched"]
@@ -49,13 +50,13 @@ def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
 
     Raises
     ------
-    GitError
+    BoardError
         The event's commit is not there any more: a newer push has its own run.
     """
     refs = {pull.ref: HEAD, f"refs/heads/{pull.base}": BASE}
     repository.fetch(refs, blobs=False)
     if not repository.contains(HEAD, pull.head):
-        raise GitError(
+        raise BoardError(
             f"the commit {pull.head[:12]} is no longer part of pull request {pull.number}",
             fix="nothing: the newer commit is scored by its own run",
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import socket
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.leaderboard.checks import check_submission
 from airzoo_bench.leaderboard.ci.artifact import Artifact
-from airzoo_bench.leaderboard.ci.scoring import FETCHED, Rules
+from airzoo_bench.leaderboard.ci.scoring import Rules
+from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.leaderboard.sealed.scoring import score_sealed
 
 __all__ = ["check_no_network", "score_against_truth"]
@@ -54,10 +56,9 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
         The files are not what was checked, or the board's archive or key are not right.
     """
     place = artifact.place
-    folder = work / place.path
-    checked = check_submission(folder, rules.board, rules.data)
-    if checked.predictions is None:
-        checked.predictions = next((work / FETCHED).glob("*"), None)
+    if (work / FETCHED).is_dir():
+        shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
+    checked = check_submission(work / place.path, rules.board, rules.data)
     for error in checked.errors:
         raise error
     benchmark = next(one for one in rules.board.benchmarks if one.name == place.benchmark)

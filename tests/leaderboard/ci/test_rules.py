@@ -10,8 +10,8 @@ import pytest
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.ci.event import PullRequest
-from airzoo_bench.leaderboard.ci.git import GitError, RefusedError, Repository
-from airzoo_bench.leaderboard.ci.ledger import Line, Place
+from airzoo_bench.leaderboard.ci.git import BoardError, RefusedError, Repository
+from airzoo_bench.leaderboard.ci.ledger import Line
 from airzoo_bench.leaderboard.ci.rules import fetch_pull_request, read_files, touched
 from tests.leaderboard.ci.repositories import File, Hosted
 
@@ -321,7 +321,7 @@ def test_new_folder_that_another_has_brought_meanwhile(world: World) -> None:
 def test_commit_that_was_pushed_away_is_no_fault_of_the_submission(world: World) -> None:
     head = world.hosted.commit(world.hosted.tip(), SOUND)
     world.hosted.pull_of(1, SOUND | {f"{HOME}/mine/p.npz": b"newer"})
-    with pytest.raises(GitError, match="no longer part of pull request 1"):
+    with pytest.raises(BoardError, match="no longer part of pull request 1"):
         world.look(1, head)
 
 
@@ -332,7 +332,3 @@ def test_head_is_scored_at_the_commit_of_the_event_though_a_newer_one_is_there(
     world.hosted.pull_of(1, {f"{HOME}/mine/p.npz": b"newer"}, parent=head)
     assert world.look(1, head) == []
     assert (world.folder / "out" / HOME / "mine" / "p.npz").read_bytes() == b"1"
-
-
-def test_place_is_a_path() -> None:
-    assert Place("b", "t", "f").path == "submissions/b/t/f"
