@@ -31,6 +31,7 @@ from airzoo_bench.cli import (
     report,
     seal_folder,
     sensitivity,
+    submission,
     table,
     template,
 )
@@ -44,6 +45,7 @@ _INPUT_IS_WRONG = 2
 _BUG = 70
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
+LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 LEADERBOARD = "Leaderboard"
 
@@ -95,6 +97,7 @@ app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel
 app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
+app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 
 
 def _print_version(wanted: bool) -> None:

@@ -55,6 +55,8 @@ def known_submissions(root: Path) -> list[Known]:
     found = []
     for path in sorted(root.glob(f"submissions/*/*/*/{SUBMISSION_FILE}")):
         place = Place.of(path.parent)
+        if place.folder.startswith("."):  # one that is being written
+            continue
         try:
             one = read_submission(path)
         except SubmissionError:  # its own check says so
