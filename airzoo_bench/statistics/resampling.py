@@ -170,7 +170,7 @@ def _medians(values: Floats, factors: Floats, counts: Weights, total: int) -> Fl
     """Median of each resample: only units near the middle are looked at one by one."""
     units = values.shape[1]
     order = np.argsort(values, axis=1, kind="stable")
-    reach = 4 * int(units**0.5) + 2
+    reach = int(2.5 * units**0.5) + 2  # five standard deviations of how many are drawn from a half
     first, last = max(0, units // 2 - reach), min(units, units // 2 + reach)
     below = np.zeros_like(values)
     np.put_along_axis(below, order[:, :first], 1.0, axis=1)
