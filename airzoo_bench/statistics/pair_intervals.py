@@ -16,9 +16,7 @@ __all__ = ["pair_limits"]
 _CELLS = 1 << 21
 
 
-def pair_limits(
-    sample: Sample, resampling: ResamplingConfig, chosen: Places | None = None
-) -> Floats:
+def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
     """Take the interval of every difference: of shares by MOVER, of all else by percentiles.
 
     Parameters
@@ -27,30 +25,24 @@ def pair_limits(
         V variables of one kind: all shares, or none. Values are finite or +inf.
     resampling : ResamplingConfig
         Number of resamples, seed, confidence.
-    chosen : (C,) array of int, optional
-        Only of the pairs that have one of these variables; of all where left out.
 
     Returns
     -------
     (2, V, V) array
-        Low and high of row minus column, above the diagonal; NaN below, on it, for pairs that were
-        not asked for, and where a group has fewer than `FEWEST` units.
+        Low and high of row minus column, above the diagonal; NaN below, on it, and where a group
+        has fewer than `FEWEST` units.
     """
     count = len(sample.medians)
     limits = np.full((2, count, count), np.nan)
     if min(part.shape[1] for part in sample.values) < FEWEST:
         return limits
-    wanted = np.zeros((count, count), np.bool_)
-    wanted[slice(None) if chosen is None else chosen] = True
-    wanted = np.triu(wanted | wanted.T, 1)
     by_shares = sample.shares is not None and bool(sample.shares.all())
     draws = np.empty((0, 0)) if by_shares else mean_draws(sample, resampling)
     units = sum(part.shape[1] for part in sample.values) if by_shares else resampling.resamples
     step = max(1, _CELLS // units)
-    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
-        others = np.flatnonzero(wanted[one])
-        for start in range(0, len(others), step):
-            some = others[start : start + step]
+    for one in range(count - 1):
+        for start in range(one + 1, count, step):
+            some = np.arange(start, min(start + step, count))
             found = (
                 _of_shares(sample, one, some, resampling.confidence)
                 if by_shares

@@ -29,6 +29,7 @@ from airzoo_bench.statistics.bootstrap_limits import percentile_p_values
 from airzoo_bench.statistics.intervals import FEWEST
 from airzoo_bench.statistics.resampling import (
     blocks,
+    exact_products,
     resample_counts,
     sign_flips,
     stream_key,
@@ -37,14 +38,14 @@ from airzoo_bench.statistics.resampling import (
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
 from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
 
-__all__ = ["Places", "mean_draws", "pair_p_values", "resamples_for"]
+__all__ = ["Places", "mean_draws", "pair_draws", "pair_p_values", "resamples_for"]
 
 _RESOLVED = 25
 _SURE = 6.0  # standard deviations; Hoeffding: less than one of 10**7 draws is as extreme
 _SLACK = 1e-9
 _CANCELLED = 1e-6  # of two squares: what is left of their difference has few digits
 _WORK = 2.5e8
-_LEAST, _MOST = 2_000, 10_000
+_FEW, _MANY = 2_000, 10_000
 _CELLS = 1 << 22
 _TIE = 1e-9
 
@@ -62,13 +63,43 @@ def resamples_for(count: int) -> int:
     Returns
     -------
     int
-        10,000, as everywhere else, up to 223 variables; then fewer, but at least 2,000.
+        10,000, as everywhere else, up to 223 variables; 2,000 of more.
     """
-    return int(min(_MOST, max(_LEAST, _WORK // max(count * (count - 1) // 2, 1))))
+    return _MANY if count * (count - 1) // 2 * _MANY <= _WORK else _FEW
+
+
+def pair_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
+    """Draw what the tests of all pairs share.
+
+    Parameters
+    ----------
+    sample : Sample
+        V variables of one kind: all averaged by the median, or none. Values are finite or +inf.
+    resampling : ResamplingConfig
+        Number of draws, seed.
+
+    Returns
+    -------
+    (V, B) array
+        Of means, sums under random signs; of medians, their resamples. A variable's row is the
+        same to the last bit whatever the others are.
+    """
+    if sample.medians.any():
+        return mean_draws(sample, resampling)
+    draws = np.zeros((len(sample.medians), resampling.resamples))
+    for group, part in zip(sample.groups, sample.values, strict=True):
+        units, key = part.shape[1], stream_key(resampling.seed, "permutation", group)
+        _, values = _codes(np.where(np.isinf(part), 0.0, part))
+        whole = exact_products(values, np.ones((units, 1)), units)
+        for first, size in blocks(units, resampling.resamples):
+            kept = sign_flips(units, first, size, key).astype(np.float64)
+            sums = 2 * exact_products(values, kept, units) - whole
+            draws[:, first : first + size] += sums / units
+    return draws
 
 
 def pair_p_values(
-    sample: Sample, resampling: ResamplingConfig, chosen: Places | None = None
+    sample: Sample, resampling: ResamplingConfig, draws: Floats | None = None
 ) -> Floats:
     """Test every two variables of a sample.
 
@@ -78,23 +109,20 @@ def pair_p_values(
         V variables of one kind: all averaged by the median, or none. Values are finite or +inf.
     resampling : ResamplingConfig
         Number of draws, seed.
-    chosen : (C,) array of int, optional
-        Test only the pairs that have one of these variables; all where left out.
+    draws : (V, B) array, optional
+        From `pair_draws` of the same sample, where they were made before.
 
     Returns
     -------
     (V, V) array
-        Two-sided p, symmetric; 1 on the diagonal, NaN for pairs that were not tested.
+        Two-sided p, symmetric; 1 on the diagonal.
     """
     count = len(sample.medians)
-    wanted = np.ones((count, count), np.bool_)
-    if chosen is not None:
-        wanted[:] = False
-        wanted[chosen], wanted[:, chosen] = True, True
-    found = np.where(np.eye(count, dtype=bool), 1.0, np.nan)
+    found = np.ones((count, count))
     if count > 1:
-        pairs = _of_medians if sample.medians.any() else _of_means
-        for one, others, p_values in pairs(sample, resampling, np.triu(wanted, 1)):
+        draws = pair_draws(sample, resampling) if draws is None else draws
+        tests = _of_medians if sample.medians.any() else _of_means
+        for one, others, p_values in tests(sample, resampling, draws):
             found[one, others] = found[others, one] = p_values
     return found
 
@@ -102,24 +130,18 @@ def pair_p_values(
 _Tested = Iterator[tuple[int, Places, Floats]]
 
 
-def _rows(wanted: NDArray[np.bool_]) -> Iterator[tuple[int, Places]]:
-    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
-        yield one, np.flatnonzero(wanted[one])
-
-
-def _of_means(
-    sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.bool_]
-) -> _Tested:
+def _of_means(sample: Sample, resampling: ResamplingConfig, draws: Floats) -> _Tested:
     failing = np.any([np.isinf(part).any(axis=1) for part in sample.values], axis=0)
-    for one, others in _rows(wanted):
-        boundless = others if failing[one] else others[failing[others]]
+    places = np.arange(len(failing))
+    for one in places[:-1]:
+        later = places[one + 1 :]
+        boundless = later if failing[one] else later[failing[later]]
         for first, size in blocks(2 * resampling.resamples, len(boundless)):
             part = boundless[first : first + size]
-            tests = paired_permutation(sample, resampling, [(one, int(b)) for b in part])
-            yield one, part, np.array([test.p_value for test in tests])
-    wanted = wanted & ~failing & ~failing[:, None]
-    if wanted.any():
-        yield from _SignedSums.of(sample, resampling, failing).tests(wanted)
+            tests = paired_permutation(sample, resampling, [(int(one), int(b)) for b in part])
+            yield int(one), part, np.array([test.p_value for test in tests])
+    if not failing.all():
+        yield from _SignedSums.of(sample, draws).tests(places[~failing])
 
 
 @dataclass(frozen=True)
@@ -147,31 +169,19 @@ class _SignedSums:
     draws: Floats
 
     @classmethod
-    def of(
-        cls, sample: Sample, resampling: ResamplingConfig, failing: NDArray[np.bool_]
-    ) -> _SignedSums:
-        parts = [_codes(np.where(failing[:, None], 0.0, part)) for part in sample.values]
+    def of(cls, sample: Sample, draws: Floats) -> _SignedSums:
+        parts = [_codes(np.where(np.isinf(part), 0.0, part)) for part in sample.values]
         codes = np.concatenate([codes for codes, _ in parts], axis=1)
         values = np.concatenate([same / same.shape[1] for _, same in parts], axis=1)
-        values -= values.mean(axis=0)  # no difference depends on it, and less cancels
-        draws = np.zeros((len(values), resampling.resamples))
-        start = 0
-        for group, (_, part) in zip(sample.groups, parts, strict=True):
-            units = part.shape[1]
-            key = stream_key(resampling.seed, "permutation", group)
-            own = values[:, start : start + units]
-            for first, size in blocks(units, resampling.resamples):
-                signs = 2.0 * sign_flips(units, first, size, key) - 1.0
-                draws[:, first : first + size] += own @ signs
-            start += units
         return cls(values, codes, values.sum(axis=1), values @ values.T, draws)
 
-    def tests(self, wanted: NDArray[np.bool_]) -> _Tested:
+    def tests(self, places: Places) -> _Tested:
         """Test pairs; exactly where all patterns of signs are no more than the draws."""
         resamples = self.draws.shape[1]
         most = int(np.log2(resamples))
         few: list[tuple[int, Places, NDArray[np.int64]]] = []
-        for one, others in _rows(wanted):
+        for start, one in enumerate(places.tolist()):
+            others = places[start + 1 :]
             spread = self._spread(one, others)
             observed = np.abs(self.sums[others] - self.sums[one])
             scores = np.divide(observed, spread, out=np.zeros(len(others)), where=spread > 0)
@@ -267,22 +277,20 @@ def _resolved(extreme: NDArray[np.int64], draws: int, tail: Floats) -> Floats:
     return np.where(extreme >= _RESOLVED, counted, np.minimum(tail, (_RESOLVED + 1) / (draws + 1)))
 
 
-def _of_medians(
-    sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.bool_]
-) -> _Tested:
-    draws = mean_draws(sample, resampling)
+def _of_medians(sample: Sample, resampling: ResamplingConfig, draws: Floats) -> _Tested:
+    if not draws.shape[1]:  # too few units: no interval, and so no finding
+        return
     codes = [_codes(part)[0] for part in sample.values]
-    for one, others in _rows(wanted):
-        unlike = sum(np.count_nonzero(part[others] != part[one], axis=1) for part in codes)
-        least = np.array([p_floor(int(number)) for number in np.atleast_1d(unlike)])
-        if not draws.shape[1]:  # too few units: no interval, and so no finding
-            yield one, others, np.ones(len(others))
-            continue
-        step = max(1, (_CELLS >> 2) // draws.shape[1])
-        for start in range(0, len(others), step):
-            some = others[start : start + step]
+    floors = np.array([p_floor(k) for k in range(sum(part.shape[1] for part in codes) + 1)])
+    step = max(1, (_CELLS >> 2) // resampling.resamples)
+    for one in range(len(draws) - 1):
+        for start in range(one + 1, len(draws), step):
+            some = np.arange(start, min(start + step, len(draws)))
+            unlike = np.zeros(len(some), np.int64)
+            for part in codes:
+                unlike += np.count_nonzero(part[some] != part[one], axis=1)
             p_values = _median_p_values(sample, draws, one, some)
-            yield one, some, np.maximum(p_values, least[start : start + step])
+            yield one, some, np.maximum(p_values, floors[unlike])
 
 
 def mean_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
