@@ -30,6 +30,7 @@ from airzoo_bench.core.temporaries import (
 )
 
 __all__ = [
+    "LIMIT_BYTES",
     "atomic_entries",
     "atomic_folder",
     "atomic_write",
@@ -45,6 +46,8 @@ __all__ = [
     "write_npz",
 ]
 
+LIMIT_BYTES = 16 << 20
+"""The most that is read of a text that a person wrote, unless a caller wants less."""
 _CHUNK_BYTES = 1 << 20
 _MARK = "benchmark.toml"
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
@@ -253,7 +256,7 @@ def first_bytes(path: Path, count: int) -> bytes:
         return b""
 
 
-def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 16 << 20) -> str:
+def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = LIMIT_BYTES) -> str:
     """Read a small UTF-8 text that a person wrote.
 
     Parameters
