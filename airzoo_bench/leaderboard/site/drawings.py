@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 __all__ = ["Point", "Scale", "history_picture", "interval_picture", "rank_picture", "scale_of"]
 
-_WIDTH, _HEIGHT, _EDGE = 96, 12, 4
+_WIDTH, _HEIGHT, _EDGE = 80, 12, 4
+_STEP, _BOTTOM, _RISE = 76, 108, 92  # of a history: a version's width; where it stands
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ class Point:
     value: float
     low: float | None
     high: float | None
+    text: str = ""
+    label: str = ""
 
 
 def scale_of(values: Iterable[float | None]) -> Scale | None:
@@ -66,22 +70,25 @@ def history_picture(points: Sequence[Point]) -> str:
     scale = scale_of(v for point in points for v in (point.value, point.low, point.high))
     if scale is None:
         return ""
-    width, height = max(120, 56 * len(points)), 110
-    places = [(28 + 56 * index, point) for index, point in enumerate(points)]
-    finite = [(x, point) for x, point in places if math.isfinite(point.value)]
+    width, height = _STEP * len(points), 132
+    finite = [(x, p) for x, p in enumerate(points) if math.isfinite(p.value)]
 
-    def y(value: float) -> float:
-        return height - 18 - scale.at(value, height - 24)
+    def at(place: int, value: float) -> tuple[str, str]:
+        down = _BOTTOM - (scale.at(value, _RISE) - _EDGE)
+        return _px(_STEP * (place + 0.5)), _px(down)
 
-    line = " ".join(f"{_px(x)},{_px(y(point.value))}" for x, point in finite)
+    line = " ".join(",".join(at(place, point.value)) for place, point in finite)
     drawn = f'<polyline class="path" points="{line}"/>' if len(finite) > 1 else ""
-    for x, point in finite:
+    for place, point in finite:
         if point.low is not None and point.high is not None:
-            ends = f'y1="{_px(y(point.low))}" y2="{_px(y(point.high))}"'
-            drawn += f'<line class="whisker" x1="{x}" x2="{x}" {ends}/>'
-        drawn += _dot(x, y(point.value))
-    for number, (x, _) in enumerate(places, 1):
-        drawn += f'<text x="{x}" y="{height - 4}" text-anchor="middle">{number}</text>'
+            (x, low), (_, high) = at(place, point.low), at(place, point.high)
+            drawn += f'<line class="whisker" x1="{x}" x2="{x}" y1="{low}" y2="{high}"/>'
+        x, y = at(place, point.value)
+        drawn += f'<circle class="dot" cx="{x}" cy="{y}" r="3"/>'
+    for place, point in enumerate(points):
+        x = _px(_STEP * (place + 0.5))
+        drawn += f'<text x="{x}" y="12" text-anchor="middle">{html.escape(point.text)}</text>'
+        drawn += f'<text x="{x}" y="{height - 4}" text-anchor="middle">{html.escape(point.label)}</text>'
     return _svg(width, height, drawn)
 
 

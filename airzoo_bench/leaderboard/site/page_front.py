@@ -61,7 +61,7 @@ def _front(link: Json, table: Json) -> dict[str, Any]:
     first = sum(_ranks(row, key)[0] == 1 for row in ranked)
     title = shown(lead["title"])
     return {
-        "title": table["title"],
+        "title": _short(table),
         "href": _href(table["id"]),
         "sealed": table["sealed"],
         "counts": _counts(table, link["updated"]),
@@ -71,6 +71,13 @@ def _front(link: Json, table: Json) -> dict[str, Any]:
         "rows": [_row(row, key, table, len(ranked)) for row in shown_rows],
         "more": f"{first} methods cannot be told from the best." if first > _LEADING else "",
     }
+
+
+def _short(table: Json) -> str:
+    """Return a table's title without its benchmark's, below which it stands."""
+    title, benchmark = shown(table["title"]), shown(table["benchmark_title"])
+    rest = title.removeprefix(f"{benchmark}, ")
+    return title if rest == title else rest[:1].upper() + rest[1:]
 
 
 def _row(row: Json, key: str, table: Json, count: int) -> RowView:

@@ -179,9 +179,12 @@ def _version(version: Json, columns: Sequence[Json], repository: str | None) -> 
 
 
 def _points(history: Sequence[Json], key: str) -> list[Point]:
-    scores = [version["scores"].get(key) for version in reversed(history[:_MOST_VERSIONS])]
-    found = [tuple(number(s[part]) for part in ("value", "low", "high")) for s in scores if s]
-    return [Point(value, low, high) for value, low, high in found if value is not None]
+    found = [(v["number"], v["scores"].get(key)) for v in reversed(history[:_MOST_VERSIONS])]
+    return [
+        Point(value, number(s["low"]), number(s["high"]), shown(s["text"]), f"version {version}")
+        for version, s in found
+        if s and (value := number(s["value"])) is not None
+    ]
 
 
 def _bibtex(text: str) -> str:

@@ -65,6 +65,7 @@ class TableView:
     pictured: str = ""
     scale: str = ""
     facts: bool = False
+    costs: bool = False
     choose: bool = False
 
 
@@ -160,6 +161,7 @@ def _results(table: Json, files: Mapping[str, Any]) -> Page:
         pictured=f"{shown(lead['title'])} and interval" if scale else "",
         scale=_scale_text(lead, scale),
         facts=True,
+        costs=any(row.cost.text for row in rows),
         choose=len(chosen) > 1,
     )
     return Page("index.html", "index.html", "", [view], notes.all())
@@ -215,7 +217,7 @@ def _all_scores(table: Json) -> Page:
 def _scenes(table: Json, scenes: Json) -> list[Page]:
     by_score = [Tab(_numbered("scenes", n), shown(c["title"])) for n, c in enumerate(_headline(table))]
     by_scene = [Tab(f"scene-{n}.html", shown(s["title"])) for n, s in enumerate(table["scenes"], 1)]
-    parts = (("All scenes by", by_score), ("One scene", by_scene))
+    parts = (("Score, all scenes", by_score), ("One scene", by_scene))
     pages = [
         _scene_matrix(table, scenes, column, tab.href, parts)
         for column, tab in zip(_headline(table), by_score, strict=True)
@@ -274,7 +276,7 @@ def _one_scene(
 def _conditions(table: Json, broken: Sequence[Json]) -> list[Page]:
     columns = _headline(table)
     tabs = [Tab(_numbered("conditions", n), shown(c["title"])) for n, c in enumerate(columns)]
-    parts = (("By", tabs),)
+    parts = (("Score", tabs),)
     return [
         Page(
             tab.href,

@@ -79,7 +79,7 @@ async function overall(a, b) {
     const interval = Number.isNaN(pair.low) ? "–" : `[${shown(pair.low, score.share, true)}, ${shown(pair.high, score.share, true)}]`;
     return el("tr", {}, head(`${score.title} [${score.unit}]`), cell(shown(pair.one, score.share)), cell(shown(pair.other, score.share)),
       cell(shown(pair.difference, score.share, true)), cell(interval), cell(picture(score, pair), "t"),
-      cell(shownP(pair.p)), cell(shownP(pair.p_holm)), cell(verdict(score, pair), "t"));
+      cell(shownP(pair.p)), cell(shownP(pair.p_holm)), cell(verdict(score, pair), "verdict"));
   }));
 }
 
@@ -95,14 +95,19 @@ async function draw() {
   const [a, b] = [first, second].map((select) => data.methods[select.selectedIndex]);
   for (const [id, method] of [["name-a", a], ["name-b", b]]) {
     const link = document.getElementById(id);
-    link.textContent = method.name;
+    link.firstElementChild.textContent = method.name;
     link.setAttribute("href", `methods/${method.id}.html`);
   }
   const same = a === b;
   document.getElementById("found").hidden = same;
-  document.getElementById("said").textContent = same ? "Choose two different methods." : `${a.name} (A) and ${b.name} (B).`;
-  if (same) return;
+  const said = document.getElementById("said");
+  if (same) {
+    said.textContent = "Choose two different methods.";
+    return;
+  }
   document.querySelector("#overall tbody").replaceChildren(...await overall(a, b));
+  const pair = await pairOf(data.scores[0], a.id, b.id);
+  said.textContent = `${data.scores[0].title}: A − B is ${shown(pair.difference, data.scores[0].share, true)}; ${verdict(data.scores[0], pair)}.`;
   const score = data.scores[document.getElementById("score").selectedIndex];
   document.querySelector("#scenes caption span").textContent = `${score.title} in ${score.unit}, and the difference A − B`;
   document.querySelector("#scenes tbody").replaceChildren(...byScene(score, a, b));

@@ -49,4 +49,11 @@ function filtered(form) {
   apply();
 }
 
-for (const form of document.querySelectorAll("form.filters")) filtered(form);
+// Folded where the page is narrow, unless they hide rows; where it is wide, the fold is not seen.
+const narrow = matchMedia("(max-width: 40rem)");
+for (const form of document.querySelectorAll("form.filters")) {
+  filtered(form);
+  const fold = form.closest("details");
+  fold.open = !narrow.matches || location.hash.includes("=");
+  narrow.addEventListener("change", () => { fold.open = fold.open || !narrow.matches; });
+}
