@@ -22,6 +22,7 @@ from airzoo_bench.cli import (
     demo,
     download,
     evaluate,
+    leaderboard,
     mini,
     plot,
     prepare,
@@ -43,6 +44,7 @@ _INPUT_IS_WRONG = 2
 _BUG = 70
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
+LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 
 app = typer.Typer(
@@ -80,6 +82,7 @@ app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
     seal_folder.seal_folder
 )
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
+app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
     "check-geometry",

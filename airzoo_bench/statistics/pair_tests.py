@@ -253,10 +253,7 @@ def _every_sign(number: int) -> Floats:
 
 
 def _codes(values: Floats) -> tuple[NDArray[np.integer], Floats]:
-    """Number the values; those that `paired_difference` takes for ties have one number and value.
-
-    Chains of ties are one value.
-    """
+    """Number values; those that `paired_difference` takes for ties are one, as is a chain of them."""
     known, codes = np.unique(values, return_inverse=True)
     apart = paired_difference(known[1:], known[:-1]) != 0
     numbers = np.concatenate([[0], np.cumsum(apart)])
