@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli import leaderboard_ci
+from airzoo_bench.cli import leaderboard_ci, leaderboard_site
 from airzoo_bench.cli.common import examples, put, say
 
 __all__ = ["app"]
@@ -16,7 +16,6 @@ app = typer.Typer(
     help="A board in a repository of your own: its files, its CI, its pages.",
     no_args_is_help=True,
 )
-app.add_typer(leaderboard_ci.app, name="ci")
 
 
 @app.callback()
@@ -46,3 +45,8 @@ def init(
         put(f"{path}\n")
     for line in next_steps(folder, gitlab=gitlab):
         say(line)
+
+
+app.command("build", epilog=leaderboard_site.BUILD_EXAMPLES)(leaderboard_site.build)
+app.command("serve", epilog=leaderboard_site.SERVE_EXAMPLES)(leaderboard_site.serve)
+app.add_typer(leaderboard_ci.app, name="ci")

@@ -47,7 +47,6 @@ _BUG = 70
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
-LEADERBOARD = "Leaderboard"
 
 app = typer.Typer(
     name="airzoo-bench",
@@ -84,6 +83,7 @@ app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
     seal_folder.seal_folder
 )
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
+app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
     "check-geometry",
@@ -94,7 +94,6 @@ app.command(
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
-app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
 app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
