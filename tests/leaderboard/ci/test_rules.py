@@ -107,7 +107,8 @@ def test_maintainer_may_change_what_others_own(world: World) -> None:
 HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
     "two submissions": (
         SOUND | {f"{HOME}/second/submission.toml": TOML},
-        "changes more than one folder: 2 (submissions/made/retrieval/mine, submissions/made/retrieval/second)",
+        "changes more than one folder: 2 (submissions/made/retrieval/mine, "
+        "submissions/made/retrieval/second)",
     ),
     "renamed folder with the old metadata": (
         {
@@ -195,7 +196,10 @@ HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
         SOUND | {f"{HOME}/mine/sub": ("160000", b"a" * 40)},
         "is a submodule",
     ),
-    "executable": (SOUND | {f"{HOME}/mine/run": ("100755", b"#!/bin/sh\n")}, "is an executable file"),
+    "executable": (
+        SOUND | {f"{HOME}/mine/run": ("100755", b"#!/bin/sh\n")},
+        "is an executable file",
+    ),
     "the folder itself is a link": (
         {f"{HOME}/mine": ("120000", b"theirs")},
         "not the folder of a submission",
