@@ -150,7 +150,7 @@ def test_push_that_the_remote_forbids_is_said_at_once(hosted: Hosted, tmp_path: 
     hook.parent.mkdir(exist_ok=True)
     hook.write_text("#!/bin/sh\necho protected branch >&2\nexit 1\n")
     hook.chmod(0o755)
-    with pytest.raises(BoardError):
+    with pytest.raises(BoardError, match="hook declined"):
         branch.append(line(1))
 
 
