@@ -29,8 +29,10 @@ from airzoo_bench.cli import (
     protocols,
     readers,
     report,
+    seal,
     seal_folder,
     sensitivity,
+    submission,
     table,
     template,
 )
@@ -46,6 +48,7 @@ _BUG = 70
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
+LEADERBOARD = "Leaderboard"
 
 app = typer.Typer(
     name="airzoo-bench",
@@ -93,8 +96,15 @@ app.command(
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
+for _name, _command, _examples in (
+    ("seal", seal.seal, seal.SEAL_EXAMPLES),
+    ("unseal", seal.unseal, seal.UNSEAL_EXAMPLES),
+    ("seal-key", seal.seal_key, seal.KEY_EXAMPLES),
+):
+    app.command(_name, epilog=_examples, rich_help_panel=LEADERBOARD)(_command)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
+app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 
 
 def _print_version(wanted: bool) -> None:

@@ -28,6 +28,11 @@ class Place:
         *_, benchmark, track, name = ("", "", "", *folder.resolve().parts)
         return cls(benchmark, track, name)
 
+    @property
+    def path(self) -> str:
+        """Relative to the root of the board's repository."""
+        return f"submissions/{self.benchmark}/{self.track}/{self.folder}"
+
 
 @dataclass(frozen=True)
 class Known:
@@ -50,6 +55,8 @@ def known_submissions(root: Path) -> list[Known]:
     found = []
     for path in sorted(root.glob(f"submissions/*/*/*/{SUBMISSION_FILE}")):
         place = Place.of(path.parent)
+        if place.folder.startswith("."):  # one that is being written
+            continue
         try:
             one = read_submission(path)
         except SubmissionError:  # its own check says so

@@ -12,7 +12,7 @@ from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.validation import Name, Strict
 from airzoo_bench.leaderboard.answer import SealedAnswer
 from airzoo_bench.leaderboard.ci.event import Commit, Id
-from airzoo_bench.leaderboard.ci.ledger import Place
+from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.results.result import ScoreColumn
 
 __all__ = [

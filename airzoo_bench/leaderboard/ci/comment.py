@@ -93,8 +93,8 @@ def _sealed(artifact: Artifact) -> Iterator[str]:
     yield f"### {_named(artifact)}\n"
     if artifact.answer is None:
         yield (
-            "Nothing is wrong with it. It is scored against the sealed truth once a maintainer "
-            "approves of the job.\n"
+            "Nothing is wrong with it. It was not scored against the sealed truth: the job was not "
+            "approved, or failed by no fault of the submission. This does not count as a try.\n"
         )
     else:
         yield _sealed_table(artifact.answer)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.leaderboard.ci.git import GitError, Repository
+from airzoo_bench.leaderboard.ci.git import BoardError, Repository
 from airzoo_bench.leaderboard.ci.ledger import LEDGER_FILE, Line, parse_ledger, write_ledger
 from airzoo_bench.leaderboard.ci.paths import checked_path
 
@@ -54,7 +54,12 @@ class DataBranch:
             path.parent.mkdir(parents=True, exist_ok=True)
             self.repository.write_blob(entry.object_id, path)
 
-    def append(self, line: Line, check: Callable[[list[Line]], None] = lambda _: None) -> None:
+    def append(
+        self,
+        line: Line,
+        check: Callable[[list[Line]], None] = lambda _: None,
+        files: Mapping[str, bytes] | None = None,
+    ) -> None:
         """Add a line to the ledger, after what others have added meanwhile.
 
         Parameters
@@ -63,12 +68,14 @@ class DataBranch:
         check : callable
             Refuses, of the lines before it, what must not be added: it is asked again on what
             others have pushed, so that two jobs at once cannot both have the last try.
+        files : mapping of str to bytes, optional
+            Other files that come in the same commit.
         """
 
         def change(branch: DataBranch) -> Mapping[str, bytes]:
             lines = branch.ledger()
             check(lines)
-            return {LEDGER_FILE: write_ledger([*lines, line])}
+            return {**(files or {}), LEDGER_FILE: write_ledger([*lines, line])}
 
         self.write(change, f"{line.outcome}: {line.place.path}")
 
@@ -83,7 +90,7 @@ class DataBranch:
 
         Raises
         ------
-        GitError
+        BoardError
             The branch cannot be pushed to.
         """
         for number in range(_TRIES):
@@ -96,7 +103,7 @@ class DataBranch:
                 return
             time.sleep(0.1 * number)
             self._fetch()
-        raise GitError(
+        raise BoardError(
             f"{DATA_BRANCH} was pushed to by others {_TRIES} times in a row",
             where=self.repository.remote,
             fix="run the job again; if it fails again, see whether the token may push",

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from airzoo_bench.core.errors import SubmissionError
 
-__all__ = ["TOKEN_VARIABLE", "Change", "Entry", "GitError", "Refusal", "Repository"]
+__all__ = ["TOKEN_VARIABLE", "BoardError", "Change", "Entry", "RefusedError", "Repository"]
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
@@ -35,11 +35,11 @@ _ENTRY_BYTES = 512  # of an entry's line, on average; paths are at most some tho
 _TIMEOUT_S = 1800
 
 
-class GitError(SubmissionError):
-    """The remote, or what the event says of it, is not as it must be: no fault of a submission."""
+class BoardError(SubmissionError):
+    """The board, its data or its remote is not as it must be: no fault of a submission."""
 
 
-class Refusal(SubmissionError):
+class RefusedError(SubmissionError):
     """A pull request is not as it must be."""
 
 
@@ -81,7 +81,7 @@ class Repository:
 
         Raises
         ------
-        GitError
+        BoardError
             Git is not installed, or the folder cannot be made.
         """
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -104,7 +104,7 @@ class Repository:
 
         Raises
         ------
-        GitError
+        BoardError
             The remote cannot be reached, or lacks one of them.
         """
         options = [] if blobs else ["--filter=blob:none"]
@@ -131,9 +131,9 @@ class Repository:
         found = done.stdout.decode("ascii", "replace").strip()
         return found if done.returncode == 0 and _OBJECT_ID.fullmatch(found) else None
 
-    def has_commit(self, commit: str) -> bool:
-        """Whether a commit has been fetched."""
-        return self._call("rev-list", "--max-count=1", "--quiet", commit).returncode == 0
+    def contains(self, ref: str, commit: str) -> bool:
+        """Whether a commit is that of a ref of ours, or one before it."""
+        return self._call("merge-base", "--is-ancestor", commit, ref).returncode == 0
 
     def merge_base(self, one: str, other: str) -> str | None:
         """Return the commit from which two commits went apart."""
@@ -145,10 +145,10 @@ class Repository:
 
         Raises
         ------
-        Refusal
+        RefusedError
             They are more than `most`, or git cannot read the trees.
         """
-        text = self._bounded(most, "diff-tree", "-rz", "--raw", "--no-renames", old, new)
+        text = self._bounded(most, "diff-tree", "-r", "-z", "--raw", "--no-renames", old, new)
         fields = text.split(b"\0")[:-1]
         pairs = zip(fields[::2], fields[1::2], strict=True)
         found = [_change(head.decode("ascii"), path) for head, path in pairs]
@@ -159,10 +159,10 @@ class Repository:
 
         Raises
         ------
-        Refusal
+        RefusedError
             They are more than `most`, or git cannot read the trees.
         """
-        text = self._bounded(most, "ls-tree", "-rz", "--full-tree", commit, "--", f"{folder}/")
+        text = self._bounded(most, "ls-tree", "-r", "-z", "--full-tree", commit, "--", f"{folder}/")
         return _at_most([_entry(line) for line in text.split(b"\0")[:-1]], most)
 
     def folders(self, commit: str, folder: str) -> list[bytes]:
@@ -220,7 +220,7 @@ class Repository:
 
         Raises
         ------
-        GitError
+        BoardError
             The remote refuses it for another reason.
         """
         done = self._call("push", "--quiet", "--porcelain", "origin", f"{commit}:{ref}")
@@ -244,7 +244,9 @@ class Repository:
                 process.kill()
                 raise _too_many(most)
         if process.returncode:
-            raise Refusal("git cannot read the trees of this commit", fix="make the commit anew")
+            raise RefusedError(
+                "git cannot read the trees of this commit", fix="make the commit anew"
+            )
         return text
 
     def _run(
@@ -273,9 +275,9 @@ class Repository:
                 stderr=subprocess.PIPE, timeout=_TIMEOUT_S, check=False,
             )  # fmt: skip
         except FileNotFoundError as error:
-            raise GitError("git is not installed", fix="install git 2.36 or later") from error
+            raise BoardError("git is not installed", fix="install git 2.36 or later") from error
         except subprocess.TimeoutExpired as error:
-            raise GitError(
+            raise BoardError(
                 f"git {arguments[0]} took longer than {_TIMEOUT_S} s", where=self.remote
             ) from error
 
@@ -302,7 +304,7 @@ class Repository:
 def _check(done: subprocess.CompletedProcess[bytes], name: str) -> None:
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip()[-500:]
-        raise GitError(f"git {name} failed: {said or f'exit code {done.returncode}'}")
+        raise BoardError(f"git {name} failed: {said or f'exit code {done.returncode}'}")
 
 
 def _change(head: str, path: bytes) -> Change:
@@ -322,8 +324,8 @@ def _at_most(found: list[T], most: int) -> list[T]:
     return found
 
 
-def _too_many(most: int) -> Refusal:
-    return Refusal(
+def _too_many(most: int) -> RefusedError:
+    return RefusedError(
         f"more than {most:,} files",
         expected="one submission",
         fix="put the predictions into one file, such as an .npz or a .zip, or give their URL",

@@ -12,28 +12,24 @@ from typing import Literal, get_args
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.leaderboard.board import Limits
-from airzoo_bench.leaderboard.ci.git import Refusal
+from airzoo_bench.leaderboard.ci.git import RefusedError
+from airzoo_bench.leaderboard.known import Place
 
-__all__ = ["LEDGER_FILE", "Line", "Place", "check_tries", "owner", "parse_ledger", "write_ledger"]
+__all__ = [
+    "LEDGER_FILE",
+    "Line",
+    "Outcome",
+    "check_tries",
+    "owner",
+    "parse_ledger",
+    "write_ledger",
+    "written_time",
+]
 
 LEDGER_FILE = "ledger.csv"
 
 Outcome = Literal["started", "scored", "failed", "merged"]
 _WHEN = "%Y-%m-%dT%H:%M:%SZ"
-
-
-@dataclass(frozen=True)
-class Place:
-    """The folder of a submission: ``submissions/<benchmark>/<track>/<folder>``."""
-
-    benchmark: str
-    track: str
-    folder: str
-
-    @property
-    def path(self) -> str:
-        """Relative to the root of the repository."""
-        return f"submissions/{self.benchmark}/{self.track}/{self.folder}"
 
 
 @dataclass(frozen=True)
@@ -116,7 +112,7 @@ def _line(row: Sequence[str]) -> Line:
         raise ValueError(f"no outcome is called {named['outcome']!r}")
     numbers = {name: int(named.pop(name)) for name in ("account", "pull_request")}
     line = Line(**named, **numbers)  # type: ignore[arg-type]
-    assert line.when
+    datetime.datetime.strptime(line.time, _WHEN)  # refuses what is no time
     return line
 
 
@@ -143,7 +139,7 @@ def check_tries(lines: Sequence[Line], new: Line, limits: Limits) -> None:
 
     Raises
     ------
-    Refusal
+    RefusedError
         With the time from which there is another one.
     """
     since = new.when - datetime.timedelta(days=limits.days)
@@ -158,7 +154,7 @@ def check_tries(lines: Sequence[Line], new: Line, limits: Limits) -> None:
     if len(counting) < limits.tries:
         return
     free = counting[-limits.tries] + datetime.timedelta(days=limits.days)
-    raise Refusal(
+    raise RefusedError(
         f"this account has had {counted(len(counting), 'try', 'tries')} on {new.benchmark} within "
         f"{counted(limits.days, 'day')}",
         where=new.place.path,

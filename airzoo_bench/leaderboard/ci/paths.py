@@ -7,7 +7,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 
-from airzoo_bench.leaderboard.ci.git import Entry, Refusal
+from airzoo_bench.leaderboard.ci.git import Entry, RefusedError
 
 __all__ = ["check_entries", "checked_path", "shown_path"]
 
@@ -34,17 +34,17 @@ def checked_path(path: bytes) -> str:
 
     Raises
     ------
-    Refusal
+    RefusedError
         It is not UTF-8, not in normal form, or a part of it is no plain name.
     """
     try:
         text = path.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise Refusal("the name is not UTF-8", where=shown_path(path), fix=_RENAME) from error
+        raise RefusedError("the name is not UTF-8", where=shown_path(path), fix=_RENAME) from error
     parts = text.split("/")
     for fault in (_fault_of_whole(text, parts), *map(_fault_of_part, parts)):
         if fault:
-            raise Refusal(fault, where=shown_path(path), fix=_RENAME)
+            raise RefusedError(fault, where=shown_path(path), fix=_RENAME)
     return text
 
 
@@ -70,7 +70,7 @@ def _fault_of_part(part: str) -> str:
     return next((f"the name {fault}" for fault, there in faults.items() if there), "")
 
 
-def check_entries(entries: Sequence[Entry]) -> list[Refusal]:
+def check_entries(entries: Sequence[Entry]) -> list[RefusedError]:
     """Return what is wrong with names and kinds of files, a message each, at most 20.
 
     Parameters
@@ -84,10 +84,10 @@ def check_entries(entries: Sequence[Entry]) -> list[Refusal]:
     return found[:20]
 
 
-def _fault(entry: Entry) -> Refusal | None:
+def _fault(entry: Entry) -> RefusedError | None:
     if entry.mode != "100644":
         kind = _KINDS.get(entry.mode, f"of mode {entry.mode}")
-        return Refusal(
+        return RefusedError(
             f"is {kind}",
             where=shown_path(entry.path),
             expected="a plain file (mode 100644)",
@@ -97,17 +97,17 @@ def _fault(entry: Entry) -> Refusal | None:
         )
     try:
         checked_path(entry.path)
-    except Refusal as fault:
+    except RefusedError as fault:
         return fault
     return None
 
 
-def _alike(entries: Sequence[Entry]) -> list[Refusal]:
+def _alike(entries: Sequence[Entry]) -> list[RefusedError]:
     """Find names that differ in case only, which are one file on other systems."""
     names = [entry.path.decode("utf-8") for entry in entries]
     times = Counter(name.casefold() for name in names)
     return [
-        Refusal("differs from another name only in case", where=name, fix="rename one of them")
+        RefusedError("differs from another name only in case", where=name, fix="rename one of them")
         for name in names
         if times[name.casefold()] > 1
     ]

@@ -11,9 +11,10 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.leaderboard.board import Board, Limits
 from airzoo_bench.leaderboard.ci.event import PullRequest
-from airzoo_bench.leaderboard.ci.git import Change, Entry, GitError, Refusal, Repository
-from airzoo_bench.leaderboard.ci.ledger import Line, Place, owner
+from airzoo_bench.leaderboard.ci.git import BoardError, Change, Entry, RefusedError, Repository
+from airzoo_bench.leaderboard.ci.ledger import Line, owner
 from airzoo_bench.leaderboard.ci.paths import check_entries, checked_path, shown_path
+from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
 __all__ = ["BASE", "HEAD", "Touched", "fetch_pull_request", "read_files", "touched"]
@@ -49,13 +50,13 @@ def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
 
     Raises
     ------
-    GitError
+    BoardError
         The event's commit is not there any more: a newer push has its own run.
     """
     refs = {pull.ref: HEAD, f"refs/heads/{pull.base}": BASE}
     repository.fetch(refs, blobs=False)
-    if not repository.has_commit(pull.head):
-        raise GitError(
+    if not repository.contains(HEAD, pull.head):
+        raise BoardError(
             f"the commit {pull.head[:12]} is no longer part of pull request {pull.number}",
             fix="nothing: the newer commit is scored by its own run",
         )
@@ -68,13 +69,13 @@ def touched(
 
     Raises
     ------
-    Refusal
+    RefusedError
         It changes more than one submission, or something else besides, or a folder that is not
         its author's.
     """
     base = repository.merge_base(BASE, pull.head)
     if base is None:
-        raise Refusal(
+        raise RefusedError(
             "the commit has no history in common with the branch",
             where=pull.base,
             fix=f"start your branch from {pull.base}",
@@ -94,7 +95,7 @@ def _place_of(changes: Sequence[Change]) -> Place:
     """Return the one folder in which all changes lie."""
     others = [shown_path(c.path) for c in changes if not c.path.startswith(_ROOT)]
     if others:
-        raise Refusal(
+        raise RefusedError(
             f"changes other files than those of a submission: {first_of(others)}",
             expected="one folder below submissions/, and nothing else",
             fix="put the other changes into a pull request of their own",
@@ -102,7 +103,7 @@ def _place_of(changes: Sequence[Change]) -> Place:
     folders = dict.fromkeys(b"/".join(change.path.split(b"/")[:4]) for change in changes)
     if len(folders) > 1:
         shown = first_of([shown_path(folder) for folder in folders])
-        raise Refusal(
+        raise RefusedError(
             f"changes more than one folder: {shown}",
             expected="one submission a pull request; a renamed folder counts as two",
             fix="make a pull request for each",
@@ -110,7 +111,7 @@ def _place_of(changes: Sequence[Change]) -> Place:
     path = next(iter(folders))
     parts = checked_path(path).split("/")
     if len(parts) != 4 or any(change.path == path for change in changes):
-        raise Refusal(
+        raise RefusedError(
             "not the folder of a submission",
             where=shown_path(path),
             expected="submissions/<benchmark>/<track>/<folder>/...",
@@ -126,7 +127,7 @@ def _check_place(place: Place, board: Board) -> None:
         ("track", place.track, list(TRACKS.names())),
     ):
         if name not in names:
-            raise Refusal(
+            raise RefusedError(
                 f"this board has no {what} {name!r}{nearest(name, names)}",
                 where=place.path,
                 expected=f"one of {', '.join(names)}",
@@ -141,13 +142,15 @@ def _check_owner(
     board: Board,
     ledger: Sequence[Line],
 ) -> None:
-    if repository.resolve(f"{BASE}:{place.path}") is None:
+    there = repository.resolve(f"{BASE}:{place.path}") is not None
+    if not there:
         _check_case(repository, place)
+    whose = owner(ledger, place)
+    if pull.account in (whose, *board.maintainers) or (whose is None and not there):
         return
-    if pull.account in board.maintainers or owner(ledger, place) == pull.account:
-        return
-    raise Refusal(
-        "this folder is on the board already, and belongs to another account",
+    raise RefusedError(
+        f"this folder {'is' if there else 'was'} on the board already, and belongs to another "
+        "account",
         where=place.path,
         expected="the account whose pull request brought it, or a maintainer of the board",
         fix="choose another folder, or open the pull request from that account",
@@ -159,7 +162,7 @@ def _check_case(repository: Repository, place: Place) -> None:
     for path in repository.folders(BASE, parent):
         name = path.rsplit(b"/", 1)[-1].decode("utf-8", "replace")
         if name.casefold() == place.folder.casefold():
-            raise Refusal(
+            raise RefusedError(
                 f"differs from the folder {name} of the board only in case",
                 where=place.path,
                 fix="choose another name",
@@ -170,7 +173,7 @@ def _check_base(repository: Repository, place: Place, base: str) -> None:
     """Refuse a folder that has changed since: what is merged would not be what is scored."""
     now, then = (repository.resolve(f"{at}:{place.path}") for at in (BASE, base))
     if now != then:
-        raise Refusal(
+        raise RefusedError(
             "has changed on the board since this branch began",
             where=place.path,
             expected="what is scored to be what is merged",
@@ -220,14 +223,14 @@ def _faults_of_sizes(
         total += size
         name = shown_path(entry.path)
         if name == f"{place.path}/{SUBMISSION_FILE}" and size > _MOST_TOML_BYTES:
-            return [Refusal(
+            return [RefusedError(
                 f"has {size:,} bytes",
                 where=name,
                 expected=f"at most {_MOST_TOML_BYTES:,} bytes of metadata",
                 fix="predictions go into files of their own",
             )]  # fmt: skip
         if total > limits.committed_bytes:
-            return [Refusal(
+            return [RefusedError(
                 f"the files have more than {limits.committed_bytes:,} bytes",
                 where=place.path,
                 expected=f"at most {limits.committed_bytes:,} bytes in the repository",
@@ -236,12 +239,12 @@ def _faults_of_sizes(
     return []
 
 
-def _faults_of_content(path: Path, entry: Entry) -> list[Refusal]:
+def _faults_of_content(path: Path, entry: Entry) -> list[RefusedError]:
     with path.open("rb") as stream:
         is_pointer = stream.read(len(_LFS)) == _LFS
     if not is_pointer:
         return []
-    return [Refusal(
+    return [RefusedError(
         "is a pointer of Git LFS, not the file itself",
         where=shown_path(entry.path),
         expected="the content, which this board reads from git alone",

@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import (
-    CameraError,
-    PredictionError,
-    ResultError,
-    SubmissionError,
-    UserError,
-)
+from airzoo_bench.core.errors import BenchmarkError, ProtocolError, UserError
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.ci.artifact import Artifact, problem_of
 from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.event import PullRequest
-from airzoo_bench.leaderboard.ci.git import GitError, Refusal, Repository
-from airzoo_bench.leaderboard.ci.known import known_on_board
-from airzoo_bench.leaderboard.ci.ledger import Line, Place, owner
+from airzoo_bench.leaderboard.ci.git import BoardError, RefusedError, Repository
+from airzoo_bench.leaderboard.ci.ledger import Line, owner
 from airzoo_bench.leaderboard.ci.rules import BASE, Touched, fetch_pull_request, read_files, touched
 from airzoo_bench.leaderboard.ci.standing import standing_of
+from airzoo_bench.leaderboard.known import Place, known_submissions
+from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.leaderboard.rescoring import rescore
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.parts import Resources
 
-__all__ = ["Rules", "score_pull_request"]
+__all__ = ["Rules", "is_sealed", "score_pull_request"]
 
-# What a submitter can put right; other errors are faults of the board, and stop the run.
-_OF_SUBMISSION = (Refusal, PredictionError, CameraError, ResultError)
+# What no submitter can put right: it stops the run.
+_OF_BOARD = (BoardError, BenchmarkError, ProtocolError)
 
 
 @dataclass(frozen=True)
@@ -41,6 +37,8 @@ class Rules:
 
     Attributes
     ----------
+    root : Path
+        A checkout of the board's own branch.
     branch : str
         The one that submissions are merged into.
     data : Path
@@ -48,6 +46,7 @@ class Rules:
     """
 
     board: Board
+    root: Path
     branch: str
     data: Path
     resources: Resources
@@ -90,7 +89,7 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
         if not found.tree:
             return _artifact(pull, "withdrawn", **_of(found))
         return _Submitted(pull, repository, branch, ledger, found, rules, work).artifact()
-    except _OF_SUBMISSION as error:
+    except UserError as error:
         return _refused(pull, found, [error], work)
 
 
@@ -115,13 +114,14 @@ class _Submitted:
             self.work / place.path,
             board,
             self.rules.data,
-            known=known_on_board(self.repository, BASE, place),
+            known=known_submissions(self.rules.root),
             fetch=True,
         )
         faults = [*checked.errors, *self._foreign(checked)]
         if faults:
             return _refused(self.pull, self.found, faults, self.work)
         given = checked.submission
+        assert given is not None  # what has no errors was read
         more = {
             **_of(self.found),
             "update": self.repository.resolve(f"{BASE}:{place.path}") is not None,
@@ -129,7 +129,8 @@ class _Submitted:
             "team": given.team,
             "warnings": tuple(_without(line, self.work) for line in checked.warnings),
         }
-        if _is_sealed(board, place):
+        if is_sealed(board, place):
+            _keep_fetched(checked, self.rules, self.work)
             return _artifact(self.pull, "sealed", **more)
         return self._scored(checked, more)
 
@@ -144,7 +145,7 @@ class _Submitted:
         if known and self.pull.account in (whose, *self.rules.board.maintainers):
             return []
         what = "belongs to another account" if known else "is not on the board"
-        return [Refusal(
+        return [RefusedError(
             f"supersedes {old.folder}, which {what}",
             where=f"{place.path}/submission.toml",
             expected="a folder of the same benchmark and track that this account has submitted",
@@ -157,14 +158,8 @@ class _Submitted:
             "claimed": tuple(_without(line, self.work) for line in rescored.lines),
             "agrees": None if rescored.claimed is None else rescored.agrees,
         }
-        if not rescored.agrees:
-            fault = Refusal(
-                "the claimed result is not what these predictions score",
-                where=f"{self.found.place.path}/result.json",
-                fix="score the predictions again with `airzoo-bench eval ... --out`, or leave "
-                "result.json out",
-            )
-            return _refused(self.pull, self.found, [fault], self.work, **more, **claimed)
+        if rescored.errors:
+            return _refused(self.pull, self.found, rescored.errors, self.work, **(more | claimed))
         placed = standing_of(rescored.evaluation, self.found.place, self.branch, self.work)
         result = rescored.evaluation.result
         return _artifact(
@@ -173,8 +168,16 @@ class _Submitted:
         )  # fmt: skip
 
 
-def _is_sealed(board: Board, place: Place) -> bool:
+def is_sealed(board: Board, place: Place) -> bool:
+    """Whether the truth of a submission's benchmark is sealed."""
     return any(one.name == place.benchmark and one.sealed for one in board.benchmarks)
+
+
+def _keep_fetched(checked: CheckedSubmission, rules: Rules, work: Path) -> None:
+    """Keep predictions that came from an address for the job that has no network."""
+    found = checked.predictions
+    if found is not None and found.is_relative_to(rules.data / FETCHED):
+        shutil.copytree(found.parent, work / FETCHED / found.parent.name)
 
 
 def _artifact(pull: PullRequest, kind: str, **more: Any) -> Artifact:
@@ -196,7 +199,7 @@ def _refused(
 ) -> Artifact:
     problems = []
     for fault in faults:
-        if not isinstance(fault, (SubmissionError, *_OF_SUBMISSION)) or isinstance(fault, GitError):
+        if isinstance(fault, _OF_BOARD):
             raise fault
         given = problem_of(fault).model_dump()
         problems.append({key: text and _without(text, work) for key, text in given.items()})

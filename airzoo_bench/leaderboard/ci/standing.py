@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import ResultError
+from airzoo_bench.core.errors import ResultError, UserError
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.leaderboard.ci.artifact import SceneScores, Shown, Standing
 from airzoo_bench.leaderboard.ci.data_branch import DataBranch
-from airzoo_bench.leaderboard.ci.ledger import Place
+from airzoo_bench.leaderboard.ci.git import BoardError
+from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.runs import newest_runs
-from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, read_submission
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, read_public_submission
 from airzoo_bench.results.best import value_of
 from airzoo_bench.results.comparable import check_comparable, check_same_queries
 from airzoo_bench.results.records import Scored, read_scored
@@ -63,8 +64,11 @@ def _comparable(own: Scored, run: Path) -> Scored | None:
     """Return a run that measures the same, under the method's name on the board."""
     if not (run / "result.json").is_file():
         return None
-    result = read_result(run / "result.json")
-    name = read_submission(run / SUBMISSION_FILE).method
+    try:
+        result = read_result(run / "result.json")
+        name = read_public_submission(run / SUBMISSION_FILE).method
+    except UserError as error:
+        raise BoardError(f"a run of the board cannot be read: {error}") from error
     try:
         check_comparable([own.name, name], [own.result, result])
         [found] = read_scored([run])
@@ -118,4 +122,3 @@ def _standing(own: Scored, others: Sequence[Scored], column: ScoreColumn) -> Sta
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or math.isinf(value) else float(value)
-
