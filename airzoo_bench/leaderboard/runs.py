@@ -57,7 +57,7 @@ class Run(Strict):
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
-    scored: Annotated[datetime.datetime, Field(strict=False)]  # JSON has no times
+    scored: Annotated[datetime.datetime, Field(strict=False)]  # JSON has texts for times
     commit: ObjectId
     tree: ObjectId
     version: str

@@ -35,7 +35,9 @@ def front_view(board: Json, tables: Mapping[str, Json]) -> dict[str, Any]:
         {
             "title": benchmark["title"],
             "fronts": [
-                _front(link, tables[link["id"]]) for link in benchmark["tables"] if link["current"]
+                _front(benchmark, link, tables[link["id"]])
+                for link in benchmark["tables"]
+                if link["current"]
             ],
             "apart": [
                 {"title": link["title"], "apart": link["apart"], "href": _href(link["id"])}
@@ -52,7 +54,7 @@ def _href(table: str) -> str:
     return f"tables/{table}/index.html"
 
 
-def _front(link: Json, table: Json) -> dict[str, Any]:
+def _front(benchmark: Json, link: Json, table: Json) -> dict[str, Any]:
     lead = next((c for c in table["scores"] if c["headline"]), table["scores"][0])
     key = lead["key"]
     rows = [row for row in table["rows"] if row["kind"] != "floor" and key in row["scores"]]
@@ -65,7 +67,7 @@ def _front(link: Json, table: Json) -> dict[str, Any]:
         "href": _href(table["id"]),
         "sealed": table["sealed"],
         "counts": _counts(table, link["updated"]),
-        "caption": f"Leading methods by {title}",
+        "caption": f"{shown(benchmark['title'])}: {_short(table)}: leading methods by {title}",
         "score": title,
         "unit": f"{UNITS[lead['unit']]} {'↑' if lead['higher_is_better'] else '↓'}",
         "rows": [_row(row, key, table, len(ranked)) for row in shown_rows],

@@ -26,6 +26,7 @@ from airzoo_bench.leaderboard.site.strangers import safe_url, shown
 __all__ = ["MethodView", "method_view", "reproduction_rows"]
 
 _MOST_VERSIONS = 12
+_NUMBER = 24  # letters of a number as somebody prints it
 _BRANCH = "leaderboard-data"
 
 
@@ -213,9 +214,9 @@ def _reproduction(one: Json, table: Json) -> dict[str, Any]:
         "scene": scenes.get(one["scene"], shown(one["scene"])) if one["scene"] else "average",
         "score": f"{shown(column['title'])} [{UNITS[column['unit']]}]",
         "printed_by": shown(one["printed_by"]),
-        "printed": CellView(shown(one["printed_text"]), _sort(printed)),
+        "printed": CellView(shown(one["printed_text"], _NUMBER), _sort(printed)),
         "rescored": CellView(
-            shown(one["rescored_text"]), _sort(rescored), f"[{low}, {high}]" if low and high else ""
+            shown(one["rescored_text"], _NUMBER), _sort(rescored), f"[{low}, {high}]" if low and high else ""
         ),
         "difference": CellView(
             text if text.startswith("-") or not text else f"+{text}", _sort(difference)

@@ -179,7 +179,7 @@ def pipeline_of(row: Json) -> str:
     """Return the class of a method's pipeline in words; empty where it is not stated."""
     if row["stages"] is None:
         return ""
-    return ", ".join([row["stages"], *(f"uses {what}" for what in row["uses"])])
+    return ", ".join([shown(row["stages"]), *(f"uses {shown(what)}" for what in row["uses"])])
 
 
 def row_view(

@@ -18,7 +18,7 @@ from airzoo_bench.leaderboard.site.page_compare import compare_data, pair_files
 from airzoo_bench.leaderboard.site.page_front import front_view
 from airzoo_bench.leaderboard.site.page_method import MethodView, method_view, reproduction_rows
 from airzoo_bench.leaderboard.site.page_tables import filter_choices, page_tabs, table_pages
-from airzoo_bench.leaderboard.site.strangers import host_of, plain_name, safe_url, shown
+from airzoo_bench.leaderboard.site.strangers import host_of, plain_name, safe_url, shown, visible
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -183,6 +183,7 @@ def _environment() -> Environment:
         loader=jinja2.FunctionLoader(_read),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
+        finalize=visible,  # whatever a template forgot to have cleaned
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from typing import Any
 from urllib.parse import urlsplit
 
-__all__ = ["host_of", "plain_name", "safe_url", "shown"]
+__all__ = ["host_of", "plain_name", "safe_url", "shown", "visible"]
 
 _MOST = 300
 _MARKS = 3  # on one letter: no script of today needs more, and a pile of them covers other lines
@@ -41,6 +42,19 @@ def shown(text: object, most: int = _MOST) -> str:
         return _UNNAMED
     found = "".join(visible)
     return found if len(found) <= most else found[: most - 1] + "…"
+
+
+def visible(value: Any) -> Any:
+    """Return what a page is about to print, without letters that are not seen but line breaks.
+
+    Texts that are markup already are made of numbers and the board's own files, and stay.
+    """
+    if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable():
+        return value
+    return "".join(
+        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in _HIDDEN and c != "\n" else c
+        for c in value
+    )
 
 
 def safe_url(address: object) -> str | None:
