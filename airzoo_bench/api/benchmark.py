@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
 from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.scene import BlindScene
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import data_root
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["BlindBenchmark", "load_benchmark"]
 

@@ -26,6 +26,7 @@ from airzoo_bench.cli import (
     download,
     evaluate,
     export,
+    leaderboard,
     manifest,
     mini,
     plot,
@@ -86,6 +87,7 @@ app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("manifest", epilog=manifest.EXAMPLES, rich_help_panel=DATA)(manifest.manifest)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
+app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
     "check-geometry",

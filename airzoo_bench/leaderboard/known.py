@@ -28,6 +28,11 @@ class Place:
         *_, benchmark, track, name = ("", "", "", *folder.resolve().parts)
         return cls(benchmark, track, name)
 
+    @property
+    def path(self) -> str:
+        """Relative to the root of the board's repository."""
+        return f"submissions/{self.benchmark}/{self.track}/{self.folder}"
+
 
 @dataclass(frozen=True)
 class Known:
