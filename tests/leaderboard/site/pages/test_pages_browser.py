@@ -153,7 +153,9 @@ def test_a_comparison_shows_what_the_file_of_pairs_has(
     files = sample()
     pairs = files[f"{TABLE}pairs/1.json"]
     names = pairs["ids"]
-    place = {(i, j): k for k, (i, j) in enumerate(zip(*np.triu_indices(len(names), 1), strict=True))}
+    place = {
+        (i, j): k for k, (i, j) in enumerate(zip(*np.triu_indices(len(names), 1), strict=True))
+    }
     at = place[min(a, b), max(a, b)]
     low, high = float(unpacked(pairs["low"])[at]), float(unpacked(pairs["high"])[at])
     if a > b:
@@ -162,7 +164,9 @@ def test_a_comparison_shows_what_the_file_of_pairs_has(
     opened.driver.get("about:blank")
     opened.driver.get(f"{(board / TABLE / 'compare.html').as_uri()}#a={names[a]}&b={names[b]}")
     opened.until(lambda: opened.all("#overall tbody tr"))
-    cells = [cell.text for cell in opened.all("#overall tbody tr")[1].find_elements("css selector", "td")]
+    cells = [
+        cell.text for cell in opened.all("#overall tbody tr")[1].find_elements("css selector", "td")
+    ]
     values = pairs["values"]
     difference = f"{100 * (values[a] - values[b]):+.2f}".replace("-", "−")
     assert cells[:3] == [f"{100 * values[a]:.2f}", f"{100 * values[b]:.2f}", difference]
