@@ -97,7 +97,8 @@ def finding_notes(row: Json, scene: str, table: Json, notes: Notes) -> dict[str,
         if finding["scene"] == scene:
             score = titles.get(finding["score"], shown(finding["score"]))
             text = (
-                f"{shown(row['method'])}, {score}, printed {shown(finding['printed'])}: {shown(finding['why'], 1000)} "
+                f"{shown(row['method'])}, {score}, printed {shown(finding['printed'])}: "
+                f"{shown(finding['why'], 1000)} "
                 f"(audit: {shown(finding['grade'])})"
             )
             found.setdefault(finding["score"], []).append(notes.mark(text))

@@ -208,12 +208,9 @@ def test_a_row_whose_name_leads_elsewhere_is_a_bug() -> None:
 
 def test_a_board_without_any_entry_has_its_pages() -> None:
     files = sample()
-    for name in (
-        "airzoo-mini-retrieval",
-        "airzoo-mini-retrieval-1f2e3d4c",
-        "mini-sealed-retrieval",
-    ):
-        files[f"tables/{name}/table.json"]["rows"] = []
+    for path in files:
+        if path.endswith("/table.json"):
+            files[path]["rows"] = []
     files = {path: value for path, value in files.items() if "/pairs/" not in path}
     files["reproductions.json"]["reproductions"] = []
     empty = render_pages(files)

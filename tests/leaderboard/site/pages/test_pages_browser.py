@@ -1,4 +1,4 @@
-"""Tables that sort, filter and compare, in Chromium: from disk, from a server, without JavaScript."""
+"""Tables that sort, filter and compare, in Chromium; from a server, without JavaScript."""
 
 from __future__ import annotations
 
@@ -153,10 +153,8 @@ def test_a_comparison_shows_what_the_file_of_pairs_has(
     files = sample()
     pairs = files[f"{TABLE}pairs/1.json"]
     names = pairs["ids"]
-    place = {
-        (i, j): k for k, (i, j) in enumerate(zip(*np.triu_indices(len(names), 1), strict=True))
-    }
-    at = place[min(a, b), max(a, b)]
+    every = [(i, j) for i in range(len(names)) for j in range(i + 1, len(names))]
+    at = every.index((min(a, b), max(a, b)))
     low, high = float(unpacked(pairs["low"])[at]), float(unpacked(pairs["high"])[at])
     if a > b:
         low, high = -high, -low
@@ -164,9 +162,7 @@ def test_a_comparison_shows_what_the_file_of_pairs_has(
     opened.driver.get("about:blank")
     opened.driver.get(f"{(board / TABLE / 'compare.html').as_uri()}#a={names[a]}&b={names[b]}")
     opened.until(lambda: opened.all("#overall tbody tr"))
-    cells = [
-        cell.text for cell in opened.all("#overall tbody tr")[1].find_elements("css selector", "td")
-    ]
+    cells = [cell.text for cell in opened.all("#overall tbody tr:nth-child(2) td")]
     values = pairs["values"]
     difference = f"{100 * (values[a] - values[b]):+.2f}".replace("-", "−")
     assert cells[:3] == [f"{100 * values[a]:.2f}", f"{100 * values[b]:.2f}", difference]
@@ -199,21 +195,19 @@ def test_bibtex_is_copied(opened: Opened, board: Path) -> None:
     assert opened.one("#copied").text.startswith(("Copied", "Selected"))
 
 
-class Quiet(http.server.SimpleHTTPRequestHandler):
-    asked: list[str]
-
-    def log_message(self, format: str, *args: Any) -> None:
-        self.asked.append(self.path)
-
-
 @pytest.fixture
 def server(board: Path) -> Iterator[tuple[str, list[str]]]:
     """Serve the board below a path of its own."""
-    handler = type("Handler", (Quiet,), {"asked": []})
-    made = functools.partial(handler, directory=str(board.parent))
+    asked: list[str] = []
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *args: Any) -> None:
+            asked.append(self.path)
+
+    made = functools.partial(Handler, directory=str(board.parent))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), made) as serving:
         threading.Thread(target=serving.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{serving.server_port}/{board.name}/", handler.asked
+        yield f"http://127.0.0.1:{serving.server_port}/{board.name}/", asked
         serving.shutdown()
 
 

@@ -11,12 +11,13 @@ pytestmark = NEEDS_CHROMIUM
 
 
 def test_hostile_texts_run_nothing_and_load_nothing(opened: Opened, hostile_board: Path) -> None:
-    methods = [page for page in sorted(hostile_board.rglob("methods/*.html"))][::3]
+    methods = sorted(hostile_board.rglob("methods/*.html"))[::3]
     assert len(methods) > 10
     for page in [*(hostile_board / kind for kind in KINDS), *methods]:
         visit(opened, page)
         found = opened.driver.execute_script(
-            "return [window.caught || 0, performance.getEntriesByType('resource').map((e) => e.name),"
+            "return [window.caught || 0,"
+            " performance.getEntriesByType('resource').map((e) => e.name),"
             " document.scripts.length, location.protocol]"
         )
         assert found[:2] == [0, []], page
