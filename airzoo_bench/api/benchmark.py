@@ -12,8 +12,7 @@ from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark, needed
-from airzoo_bench.benchmark.queries import read_queries
-from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.benchmark.queries import read_excluded, read_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
@@ -68,9 +67,9 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     """
     folder = path_of("name_or_path", name_or_path)
     if (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
-        return BlindBenchmark.of(Benchmark.open(folder))
+        return BlindBenchmark.of(Benchmark.open(folder, sealed=True))
     root = data_root() if data is None else path_of("data", data)
-    return BlindBenchmark.of(find_benchmark(str(name_or_path), root))
+    return BlindBenchmark.of(find_benchmark(str(name_or_path), root, sealed=True))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -277,7 +276,8 @@ class BlindScene:
         return Items(f"photos of {self.id}", len(photos), photos.photo)
 
     def _photos(self, track: str) -> Photos:
-        excluded = read_table(self._home(track) / "excluded.csv", ("id", "image", "reason"))
+        self._home(track)
+        excluded = read_excluded(self._source, self.id, track)
         table = read_queries(self._source.scene_folder(self.id), excluded)
         images = self._source.resolve(self._source.scene(self.id).images)
         return Photos.of(table, images)

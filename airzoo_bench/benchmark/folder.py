@@ -100,13 +100,20 @@ class Benchmark:
     file: BenchmarkFile
 
     @classmethod
-    def open(cls, folder: Path) -> Benchmark:
+    def open(cls, folder: Path, *, sealed: bool = False) -> Benchmark:
         """Open a benchmark folder and hold its files to their checksums.
+
+        Parameters
+        ----------
+        folder : Path
+        sealed : bool
+            Whether the folder may be one whose truth is sealed: for what needs no truth.
 
         Raises
         ------
         BenchmarkError
-            There is no benchmark.toml, it is not valid, or a file is missing or was changed.
+            There is no benchmark.toml, it is not valid, a file is missing or was changed, or the
+            truth is sealed.
         """
         path = folder / "benchmark.toml"
         if not path.is_file():
@@ -119,12 +126,19 @@ class Benchmark:
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
         verify(folder, file)
+        if not sealed:
+            _refuse_sealed(folder, file)
         return cls(folder, file)
 
     @property
     def name(self) -> str:
         """The benchmark's name, as protocols give it."""
         return self.file.name
+
+    @property
+    def is_sealed(self) -> bool:
+        """Whether the folder is without its truth."""
+        return self.file.sealed is not None
 
     def scene(self, scene_id: str) -> SceneFile:
         """Return the entry of one scene."""
@@ -175,7 +189,7 @@ def benchmark_folders(root: Path) -> dict[str, Path]:
     return {path.parent.name: path.parent for path in sorted(root.glob("*/benchmark.toml"))}
 
 
-def find_benchmark(name: str, data: Path) -> Benchmark:
+def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
     """Open a benchmark by name.
 
     Parameters
@@ -184,11 +198,13 @@ def find_benchmark(name: str, data: Path) -> Benchmark:
         As the protocol gives it.
     data : Path
         Its folder, or the folder that holds it.
+    sealed : bool
+        Whether its truth may be sealed, see `Benchmark.open`.
 
     Raises
     ------
     BenchmarkError
-        It is not there, or the folder holds another benchmark.
+        It is not there, its truth is sealed, or the folder holds another benchmark.
     """
     folder = data if (data / "benchmark.toml").is_file() else data / name
     if not folder.is_dir():
@@ -200,7 +216,7 @@ def find_benchmark(name: str, data: Path) -> Benchmark:
             fix=f"name it with --data, or set {DATA_VARIABLE}, or make it with "
             "`airzoo-bench prepare`",
         )
-    benchmark = Benchmark.open(folder)
+    benchmark = Benchmark.open(folder, sealed=sealed)
     if benchmark.name != name:
         raise BenchmarkError(
             f"holds benchmark {benchmark.name}, not {name}",
@@ -208,6 +224,16 @@ def find_benchmark(name: str, data: Path) -> Benchmark:
             fix="name the right folder with --data, or the right protocol with --protocol",
         )
     return benchmark
+
+
+def _refuse_sealed(folder: Path, file: BenchmarkFile) -> None:
+    if file.sealed is not None:
+        raise BenchmarkError(
+            f"the truth of {file.name} is sealed: only its host can score predictions",
+            where=folder,
+            fix="look at them with `airzoo-bench check`, and hand them in as the benchmark's "
+            "board says",
+        )
 
 
 def differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:

@@ -13,7 +13,7 @@ from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import SAFE_NAME
 
-__all__ = ["BenchmarkFile", "SceneFile", "verify", "write_benchmark_file"]
+__all__ = ["BenchmarkFile", "SceneFile", "SealedTruth", "verify", "write_benchmark_file"]
 
 
 class _Model(BaseModel):
@@ -61,10 +61,23 @@ class SceneFile(_Model):
     truth_accuracy_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
+class SealedTruth(_Model):
+    """What is said of a truth that is not in the folder.
+
+    Attributes
+    ----------
+    commitment : str
+        SHA-256 over a salt of 256 bits and the checksums of the truth; both lie in the archive.
+    """
+
+    commitment: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
 class BenchmarkFile(_Model):
     """The content of benchmark.toml.
 
-    `tracks` holds, by track, section and key, the settings that the truth was made by.
+    `tracks` holds, by track, section and key, the settings that the truth was made by; `sealed`
+    says that the folder is without its truth.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -74,6 +87,7 @@ class BenchmarkFile(_Model):
     tracks: dict[str, dict[str, dict[str, Any]]]
     scenes: tuple[SceneFile, ...]
     checksums: dict[str, str]
+    sealed: SealedTruth | None = None
 
 
 def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:

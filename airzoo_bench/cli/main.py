@@ -22,14 +22,17 @@ from airzoo_bench.cli import (
     demo,
     download,
     evaluate,
+    leaderboard,
     mini,
     plot,
     prepare,
     protocols,
     readers,
     report,
+    seal,
     seal_folder,
     sensitivity,
+    submission,
     table,
     template,
 )
@@ -43,7 +46,9 @@ _INPUT_IS_WRONG = 2
 _BUG = 70
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
+LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
+LEADERBOARD = "Leaderboard"
 
 app = typer.Typer(
     name="airzoo-bench",
@@ -80,6 +85,7 @@ app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
     seal_folder.seal_folder
 )
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
+app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
     "check-geometry",
@@ -90,8 +96,15 @@ app.command(
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
+for _name, _command, _examples in (
+    ("seal", seal.seal, seal.SEAL_EXAMPLES),
+    ("unseal", seal.unseal, seal.UNSEAL_EXAMPLES),
+    ("seal-key", seal.seal_key, seal.KEY_EXAMPLES),
+):
+    app.command(_name, epilog=_examples, rich_help_panel=LEADERBOARD)(_command)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
+app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 
 
 def _print_version(wanted: bool) -> None:

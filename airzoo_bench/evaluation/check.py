@@ -104,7 +104,7 @@ def _checked(given: Given, resources: Resources) -> Checked:
     if errors:
         return Checked(errors, [])
     try:
-        _, truths = read_truths(track, protocol, given.data)
+        _, truths = read_truths(track, protocol, given.data, sealed=True)
     except BenchmarkError as error:
         track.assign(predictions, protocol, (), given.data)
         return _without_benchmark(given, resources, error)

@@ -100,7 +100,7 @@ def evaluate(
     of, predictions, chosen = given.track, given.predictions, given.protocol
     for error in of.validation_errors(predictions, chosen, thorough=False):
         raise error
-    benchmark, truths = given.truths or read_truths(of, chosen, data)
+    benchmark, truths = _open_truths(given, data)
     assigned = of.assign(predictions, chosen, truths, data)
     scene_predictions = []
     for predicted in of.match(predictions, assigned, truths, chosen, resources):
@@ -120,6 +120,13 @@ def evaluate(
     )
     by_scene = {truth.scene: scene for truth, scene in zip(truths, scored, strict=True)}
     return Evaluation(result, records, given, benchmark, truths, scene_predictions, by_scene)
+
+
+def _open_truths(given: Given, data: Path) -> tuple[Benchmark, list[Any]]:
+    """Return the truths that a reader was given, unless they are sealed, else read them."""
+    if given.truths is not None and not given.truths[0].is_sealed:
+        return given.truths
+    return read_truths(given.track, given.protocol, data)
 
 
 def _result(

@@ -54,7 +54,7 @@ def run_baseline(
     if of.baseline is None:
         raise UsageError(f"the {track} track has no baseline")
     chosen = protocol_of_track(protocol, data, of.protocol)
-    benchmark = find_benchmark(chosen.benchmark, data)
+    benchmark = find_benchmark(chosen.benchmark, data, sealed=True)
     benchmark.check_fits(chosen)
     of.baseline.predict(chosen, benchmark, settings or of.baseline.settings, out, resources, note)
 
@@ -109,6 +109,6 @@ def write_template(
         )
     target = out or Path(track.template_out)
     track.check_template_path(target, force=force)
-    _, truths = read_truths(track, chosen, data)
+    _, truths = read_truths(track, chosen, data, sealed=True)
     track.write_template(target, chosen, truths, kind or (kinds or ("",))[0], seed)
     return Template(track.name, target, track.template_note(chosen, truths))

@@ -133,7 +133,7 @@ def _open_native(
     says = (f"--protocol NAME: this is {reader.title}", "`airzoo-bench protocols` lists them")
     chosen = choose_protocol(path, None, protocol, data, found.protocol, says)
     try:
-        known = read_truths(found, chosen, data)
+        known = read_truths(found, chosen, data, sealed=True)
     except BenchmarkError:
         known = None  # readers say what they cannot tell without; scoring says that it is missing
     truths = known[1] if known else []
@@ -179,15 +179,25 @@ def _refuse_other_kind(path: Path, asked: AnyTrack) -> None:
         )
 
 
-def read_truths(track: AnyTrack, protocol: Protocol, data: Path) -> tuple[Benchmark, list[Truth]]:
+def read_truths(
+    track: AnyTrack, protocol: Protocol, data: Path, *, sealed: bool = False
+) -> tuple[Benchmark, list[Truth]]:
     """Find the benchmark of a protocol, and read the truth of its scenes, in its order.
+
+    Parameters
+    ----------
+    track : Track
+    protocol : Protocol
+    data : Path
+    sealed : bool
+        Whether the truth may be sealed: then there are queries, tiles and crops, and no answers.
 
     Raises
     ------
     BenchmarkError
-        The folder is not there, is damaged, or was prepared by other settings.
+        The folder is not there, is damaged, was prepared by other settings, or its truth is sealed.
     """
-    benchmark = find_benchmark(protocol.benchmark, data)
+    benchmark = find_benchmark(protocol.benchmark, data, sealed=sealed)
     benchmark.check_fits(protocol)
     return benchmark, [track.read_truth(benchmark, scene.id) for scene in protocol.scenes]
 

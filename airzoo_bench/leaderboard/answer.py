@@ -15,16 +15,22 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Estimate(Strict):
-    """A score and its standard error, rounded to half of that error.
+    """A score and its standard error, rounded as `sealed.rounding` says.
 
     Attributes
     ----------
     value : float or None
-        None where it is infinite.
+        A multiple of `step`; None where it is infinite.
+    standard_error : float or None
+        One digit, rounded upward; None where it is infinite or not known.
+    step : float or None
+        Half of the standard error, or more where few queries make the score; None where the value
+        is.
     """
 
     value: Finite | None
     standard_error: Finite | None
+    step: Finite | None = None
 
 
 class SealedAnswer(Strict):
@@ -37,7 +43,8 @@ class SealedAnswer(Strict):
     queries : dict of str to int
         Of each scene; that is public.
     scenes : dict of str to dict of str to Estimate
-        By scene and score.
+        By scene and score; scenes of fewer than `rounding.LEAST_QUERIES` queries are left out, and
+        count in `overall`.
     """
 
     schema_version: Literal[1] = Field(alias="schema")

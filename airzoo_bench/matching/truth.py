@@ -18,6 +18,7 @@ from airzoo_bench.benchmark.queries import (
     cameras_of,
     conditions_of,
     poses_of,
+    read_excluded,
     read_queries,
 )
 from airzoo_bench.benchmark.tables import read_table
@@ -140,6 +141,8 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     """Read a scene's truth, and compare surface model and map with those that were prepared.
 
+    Where the truth is sealed the queries have no poses.
+
     Raises
     ------
     BenchmarkError
@@ -150,10 +153,11 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     """
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
     home = folder / "matching"
-    excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
+    excluded = read_excluded(benchmark, scene, "matching")
     prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source")
     priors = () if prior in ("truth", "given") else PRIOR_COLUMNS
-    queries = read_queries(folder, excluded, (*CAMERA_COLUMNS, *POSE_COLUMNS, *priors))
+    poses = () if benchmark.is_sealed else POSE_COLUMNS
+    queries = read_queries(folder, excluded, (*CAMERA_COLUMNS, *poses, *priors))
     if prior in ("truth", "given"):
         queries = with_truth_as_prior(queries)
     crops = read_table(home / "crops.csv", ("id", *CROP_COLUMNS))

@@ -31,7 +31,8 @@ def depth_template(truth: ReconstructionTruth, seed: int) -> dict[str, NDArray[A
     width, height = np.maximum(np.rint(size * _LONG_SIDE_PX / size.max()), 1).astype(int)
     turned, _ = np.linalg.qr(random.normal(size=(count, 3, 3)))
     turned *= np.linalg.det(turned)[:, None, None]
-    centres = truth.poses.centres.mean(axis=0) + random.normal(0.0, 50.0, (count, 3))
+    middle = np.zeros(3) if truth.is_sealed else truth.poses.centres.mean(axis=0)
+    centres = middle + random.normal(0.0, 50.0, (count, 3))
     moved = -(turned @ centres[..., None])
     focal = float(max(width, height))
     matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])

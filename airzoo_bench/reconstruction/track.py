@@ -223,7 +223,12 @@ class ReconstructionTrack(
         protocol: ReconstructionProtocol,
         resources: Resources,
     ) -> list[str]:
-        """Score the scene, since only that finds all that scoring would refuse."""
+        """Score the scene, since only that finds all that scoring would refuse.
+
+        Where the truth is sealed its files are read through instead.
+        """
+        if truth.is_sealed:
+            return _read_alone(predicted, truth.scene, protocol, resources)
         return list(self.score(predicted, truth, protocol, resources).notes)
 
     def inspect_alone(
@@ -265,6 +270,17 @@ class ReconstructionTrack(
                 write_npz(stream, depth_template(truth, seed + number))
         with atomic_write(out / "protocol.txt", "w") as text:
             text.write(protocol.name + "\n")
+
+
+def _read_alone(
+    predicted: ReconstructionPredictions,
+    scene: str,
+    protocol: ReconstructionProtocol,
+    resources: Resources,
+) -> list[str]:
+    if scene not in predicted.scenes:
+        return []
+    return list(read_through(predicted, scene, protocol, resources.memory_bytes))
 
 
 def _with_poses(scored: Sequence[ScoredScene]) -> bool:

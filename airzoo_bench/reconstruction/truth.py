@@ -14,6 +14,7 @@ from airzoo_bench.benchmark.queries import (
     SceneInputs,
     cameras_of,
     poses_of,
+    read_excluded,
     read_queries,
     with_unposed,
 )
@@ -41,11 +42,11 @@ class ReconstructionTruth:
     scene : str
         The scene's id.
     photos : DataFrame
-        A row a photo that may be used, sorted by ``id``: camera and true pose.
+        A row a photo that may be used, sorted by ``id``: camera and, unless sealed, true pose.
     cloud : Path
-        The true cloud, in the scene's CRS.
+        The true cloud, in the scene's CRS; empty where it is sealed.
     cloud_sha256 : str
-        Of its bytes.
+        Of its bytes; empty where they are sealed.
     excluded : DataFrame
         Photos of the scene that are not used, with the reason.
     """
@@ -55,6 +56,11 @@ class ReconstructionTruth:
     cloud: Path
     cloud_sha256: str
     excluded: pd.DataFrame
+
+    @property
+    def is_sealed(self) -> bool:
+        """Whether poses and cloud are not known."""
+        return not self.cloud_sha256
 
     @property
     def cameras(self) -> Cameras:
@@ -124,7 +130,7 @@ def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
-    """Read a scene's truth, and hold the cloud to its checksum.
+    """Read a scene's truth, as far as it is not sealed, and hold the cloud to its checksum.
 
     Raises
     ------
@@ -133,15 +139,18 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
     """
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
     home = folder / "reconstruction"
-    excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
+    excluded = read_excluded(benchmark, scene, "reconstruction")
     listed = read_table(home / "photos.csv", ("id", "image"))
-    photos = read_queries(folder, excluded, (*CAMERA_COLUMNS, *POSE_COLUMNS))
+    poses = () if benchmark.is_sealed else POSE_COLUMNS
+    photos = read_queries(folder, excluded, (*CAMERA_COLUMNS, *poses))
     if listed["id"].tolist() != photos["id"].tolist():
         raise BenchmarkError(
             "the photos are not those of queries.csv",
             where=home / "photos.csv",
             fix="prepare the benchmark again",
         )
+    if benchmark.is_sealed:
+        return ReconstructionTruth(scene, photos, Path(), "", excluded)
     cloud = benchmark.resolve(entry.cloud or "")
     if not entry.cloud or not cloud.is_file():
         raise BenchmarkError(

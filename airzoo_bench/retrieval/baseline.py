@@ -26,7 +26,7 @@ from airzoo_bench.evaluation.parts import DOUBLED, Baseline, Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.sift import extract
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
+from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -188,7 +188,7 @@ def _predict(
     check_npz(out)
     parts: dict[str, list[NDArray[np.generic]]] = {}
     for scene in protocol.scenes:
-        truth = read_truth(benchmark.scene_folder(scene.id), scene.id)
+        truth = scene_truth(benchmark, scene.id)
         tiles, photos = _readers(benchmark, truth, settings.long_side_px)
         gallery, queries = describe(
             tiles, photos, settings, jobs=resources.jobs, progress=resources.progress

@@ -29,7 +29,7 @@ from airzoo_bench.retrieval.scene_predictions import ScenePredictions, match_sce
 from airzoo_bench.retrieval.scores import RECORDED, retrieval_scores
 from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
+from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,8 +79,8 @@ class RetrievalTrack(
             yield from deep_validation_errors(predictions, scores.descriptor_metric, scenes)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
-        """See `truth.read_truth`."""
-        return read_truth(benchmark.scene_folder(scene), scene)
+        """See `truth.read_truth` and, where it is sealed, `truth.read_questions`."""
+        return scene_truth(benchmark, scene)
 
     def match_scene(
         self,
@@ -149,8 +149,12 @@ class RetrievalTrack(
             "gallery_descriptors": random.standard_normal((len(gallery), _DIMENSIONS), np.float32),
         }
 
-    def template_note(self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]) -> str:
-        """Say what random tiles score."""
+    def template_note(
+        self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
+    ) -> str | None:
+        """Say what random tiles score, unless the truth is sealed."""
+        if not any(truth.positives.tiles.size for truth in truths):
+            return None
         level = chance_level(truths, protocol.scores).overall
         headline = [
             score

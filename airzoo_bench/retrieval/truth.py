@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.queries import conditions_of, read_queries
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import conditions_of, read_excluded, read_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.plurals import counted
@@ -30,8 +31,10 @@ __all__ = [
     "POSITION_COLUMNS",
     "RetrievalTruth",
     "boxes_of",
+    "read_questions",
     "read_tiles",
     "read_truth",
+    "scene_truth",
     "write_truth",
 ]
 
@@ -207,6 +210,29 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
         _check_near(footprints, boxes_of(tiles), home / "footprints.csv")
     positives = read_pairs(home / "positives.npz", len(queries), len(tiles))
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
+
+
+def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
+    """Read a scene's truth by `read_truth`, or by `read_questions` where it is sealed."""
+    if benchmark.is_sealed:
+        return read_questions(benchmark, scene)
+    return read_truth(benchmark.scene_folder(scene), scene)
+
+
+def read_questions(benchmark: Benchmark, scene: str) -> RetrievalTruth:
+    """Read what a scene asks where the truth is sealed: queries and tiles, without any answer.
+
+    Raises
+    ------
+    BenchmarkError
+        A file is missing or lacks a column.
+    """
+    folder = benchmark.scene_folder(scene)
+    excluded = read_excluded(benchmark, scene, "retrieval")
+    queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
+    dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
+    positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
+    return RetrievalTruth(scene, queries, queries[["id"]], tiles, positives, excluded, dropped)
 
 
 def read_tiles(home: Path) -> pd.DataFrame:

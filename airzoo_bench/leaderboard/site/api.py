@@ -120,6 +120,7 @@ class Finding:
     check: str
     printed: str
     why: str
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,11 +132,13 @@ class Row:
     method: str
     scores: Mapping[str, Score]
     source: str = ""
+    summary: str = ""
     team: str = ""
     authors: tuple[str, ...] = ()
     date: str | None = None
     paper: str | None = None
     code: str | None = None
+    weights: str | None = None
     licence: str | None = None
     training_data: tuple[str, ...] | None = None
     stages: str | None = None

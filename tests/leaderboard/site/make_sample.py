@@ -66,7 +66,7 @@ def row(n: int, count: int, kind: Any) -> Row:
         key: score(value - 0.02 * k, rank, 0.05 if scored and k < 3 else None)
         for k, key in enumerate(TITLES)
     }
-    odd = ["SALAD", "<b>Net</b> & \"co\"", "=cmd()", "MegaLoc 龍"]
+    odd = ["SALAD", '<b>Net</b> & "co"', "=cmd()", "MegaLoc 龍"]
     return Row(
         f"method-{n}" if scored else f"{kind}-{n}",
         kind,
@@ -87,7 +87,9 @@ def row(n: int, count: int, kind: Any) -> Row:
         version=1 + n % 3,
         rescored="2026-11-20" if scored else None,
         notes=("2 queries have no answer",) if n == 1 else (),
-        findings=(Finding("", "recall@1", "inconsistent", "averages", "61.20", "its scenes give 60.1"),)
+        findings=(
+            Finding("", "recall@1", "inconsistent", "averages", "61.20", "its scenes give 60.1"),
+        )
         if kind == "reported" and n % 2
         else (),
     )
@@ -128,7 +130,10 @@ def files_of(made: TableFile) -> dict[str, Any]:
             "api": API,
             "table": made.id,
             "conditions": [
-                {"by": c.by, "groups": [{k: {"value": v} for k, v in values.items()} for _ in c.labels]}
+                {
+                    "by": c.by,
+                    "groups": [{k: {"value": v} for k, v in values.items()} for _ in c.labels],
+                }
                 for c in made.conditions
             ],
         }

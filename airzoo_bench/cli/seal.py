@@ -1,0 +1,76 @@
+"""``airzoo-bench seal``, ``unseal``, ``seal-key``: benchmarks whose truth stays with its host."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from airzoo_bench.cli.common import examples, progress, put, say
+from airzoo_bench.core.plurals import counted
+
+__all__ = ["KEY_EXAMPLES", "SEAL_EXAMPLES", "UNSEAL_EXAMPLES", "seal", "seal_key", "unseal"]
+
+KEY_EXAMPLES = examples("seal-key key.txt")
+SEAL_EXAMPLES = examples("seal mine --out public/mine --archive public/mine.age --to age1...")
+UNSEAL_EXAMPLES = examples(
+    "unseal public/mine --archive public/mine.age --key key.txt --out unsealed/mine"
+)
+
+ArchiveOption = Annotated[Path, typer.Option("--archive", help="The archive of the truth.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace what stands there.")]
+
+
+def seal_key(
+    file: Annotated[Path, typer.Argument(help="The key file to write, as age-keygen does.")],
+) -> None:
+    """Make a key for sealed truth, and print the public one, which truth is sealed to."""
+    from airzoo_bench.leaderboard.sealed.keys import new_key
+
+    put(new_key(file) + "\n")
+    say(f"the secret key is in {file}: whoever has it has the truth; without it nobody scores")
+
+
+def seal(
+    folder: Annotated[Path, typer.Argument(help="Benchmark folder, with all its data in it.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The public folder to write.")],
+    archive: ArchiveOption,
+    to: Annotated[str, typer.Option("--to", help="The public key, age1..., of who will score.")],
+    force: ForceOption = False,
+) -> None:
+    """Split a benchmark folder into a public one without the truth, and an archive with it.
+
+    Methods get photos without metadata, cameras, priors, tiles, crops and maps; docs/sealed.md says
+    what else there is to think of.
+    """
+    from airzoo_bench.leaderboard.sealed.keys import recipient
+    from airzoo_bench.leaderboard.sealed.sealing import seal as run
+
+    sealed = run(folder, out, archive, recipient(to), replace=force, progress=progress)
+    put(f"{out}\n{archive}\n")
+    counts = sealed.counts
+    say(
+        f"{counted(counts['public'], 'file')} public, {counts['sealed']:,} in the archive, "
+        f"{counted(counts['cut'], 'photo')} freed of metadata"
+    )
+    say(f"commitment {sealed.commitment}")
+    say(f"publish {out}; {archive} may lie next to it: only the key opens it")
+
+
+def unseal(
+    public: Annotated[Path, typer.Argument(help="The public folder that `seal` wrote.")],
+    archive: ArchiveOption,
+    out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write.")],
+    key: Annotated[
+        Path | None,
+        typer.Option("--key", help="The key file (default: the key in $AIRZOO_BENCH_KEY)."),
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Make a folder of a public one and its archive again, the same to the last byte."""
+    from airzoo_bench.leaderboard.sealed.keys import read_key
+    from airzoo_bench.leaderboard.sealed.unsealing import unseal as run
+
+    run(public, archive, read_key(key), out, replace=force, progress=progress)
+    put(f"{out}\n")

@@ -1,0 +1,1 @@
+"""Sealed truth: public inputs apart from it, archives that only a key opens, coarse answers."""

@@ -1,0 +1,127 @@
+"""Keys of sealed truth: X25519, in files as ``age-keygen`` writes them."""
+
+from __future__ import annotations
+
+import datetime
+import importlib
+import os
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import read_text
+
+__all__ = ["KEY_VARIABLE", "load_pyrage", "new_key", "read_key", "recipient"]
+
+KEY_VARIABLE = "AIRZOO_BENCH_KEY"
+"""The variable of the environment that holds a key."""
+
+_LIMIT_BYTES = 1 << 16
+_SECRET, _PUBLIC = "AGE-SECRET-KEY-1", "age1"
+
+
+def load_pyrage() -> Any:
+    """Import pyrage and return the module.
+
+    Raises
+    ------
+    UsageError
+        It is not installed.
+    """
+    try:
+        return importlib.import_module("pyrage")
+    except ImportError:
+        raise UsageError(
+            "sealed truth needs pyrage, which is not installed",
+            fix="pip install 'airzoo-bench[leaderboard]'",
+        ) from None
+
+
+def read_key(file: Path | None = None) -> Any:
+    """Read the key that opens an archive.
+
+    Parameters
+    ----------
+    file : Path, optional
+        As ``age-keygen`` writes it; by default the environment's variable holds its content.
+
+    Returns
+    -------
+    pyrage.x25519.Identity
+
+    Raises
+    ------
+    UsageError
+        There is none, or not exactly one.
+    """
+    text = os.environ.get(KEY_VARIABLE) if file is None else _text_of(file)
+    where = f"${KEY_VARIABLE}" if file is None else str(file)
+    if text is None:
+        raise UsageError(
+            "no key to open the archive with",
+            where=where,
+            expected=f"a key as age-keygen writes it, in ${KEY_VARIABLE} or in a file",
+            fix="name the file with --key",
+        )
+    found = [line.strip() for line in text.splitlines() if line.strip().startswith(_SECRET)]
+    pyrage = load_pyrage()
+    try:
+        [line] = found
+        return pyrage.x25519.Identity.from_str(line)
+    except (ValueError, pyrage.IdentityError):
+        # Neither the key nor what the library says of it is repeated.
+        raise UsageError(
+            f"holds {len(found)} keys" if len(found) != 1 else "holds a key that is damaged",
+            where=where,
+            expected=f"one line that begins with {_SECRET}, as age-keygen writes it",
+        ) from None
+
+
+def recipient(text: str) -> Any:
+    """Return whom an archive is sealed to.
+
+    Raises
+    ------
+    UsageError
+        It is no X25519 recipient; a secret key is not repeated in the message.
+    """
+    pyrage = load_pyrage()
+    if text.strip().upper().startswith(_SECRET):
+        raise UsageError(
+            "this is the secret key, which now stands in the shell's history",
+            where="--to",
+            expected=f"the public key, which begins with {_PUBLIC}",
+            fix="make another key, and give the public one",
+        )
+    try:
+        return pyrage.x25519.Recipient.from_str(text.strip())
+    except pyrage.RecipientError:
+        raise UsageError(
+            f"no recipient: {text[:80]!r}",
+            where="--to",
+            expected=f"a public key as age-keygen prints it, which begins with {_PUBLIC}",
+        ) from None
+
+
+def new_key(file: Path) -> str:
+    """Write a new key, for its owner alone to read, and return the recipient.
+
+    Raises
+    ------
+    UsageError
+        Something stands there already, or it cannot be written.
+    """
+    identity = load_pyrage().x25519.Identity.generate()
+    public = str(identity.to_public())
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    try:
+        handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        raise UsageError("is there already, and a key is not replaced", where=file) from None
+    with os.fdopen(handle, "w", encoding="utf-8") as stream:
+        stream.write(f"# created: {now}\n# public key: {public}\n{identity}\n")
+    return public
+
+
+def _text_of(file: Path) -> str:
+    return read_text(file, UsageError, "key file", _LIMIT_BYTES)

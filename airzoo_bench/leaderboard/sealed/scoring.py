@@ -1,0 +1,200 @@
+"""Scoring a submission against a sealed truth."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.errors import SubmissionError, UserError
+from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
+from airzoo_bench.leaderboard.sealed.rounding import (
+    LEAST_QUERIES,
+    Spread,
+    overall_estimate,
+    told,
+    told_alone,
+)
+from airzoo_bench.leaderboard.sealed.unsealing import clear_truth, opened_truth
+from airzoo_bench.leaderboard.submission import Submission
+from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.results.result import ScoreColumn
+
+__all__ = ["ToScore", "score_sealed", "told_of"]
+
+_Told = tuple[dict[str, dict[str, Estimate]], dict[str, Estimate]]
+
+
+class ToScore(Protocol):
+    """A submission that was checked, see `checks.CheckedSubmission`."""
+
+    @property
+    def submission(self) -> Submission | None:
+        """What it states."""
+
+    @property
+    def predictions(self) -> Path | None:
+        """Where its predictions lie."""
+
+    @property
+    def read_by(self) -> ReadBy:
+        """How they are read."""
+
+
+def score_sealed(
+    checked: ToScore,
+    archive: Path,
+    key: Any,
+    *,
+    data: Path,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+) -> SealedAnswer:
+    """Score a submission, and tell of it what does not tell the truth.
+
+    The truth is open while this runs, in memory where the system has files there, and is removed
+    however it ends; see `unsealing.opened_truth`.
+
+    Parameters
+    ----------
+    checked : CheckedSubmission
+        Without errors, and with its predictions.
+    archive : Path
+        Of the truth, as `airzoo-bench seal` wrote it.
+    key : pyrage.x25519.Identity
+        See `keys.read_key`.
+    data : Path
+        The public benchmark folder that belongs to the archive, or the folder that holds it.
+    resources : Resources
+
+    Raises
+    ------
+    UserError
+        The predictions are not as they must be, the key is not the archive's, the archive is
+        damaged, or belongs to another public folder.
+    """
+    submission, predictions = checked.submission, checked.predictions
+    if submission is None or predictions is None:
+        raise SubmissionError("there are no predictions to score")
+    protocol = find_protocol(submission.protocol, data)
+    public = find_benchmark(protocol.benchmark, data, sealed=True)
+    clear_truth()
+    # What can be said of predictions without the truth is said before it is opened.
+    for error in check(
+        predictions,
+        data=public.folder,
+        protocol=submission.protocol,
+        resources=resources,
+        read_by=checked.read_by,
+    ).errors:
+        raise error
+    with opened_truth(public.folder, archive, key) as folder:
+        evaluation = _evaluated(checked, submission, predictions, folder, resources)
+        return _answer(evaluation, submission, public)
+
+
+def _evaluated(
+    checked: ToScore,
+    submission: Submission,
+    predictions: Path,
+    folder: Path,
+    resources: Resources,
+) -> Evaluation:
+    """Score against the open truth, of whose errors nothing is repeated."""
+    try:
+        return evaluate(
+            predictions,
+            data=folder,
+            protocol=submission.protocol,
+            method=submission.method,
+            resources=resources,
+            read_by=checked.read_by,
+        )
+    except UserError:
+        raise SubmissionError(
+            "cannot be scored, for a reason that only the truth shows, and that is not told",
+            where=predictions,
+            fix="ask the host, who can unseal the truth and score it by `airzoo-bench eval`",
+        ) from None
+
+
+def _answer(evaluation: Evaluation, submission: Submission, public: Benchmark) -> SealedAnswer:
+    result = evaluation.result
+    columns = tuple(column for column in result.columns if column.headline)
+    scenes, overall = told_of(evaluation, columns)
+    sealed = public.file.sealed
+    return SealedAnswer(
+        schema=1,
+        track=result.track,
+        protocol=result.protocol.name,
+        protocol_version=result.protocol.version,
+        protocol_fingerprint=result.protocol.fingerprint,
+        benchmark=result.truth.benchmark,
+        truth_commitment="" if sealed is None else sealed.commitment,
+        method=submission.method,
+        predictions_sha256=result.predictions.sha256,
+        columns=columns,
+        queries={scene: counts["queries"] for scene, counts in result.counts.items()},
+        scene_titles=result.truth.scene_titles,
+        scenes=scenes,
+        overall=overall,
+        versions=result.versions,
+    )
+
+
+def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
+    """Round the scores of scenes and overall.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        With its records.
+    columns : tuple of ScoreColumn
+        The scores to tell.
+
+    Returns
+    -------
+    scenes : dict of str to dict of str to Estimate
+        By scene and score; scenes of few queries are left out.
+    overall : dict of str to Estimate
+    """
+    if TRACKS.get(evaluation.result.track).unit == "scene":
+        return _told_scenes(evaluation, columns)
+    records = evaluation.records
+    rows = {scene: records[records["scene"] == scene] for scene in evaluation.result.scenes}
+    spreads = {
+        scene: {one.key: Spread.of(of[one.key].to_numpy(np.float64), one) for one in columns}
+        for scene, of in rows.items()
+    }
+    scenes = {
+        scene: {key: told(spread) for key, spread in found.items()}
+        for scene, found in spreads.items()
+        if len(rows[scene]) >= LEAST_QUERIES
+    }
+    overall = {}
+    for one in columns:
+        parts = [found[one.key] for found in spreads.values()]
+        overall[one.key] = told(overall_estimate(evaluation.result.overall[one.key], parts))
+    return scenes, overall
+
+
+def _told_scenes(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
+    result = evaluation.result
+    scenes = {
+        scene: {one.key: told_alone(scores[one.key], one) for one in columns}
+        for scene, scores in result.scenes.items()
+    }
+    overall = {}
+    for one in columns:
+        values = np.array([scores[one.key] for scores in result.scenes.values()])
+        known = len(values) > 1 and bool(np.isfinite(values).all())
+        error = float(values.std(ddof=1)) / math.sqrt(len(values)) if known else None
+        overall[one.key] = told_alone(result.overall[one.key], one, error)
+    return scenes, overall
