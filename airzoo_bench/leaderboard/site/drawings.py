@@ -21,7 +21,7 @@ class Scale:
     high: float
 
     def at(self, value: float, width: float = _WIDTH) -> float:
-        """Return where a value stands, in pixels from the left; what is beyond stands at an edge."""
+        """Return where a value stands, in pixels from the left, at an edge what is beyond."""
         size = self.high - self.low
         share = 0.5 if size <= 0 else (value - self.low) / size
         return _EDGE + min(max(share, 0.0), 1.0) * (width - 2 * _EDGE)
@@ -51,8 +51,7 @@ def rank_picture(low: int, high: int, count: int) -> str:
     return _svg(
         _WIDTH,
         _HEIGHT,
-        _line("axis", _EDGE, _WIDTH - _EDGE, 6)
-        + _line("span", first - 2, last + 2, 6),
+        _line("axis", _EDGE, _WIDTH - _EDGE, 6) + _line("span", first - 2, last + 2, 6),
     )
 
 
@@ -88,7 +87,9 @@ def history_picture(points: Sequence[Point]) -> str:
     for place, point in enumerate(points):
         x = _px(_STEP * (place + 0.5))
         drawn += f'<text x="{x}" y="12" text-anchor="middle">{html.escape(point.text)}</text>'
-        drawn += f'<text x="{x}" y="{height - 4}" text-anchor="middle">{html.escape(point.label)}</text>'
+        drawn += (
+            f'<text x="{x}" y="{height - 4}" text-anchor="middle">{html.escape(point.label)}</text>'
+        )
     return _svg(width, height, drawn)
 
 

@@ -102,7 +102,11 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         kind=row["kind"],
         tag=KINDS.get(row["kind"], ""),
         facts=_facts(row),
-        links=[(t, u) for t, u in (("code", safe_url(row["code"])), ("paper", safe_url(row["paper"]))) if u],
+        links=[
+            (t, u)
+            for t, u in (("code", safe_url(row["code"])), ("paper", safe_url(row["paper"])))
+            if u
+        ],
         notes=[shown(note, 1000) for note in row["notes"]],
         findings=[_finding(finding, table) for finding in row["findings"]],
         scores=[_score_line(c, row) for c in table["scores"] if c["key"] in row["scores"]],
@@ -112,7 +116,9 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         points=_points(history, lead["key"]),
         score=f"{shown(lead['title'])} in {UNITS[lead['unit']]}",
         bibtex=_bibtex(found["bibtex"]) if found else "",
-        reproductions=reproduction_rows(found["reproductions"], {table["id"]: table}) if found else [],
+        reproductions=reproduction_rows(found["reproductions"], {table["id"]: table})
+        if found
+        else [],
     )
 
 
@@ -216,7 +222,9 @@ def _reproduction(one: Json, table: Json) -> dict[str, Any]:
         "printed_by": shown(one["printed_by"]),
         "printed": CellView(shown(one["printed_text"], _NUMBER), _sort(printed)),
         "rescored": CellView(
-            shown(one["rescored_text"], _NUMBER), _sort(rescored), f"[{low}, {high}]" if low and high else ""
+            shown(one["rescored_text"], _NUMBER),
+            _sort(rescored),
+            f"[{low}, {high}]" if low and high else "",
         ),
         "difference": CellView(
             text if text.startswith("-") or not text else f"+{text}", _sort(difference)
@@ -236,5 +244,3 @@ def _difference(printed: float | None, rescored: float | None) -> float | None:
 
 def _sort(value: float | None) -> str:
     return "" if value is None else f"{value:.9g}"
-
-
