@@ -143,6 +143,11 @@ class Dataset(ABC, Generic[OptionsT]):
     without_truth: ClassVar[Mapping[str, str]] = {}
     about: ClassVar[About | None] = None
 
+    @property
+    def is_published(self) -> bool:
+        """Whether it is a benchmark that others publish, so that there is a page to get it from."""
+        return self.about is not None
+
     def reasons(self, options: OptionsT) -> Mapping[str, str]:
         """Return `without_truth`, as it is with these options.
 

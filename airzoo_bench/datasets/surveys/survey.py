@@ -43,6 +43,7 @@ class Survey(NativeDataset[OptionsT]):
 
     needs: ClassVar[tuple[str, ...]] = ()
     needs_ground: ClassVar[bool] = False
+    is_published = False
 
     def benchmark(self, options: OptionsT) -> str:
         """Return the name that was given, or the source's."""
