@@ -70,7 +70,6 @@ class Pages:
             raise damaged(self.path, "something lies beyond its end")
         return found
 
-
     def _check(self, raw: bytes, first: int) -> None:
         whole = len(raw) // self.page
         pages = np.frombuffer(raw, np.uint8, whole * self.page).reshape(whole, self.page)
