@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.api.arrays import coordinates, floats, in_order
-from airzoo_bench.api.benchmark import BlindScene
 from airzoo_bench.api.collectors import Collector, Fields, QueryCollector, RowFile, index_of
 from airzoo_bench.api.photos import Photo
+from airzoo_bench.api.scene import BlindScene
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.evaluation.prediction_files import write_predictions
 from airzoo_bench.geometry.arrays import Floats

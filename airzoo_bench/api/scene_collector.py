@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.api.arrays import coordinates, numbers
-from airzoo_bench.api.benchmark import BlindScene
 from airzoo_bench.api.collectors import Collector, Fields, RowFile, index_of
 from airzoo_bench.api.labels import same_index
+from airzoo_bench.api.scene import BlindScene
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import atomic_entries, write_npz
 from airzoo_bench.formats.clouds.cloud import Cloud

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, get_args, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand
 
-from airzoo_bench.cli.common import examples, in_panels
+from airzoo_bench.cli.common import LightGroup, examples, in_panels
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.options import Option
 from airzoo_bench.core.registry import Registry
@@ -23,7 +23,7 @@ __all__ = ["BuiltGroup", "option_parameters", "parameter", "with_parameters"]
 _OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
 
 
-class BuiltGroup(TyperGroup):
+class BuiltGroup(LightGroup):
     """A group with a subcommand for each thing of a registry, made when it is asked for.
 
     What is registered loads NumPy, which the help of all commands must not wait for.
@@ -32,10 +32,24 @@ class BuiltGroup(TyperGroup):
     registry: Registry
     panels: ClassVar[Mapping[str, Sequence[str]]] = {}
     own_panel: ClassVar[str | None] = None
+    _listing = False
 
     @abstractmethod
     def command_of(self, thing: Any) -> tuple[Callable[..., None], str]:
         """Return the function of a thing's subcommand, and its example."""
+
+    def summary_of(self, thing: Any) -> str:
+        """Return what the list of subcommands says of a thing's."""
+        summary: str = thing.summary
+        return summary
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Show the list of subcommands, whose options are not made for it."""
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of what is registered."""
@@ -69,7 +83,10 @@ class BuiltGroup(TyperGroup):
         """Return a subcommand."""
         if cmd_name not in self.registry:  # which does not look at all packages, as its names do
             return None
-        function, example = self.command_of(self.registry.get(cmd_name))
+        thing = self.registry.get(cmd_name)
+        if self._listing:
+            return TyperCommand(cmd_name, help=self.summary_of(thing))
+        function, example = self.command_of(thing)
         app = typer.Typer(add_completion=False)
         grouped = in_panels(self.panels, self.own_panel)
         app.command(name=cmd_name, cls=grouped, epilog=examples(example))(function)

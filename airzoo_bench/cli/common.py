@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.places import data_root
@@ -31,6 +31,7 @@ __all__ = [
     "Format",
     "FormatOption",
     "JobsOption",
+    "LightGroup",
     "MemoryOption",
     "NamesOption",
     "ProtocolOption",
@@ -67,6 +68,17 @@ class Format(StrEnum):
     MARKDOWN = "markdown"
     HTML = "html"
     JSON = "json"
+
+
+class LightGroup(TyperGroup):
+    """A group of commands that shows its help without loading Pydantic."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments; typer's own flags have no default, and its types would be made."""
+        for one in self.get_params(ctx):
+            if isinstance(one, TyperOption) and one.is_flag and one.default is None:
+                one.default = False
+        return super().parse_args(ctx, args)
 
 
 FormatOption = Annotated[Format, typer.Option("--format", "-f", help="How to print the table.")]

@@ -13,11 +13,10 @@ from airzoo_bench.cli.common import examples, progress, put, say
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.surveys.survey import Survey
 
 if TYPE_CHECKING:
+    from airzoo_bench.datasets.about import About
     from airzoo_bench.datasets.downloads import Plan
-    from airzoo_bench.datasets.native import About
 
 __all__ = ["EXAMPLES", "download"]
 
@@ -66,9 +65,7 @@ def download(
 def _about(benchmark: str) -> About:
     offered: dict[str, Any] = {name: DATASETS.get(name) for name in DATASETS.names()}
     published: dict[str, About] = {
-        name: dataset.about
-        for name, dataset in offered.items()
-        if dataset.about is not None and not isinstance(dataset, Survey)
+        name: dataset.about for name, dataset in offered.items() if dataset.is_published
     }
     if benchmark not in published:
         from airzoo_bench.core.validation import nearest

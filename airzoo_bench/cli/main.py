@@ -36,7 +36,7 @@ from airzoo_bench.cli import (
     table,
     template,
 )
-from airzoo_bench.cli.common import in_panels, say
+from airzoo_bench.cli.common import LightGroup, in_panels, say
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.version import __version__
 
@@ -49,8 +49,10 @@ _MOST_NEIGHBOURS = 10_000
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 
+
 app = typer.Typer(
     name="airzoo-bench",
+    cls=LightGroup,
     help="Scores predictions for aerial 3D vision: image retrieval, cross-view matching, "
     "multi-view reconstruction.",
     epilog="Start with: airzoo-bench demo, or airzoo-bench eval retrieval preds.npz",

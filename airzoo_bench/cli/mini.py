@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, examples, progress, put, say
+from airzoo_bench.cli.common import JobsOption, LightGroup, examples, progress, put, say
 from airzoo_bench.core.plurals import agreeing, counted
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 app = typer.Typer(
+    cls=LightGroup,
     help="AirZoo-Mini: make its world, plan flights, and render photos of your own flight.",
     no_args_is_help=True,
 )

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from airzoo_bench.cli.breakdown import parse_bins
 from airzoo_bench.cli.built import parameter, with_parameters
-from airzoo_bench.cli.common import check_output, examples, say, say_replaced, working
+from airzoo_bench.cli.common import LightGroup, check_output, examples, say, say_replaced, working
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -146,15 +145,15 @@ _KINDS = (
 )
 
 
-class _Group(TyperGroup):
+class _Group(LightGroup):
     """Commands by kind of picture, with an own message for an unknown one."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        from airzoo_bench.core.validation import nearest
-
         known, kind = self.list_commands(ctx), args[0]
         if kind in known:
             return super().resolve_command(ctx, args)
+        from airzoo_bench.core.validation import nearest
+
         is_file = Path(kind).exists() or kind.endswith(".json")
         raise UsageError(
             f"{kind!r} is no kind of picture{nearest(kind.lower(), known)}",

@@ -17,11 +17,10 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS, TRACKS
-from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings, SceneSummary
-from airzoo_bench.datasets.surveys.survey import Survey
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.native import About
+    from airzoo_bench.datasets.about import About
+    from airzoo_bench.datasets.dataset import Dataset, Prepared, SceneSummary
 
 __all__ = ["app"]
 
@@ -87,7 +86,7 @@ class _PrepareGroup(BuiltGroup):
 def _help_of(dataset: Dataset[Any]) -> str:
     """Return the summary and, of published data, where to get them and their licence."""
     about = dataset.about
-    if about is None or isinstance(dataset, Survey):
+    if about is None or not dataset.is_published:
         return dataset.summary
     return f"{dataset.summary}\n\nData: {about.page}\n\nLicence: {about.licence}."
 
@@ -114,6 +113,7 @@ def _prepare(
     **options: Any,
 ) -> None:
     from airzoo_bench.core.files import check_new_folder
+    from airzoo_bench.datasets.dataset import PrepareSettings
 
     chosen, root = dataset.options(**options), data_root()
     folder = add_to or out or root / dataset.folder_name(chosen, root)

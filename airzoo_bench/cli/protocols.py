@@ -22,7 +22,7 @@ from airzoo_bench.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.native import About
+    from airzoo_bench.datasets.about import About
     from airzoo_bench.protocol.model import Protocol
     from airzoo_bench.tables.model import Row, Table
 

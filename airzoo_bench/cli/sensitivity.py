@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from airzoo_bench.benchmark.folder import Benchmark
-    from airzoo_bench.datasets.native import About
+    from airzoo_bench.datasets.about import About
     from airzoo_bench.results.records import Scored
     from airzoo_bench.results.sensitivity import NoiseFloor, Sensitivity
     from airzoo_bench.retrieval.assumptions import AssumedRanges

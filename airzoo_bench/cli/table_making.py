@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.cli.common import scores_of
+from airzoo_bench.cli.table_marks import in_digits, marked
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.results.selection import check_score, find_scene, named_scores
-from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
-from airzoo_bench.tables.layouts import AVERAGE
 from airzoo_bench.tables.method_table import OVERALL, MethodTable, method_table
 from airzoo_bench.tables.rename import rename
 from airzoo_bench.tables.reported_rows import with_floors, with_published
@@ -52,7 +51,11 @@ class _TableMaker:
 
     def table(self) -> Table:
         """Lay the results out and mark them."""
-        return self._alone() if self.layout is Layout.RESULT else self._marked(self._laid_out())
+        return (
+            self._alone()
+            if self.layout is Layout.RESULT
+            else marked(self._laid_out(), self.request, self.results)
+        )
 
     def _alone(self) -> Table:
         from airzoo_bench.tables.layouts import scenes_table
@@ -71,7 +74,7 @@ class _TableMaker:
         made = replace(
             made, notes=(*notes, *made.notes, *self._floors_hint()), legend=(*about, *made.legend)
         )
-        return rename(self._in_digits(made), self.request.renamed)
+        return rename(in_digits(made, self.request), self.request.renamed)
 
     def _floors_hint(self) -> list[str]:
         names = ", ".join(self.results[0].references)
@@ -235,62 +238,6 @@ class _TableMaker:
         return with_published(
             table, published, by_scene=by_scene, average=average, elsewhere=elsewhere
         )
-
-    def _marked(self, made: Table) -> Table:
-        from airzoo_bench.tables.annotations import add_gains, highlight, parse_baselines
-        from airzoo_bench.tables.best_marks import mark_best
-
-        asked = self.request
-        made = self._in_digits(self._sorted(made))
-        made = mark_best(made, second=asked.second, reported=asked.mark_published)
-        rule = self._rule_of_marks(made)
-        made = replace(made, notes=(*rule, *made.notes), legend=(*rule, *made.legend))
-        made = highlight(made, asked.highlighted)
-        baselines = parse_baselines(made, asked.baselines)
-        made = self._cited(made) if asked.citations else made
-        # Options go by the names of results, and all that is said by those of the table.
-        return rename(add_gains(made, baselines), asked.renamed)
-
-    def _in_digits(self, made: Table) -> Table:
-        decimals = self.request.decimals
-        return made if decimals is None else with_decimals(made, decimals)
-
-    def _sorted(self, made: Table) -> Table:
-        wanted = self.request.sort
-        if wanted is None:
-            return made
-        if wanted != BY_NAME:
-            shown = {column.title for column in made.columns}
-            columns = self._known_scores()
-            scores = [score for score in columns.values() if score.title in shown]
-            hidden = wanted in named_scores(columns.values())
-            check_score(wanted, scores, "--sort", f"add --score {wanted!r} to show it" * hidden)
-            wanted = named_scores(scores)[wanted].title
-        return sort_rows(made, wanted, AVERAGE)
-
-    def _known_scores(self) -> dict[str, ScoreColumn]:
-        """Return all scores that there are, shown or not, by key."""
-        if self.request.protocol is None:
-            columns = [score for result in self.results for score in result.columns]
-        else:
-            columns = scores_of(self.request.protocol)[1]
-        return {score.key: score for score in columns}
-
-    def _cited(self, made: Table) -> Table:
-        from airzoo_bench.tables.annotations import add_citations
-        from airzoo_bench.tables.published import published_sources, read_source_file
-
-        sources = {
-            name: read_source_file(path).citations for name, path in published_sources().items()
-        }
-        return add_citations(made, self.request.citations, sources)
-
-    def _rule_of_marks(self, made: Table) -> list[str]:
-        # Among reported rows alone there is nothing to tell apart.
-        if len({bool(row.reported) for row in made.rows if not row.floor}) < 2:
-            return []
-        who = "all rows" if self.request.mark_published else "the rows that were scored here"
-        return [f"the best of each score is that of {who}"]
 
 
 def _of_floors(names: str) -> list[str]:

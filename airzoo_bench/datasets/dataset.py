@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 from airzoo_bench.core.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.native import About
+    from airzoo_bench.datasets.about import About
     from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = ["Dataset", "PrepareSettings", "Prepared", "SceneSummary", "TrackSummary"]
@@ -143,8 +143,24 @@ class Dataset(ABC, Generic[OptionsT]):
     without_truth: ClassVar[Mapping[str, str]] = {}
     about: ClassVar[About | None] = None
 
+    @property
+    def is_published(self) -> bool:
+        """Whether it is a benchmark that others publish, so that there is a page to get it from."""
+        return self.about is not None
+
     def reasons(self, options: OptionsT) -> Mapping[str, str]:
-        """Return `without_truth`, as it is with these options."""
+        """Return `without_truth`, as it is with these options.
+
+        Parameters
+        ----------
+        options : object
+            Of the class `options`.
+
+        Returns
+        -------
+        mapping of str to str
+            Why a track may have no truth, by the track's name.
+        """
         del options
         return self.without_truth
 

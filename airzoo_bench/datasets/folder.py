@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +12,15 @@ import tomli_w
 
 from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.benchmark.queries import SceneInputs, write_queries
+from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.map_copies import copy_map
+from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.summary import summary_of
-from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
+from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, raster_sha256
 from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.maps import own_map
@@ -34,10 +34,7 @@ from airzoo_bench.retrieval.truth import write_truth as write_retrieval_truth
 if TYPE_CHECKING:
     import pandas as pd
 
-    from airzoo_bench.datasets.scene_facts import SceneFacts
-
 __all__ = [
-    "SceneContent",
     "served_protocols",
     "write_benchmark",
     "write_folder_files",
@@ -45,30 +42,6 @@ __all__ = [
 ]
 
 _WINDOW = ["x", "y", "width", "height"]
-
-
-@dataclass(frozen=True, eq=False)
-class SceneContent:
-    """What is written of a scene into a benchmark folder.
-
-    Attributes
-    ----------
-    inputs : SceneInputs
-    truths : SceneTruths
-    files : mapping of str to Path
-        Photos, maps and clouds by the name that benchmark.toml has for them (`SceneFile`);
-        ``images`` is a folder.
-    facts : SceneFacts, optional
-        What the parts say of each other.
-    truth_accuracy_m : float, optional
-        Standard error of the true positions, where it is stated.
-    """
-
-    inputs: SceneInputs
-    truths: SceneTruths
-    files: Mapping[str, Path]
-    facts: SceneFacts | None = None
-    truth_accuracy_m: float | None = None
 
 
 def write_benchmark(

@@ -9,41 +9,38 @@ from __future__ import annotations
 import errno
 import os
 import re
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.places import cannot_write
-from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.core.temporaries import PART, only_writer, temporary_folder
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.temporaries import PART, only_writer
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.folder import served_protocols, write_folder_files, write_scene
+from airzoo_bench.datasets.folder import served_protocols, write_folder_files
 from airzoo_bench.datasets.scene_additions import extended_protocols, parts_of, shared_photos
-from airzoo_bench.datasets.scene_content import scene_content
 from airzoo_bench.datasets.scene_parts import (
     RECORDS,
     ScenePart,
     SceneSource,
     changed_options,
     link_or_copy,
-    options_of,
     read_parts,
     scene_keys,
     write_records,
 )
-from airzoo_bench.datasets.summary import summary_of
+from airzoo_bench.datasets.scene_run import SceneRun
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.scene_facts import SceneFacts
+    pass
 
 __all__ = ["chosen_scenes", "is_prepared", "prepare_scenes"]
 
@@ -157,7 +154,7 @@ def _prepared(
     if settings.add_to is not None:
         before, source = parts_of(settings.add_to), replace(source, keep_going=False)
         protocols = extended_protocols(settings.add_to, protocols, source.scenes)
-    run = _Run(source, protocols, settings)
+    run = SceneRun(source, protocols, settings)
     # Runs into other folders share the finished scenes, by the benchmark's name.
     with _alone(run.staging):
         try:
@@ -195,7 +192,7 @@ def _alone(folder: Path) -> Iterator[None]:
                 one.rmdir()
 
 
-def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
+def _assembled(run: SceneRun, before: Mapping[str, ScenePart]) -> Prepared:
     """Make the folder of scenes that were in it before, and those that were finished."""
     settings, parts = run.settings, {**before, **run.parts}
     for sentence in shared_photos(before, run.parts):
@@ -233,114 +230,13 @@ def _assembled(run: _Run, before: Mapping[str, ScenePart]) -> Prepared:
     )
 
 
-@dataclass
-class _Run:
-    """Scenes that are being finished, one after the other."""
-
-    source: SceneSource
-    protocols: BenchmarkProtocols
-    settings: PrepareSettings
-    parts: dict[str, ScenePart] = field(default_factory=dict)
-    facts: dict[str, SceneFacts] = field(default_factory=dict)
-    failed: dict[str, str] = field(default_factory=dict)
-    made: bool = False
-
-    @property
-    def staging(self) -> Path:
-        """Where finished scenes are kept until all are."""
-        name = self.protocols.every[0].benchmark
-        return self.settings.folder.parent / f".{name}.prepare"
-
-    def clear(self) -> None:
-        """Remove the finished scenes, unless another run can go on from them."""
-        if self.made or len(self.source.scenes) == 1 or not self.parts:
-            shutil.rmtree(self.staging, ignore_errors=True)
-
-    def finish(self) -> None:
-        keys = scene_keys(self.source, self.protocols, self.settings)
-        found = self._found()
-        for scene in self.source.scenes:
-            try:
-                self.parts[scene] = self._part(scene, keys[scene], found)
-            except UserError as error:
-                if not self.source.keep_going:
-                    self._say_kept()
-                    self._add_way_out(error)
-                    raise
-                self.failed[scene] = str(error)
-            except KeyboardInterrupt:
-                self._say_kept()
-                raise
-        if not self.parts:
-            raise BenchmarkError(
-                "no scene could be made:\n" + "\n".join(self.failed.values()),
-                where=self.settings.folder,
-            )
-
-    def _found(self) -> dict[str, ScenePart]:
-        """Return the scenes that earlier runs have finished, by their keys."""
-        places = [self.staging / scene for scene in self.source.scenes]
-        if not self.settings.replace and self.settings.add_to is None:
-            folder, name = self.settings.folder, self.protocols.every[0].benchmark
-            places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
-        found: dict[str, ScenePart] = {}
-        for place in places:
-            if _is_as_written(place):
-                found |= {part.key: part for part in read_parts(place).values()}
-        return found
-
-    def _part(self, scene: str, key: str, found: Mapping[str, ScenePart]) -> ScenePart:
-        if key in found:
-            self.settings.note(f"scene {scene}: nothing changed since it was made, taken as it is")
-            part = found[key]
-            in_staging = part.home == self.staging / scene
-            return part if in_staging else part.keep(self.staging, shutil.copyfile)
-        native = self.source.read(scene)
-        content = scene_content(native, self.protocols)
-        summary = summary_of(content, self.protocols, native.notes)
-        self.staging.mkdir(parents=True, exist_ok=True)
-        with temporary_folder(self.staging, scene) as temporary:
-            title = self.protocols.titles[scene]
-            entry = write_scene(temporary, content, title, self.settings)
-            part = ScenePart(temporary, key, entry, summary, options_of(self.source))
-            part = part.keep(self.staging, link_or_copy)
-        if content.facts is not None:
-            self.facts[scene] = content.facts
-        return part
-
-    def _add_way_out(self, error: UserError) -> None:
-        """Add to the error of one scene of several how the others are made without it."""
-        if len(self.source.scenes) > 1 and hasattr(self.source.options, "keep_going"):
-            others = "leave the scene out with --keep-going, or name those to make with --scene"
-            error.fix = f"{error.fix}; or {others}" if error.fix else others
-
-    def _say_kept(self) -> None:
-        if self.parts and len(self.source.scenes) > 1:
-            self.settings.note(
-                f"{counted(len(self.parts), 'finished scene')} of {len(self.source.scenes)} "
-                f"{agreeing(len(self.parts), 'is', 'are')} kept in {self.staging}; the same "
-                "command goes on from there"
-            )
-
-
-def _is_as_written(place: Path) -> bool:
-    """Whether scenes can be taken from a place: none of its files was changed."""
-    if not (place / "benchmark.toml").is_file():
-        return True  # a scene that an earlier run has finished
-    try:
-        Benchmark.open(place)
-    except BenchmarkError:
-        return False
-    return True
-
-
 def _named(folder: Path, whole: BenchmarkProtocols, made: BenchmarkProtocols) -> Path:
     """Return the folder to make: one that is named as the whole never holds a part of it."""
     named_as_whole = folder.name == whole.every[0].benchmark
     return folder.with_name(made.every[0].benchmark) if named_as_whole else folder
 
 
-def _only_some(run: _Run, made: BenchmarkProtocols) -> str:
+def _only_some(run: SceneRun, made: BenchmarkProtocols) -> str:
     titles, asked = run.protocols.titles, getattr(run.source.options, "scene", None)
     left_out = [scene for scene in titles if scene not in made.titles]
     place = getattr(run.source.options, "source", None)

@@ -16,9 +16,9 @@ from types import MappingProxyType
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.datasets.native_text import read_native_text
+from airzoo_bench.datasets.table_header import check_header, columns_text, found_columns
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["NativeTable", "read_lines", "read_table"]
@@ -173,7 +173,7 @@ def read_table(
     """
     text = read_native_text(path, limit_bytes)
     head = text.lstrip().partition("\n")[0]
-    separator = max(_SEPARATORS, key=lambda mark: len(_found(head.split(mark), columns)))
+    separator = max(_SEPARATORS, key=lambda mark: len(found_columns(head.split(mark), columns)))
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         parts = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
@@ -182,10 +182,10 @@ def read_table(
             f"not a table: {error}", where=f"{path}, line {reader.line_num}"
         ) from error
     if not parts:
-        raise BenchmarkError("is empty", where=path, expected=_columns_text(columns, optional))
+        raise BenchmarkError("is empty", where=path, expected=columns_text(columns, optional))
     header = [name.strip() for name in parts[0][1]]
-    _check_header(path, header, columns, optional, synonyms)
-    places = _found(header, columns)
+    check_header(path, header, columns, optional, synonyms)
+    places = found_columns(header, columns)
     for line, row in parts[1:]:
         _check_width(path, line, row, header, separator)
     return NativeTable(
@@ -234,50 +234,6 @@ def read_lines(path: Path, columns: Sequence[str], limit_bytes: int = _LIMIT_BYT
         raise BenchmarkError("is empty", where=path, expected=expected)
     lines = tuple(line for line, _ in rows)
     return NativeTable(path, tuple(columns), (), tuple(tuple(row) for _, row in rows), lines)
-
-
-def _found(header: Sequence[str], columns: Sequence[str]) -> dict[str, int]:
-    """Return the places of the columns in a header, by the names asked for."""
-    places = {name.strip().strip('"\ufeff').casefold(): i for i, name in enumerate(header)}
-    return {name: places[name.casefold()] for name in columns if name.casefold() in places}
-
-
-def _check_header(
-    path: Path,
-    header: list[str],
-    columns: Sequence[str],
-    optional: Collection[str],
-    synonyms: Mapping[str, Sequence[str]],
-) -> None:
-    counts = Counter(name.casefold() for name in header if name)
-    twice = [name for name in columns if counts[name.casefold()] > 1]
-    missing = [name for name in columns if not counts[name.casefold()] and name not in optional]
-    if not twice and not missing:
-        return
-    unknown = [name for name in header if counts[name.casefold()] and name not in columns]
-    lacks = f"lacks the {agreeing(len(missing), 'column', 'columns')}"
-    what = "two columns are called" if twice else lacks
-    meant = (f"{name}{_meant(name, unknown, synonyms.get(name, ()))}" for name in missing)
-    names = ", ".join(twice or meant)
-    raise BenchmarkError(
-        f"{what} {names}; its first line is {', '.join(header)[:300]!r}",
-        where=path,
-        expected=_columns_text(columns, optional),
-        fix="keep one of them" if twice else "rename the column, or download the table again",
-    )
-
-
-def _meant(name: str, unknown: list[str], synonyms: Sequence[str]) -> str:
-    """Offer the columns that a missing one may be: other words for it, else names like its own."""
-    words = {word.casefold() for word in synonyms}
-    other = [column for column in unknown if column.casefold() in words]
-    return f" (did you mean {' or '.join(map(repr, other))}?)" if other else nearest(name, unknown)
-
-
-def _columns_text(columns: Sequence[str], optional: Collection[str]) -> str:
-    needed = ", ".join(name for name in columns if name not in optional)
-    more = ", ".join(name for name in columns if name in optional)
-    return f"a first line with the columns {needed}{f', and perhaps {more}' if more else ''}"
 
 
 def _check_width(path: Path, line: int, row: list[str], header: list[str], separator: str) -> None:

@@ -113,9 +113,3 @@ class PhotoOptions(ProtocolOptions, SceneOptions):
     images: Annotated[Path, Option("images", "Folder of the photos.")]
     poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
     dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
-
-    @property
-    def files(self) -> dict[str, Path]:
-        """What the benchmark refers to, by the name that benchmark.toml has for it."""
-        files = {"images": self.images, "dom": self.dom, "dsm": self.dsm, "cloud": self.cloud}
-        return {key: path for key, path in files.items() if path is not None}

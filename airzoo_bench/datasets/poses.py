@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import difflib
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     AliasChoices,
     BaseModel,
@@ -25,14 +23,14 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import validation_message
+from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import check_rotations
 
-__all__ = ["PosedPhotos", "check_centred", "read_poses"]
+__all__ = ["read_poses"]
 
 _JSON_LIMIT_BYTES = 1 << 28
-_OFF_CENTRE = 0.2  # a matrix for photos of half the size has its principal point 0.25 off
 _NEAR_MISS = 0.8
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -85,27 +83,6 @@ class _File(_Lenient):
     K: Matrix | None = None
     distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
     images: Annotated[dict[str, _Image], Field(min_length=1)]
-
-
-@dataclass(frozen=True)
-class PosedPhotos:
-    """N photos with cameras and poses.
-
-    Attributes
-    ----------
-    names : tuple of str
-        File names, relative to the folder of the photos.
-    cameras : Cameras
-    poses : Poses
-        In `crs`.
-    crs : str or None
-        Projected CRS in metres, where the file names it.
-    """
-
-    names: tuple[str, ...]
-    cameras: Cameras
-    poses: Poses
-    crs: str | None
 
 
 def read_poses(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
@@ -267,40 +244,3 @@ def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> 
             fix=f"it has names such as {posed[0]!r}; rename one or the other",
         )
     return names
-
-
-def check_centred(photos: PosedPhotos, path: Path) -> None:
-    """Refuse cameras whose principal point is far from the middle of the photo.
-
-    Raises
-    ------
-    CameraError
-        The message names the photos and their sizes.
-    """
-    size = np.stack([photos.cameras.width, photos.cameras.height], axis=1)
-    off: NDArray[np.float64] = np.abs(photos.cameras.principal_point / size - 0.5)
-    bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1))
-    if bad.size:
-        row = bad[0]
-        cx, cy = photos.cameras.principal_point[row]
-        named = first_of([photos.names[i] for i in bad], len(photos.names))
-        raise CameraError(
-            f"camera matrices of another image size: {named}; "
-            f"the first is {size[row, 0]}x{size[row, 1]} px, with the principal point at "
-            f"({cx:.1f}, {cy:.1f})" + _sizes_of(photos, size),
-            where=path,
-            expected="a principal point near the middle of the photo",
-            fix="scale K to the size of the photos; photos of several cameras need a K each (in "
-            "their entry of 'images'), or a benchmark for each camera, from a folder of its own",
-        )
-
-
-def _sizes_of(photos: PosedPhotos, size: NDArray[np.int64]) -> str:
-    """List the photos by size, where there are several sizes."""
-    found = sorted({(int(width), int(height)) for width, height in size})
-    groups = [
-        f"{width}x{height} px: "
-        + first_of(photos.names[i] for i in np.flatnonzero((size == (width, height)).all(axis=1)))
-        for width, height in found
-    ]
-    return f"; photos of {len(found)} cameras: {', '.join(groups)}" if len(found) > 1 else ""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.errors import BenchmarkError, UserError, first_of
 from airzoo_bench.datasets.cloud_checks import check_cloud
-from airzoo_bench.datasets.folder import SceneContent
 from airzoo_bench.datasets.map_facts import check_overlap
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.raster_checks import (
     check_above_surface,
     check_map,
@@ -17,16 +20,40 @@ from airzoo_bench.datasets.raster_checks import (
     often_lowest,
     surveyed,
 )
-from airzoo_bench.datasets.scene_facts import MeasuredScene, scene_facts
+from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_facts
 from airzoo_bench.datasets.sources import check_dsm_crs, check_metres, check_names, metric_crs
-from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
+from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
 from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.prepare import grouped_reasons
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["scene_content"]
+__all__ = ["SceneContent", "scene_content"]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneContent:
+    """What is written of a scene into a benchmark folder.
+
+    Attributes
+    ----------
+    inputs : SceneInputs
+    truths : SceneTruths
+    files : mapping of str to Path
+        Photos, maps and clouds by the name that benchmark.toml has for them (`SceneFile`);
+        ``images`` is a folder.
+    facts : SceneFacts, optional
+        What the parts say of each other.
+    truth_accuracy_m : float, optional
+        Standard error of the true positions, where it is stated.
+    """
+
+    inputs: SceneInputs
+    truths: SceneTruths
+    files: Mapping[str, Path]
+    facts: SceneFacts | None = None
+    truth_accuracy_m: float | None = None
 
 
 def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneContent:

@@ -14,7 +14,7 @@ from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
 if TYPE_CHECKING:
     import pandas as pd
 
-    from airzoo_bench.datasets.folder import SceneContent
+    from airzoo_bench.datasets.scene_content import SceneContent
     from airzoo_bench.matching.truth import MatchingTruth
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
     from airzoo_bench.retrieval.truth import RetrievalTruth

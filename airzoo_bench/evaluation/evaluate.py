@@ -18,13 +18,8 @@ from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
-from airzoo_bench.results.result import (
-    PredictionsUsed,
-    ProtocolUsed,
-    Result,
-    TruthUsed,
-    score_columns,
-)
+from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
+from airzoo_bench.results.result import Result, score_columns
 from airzoo_bench.results.scores import summarise
 
 if TYPE_CHECKING:

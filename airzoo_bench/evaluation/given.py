@@ -15,7 +15,7 @@ from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.lookup import choose_protocol, find_protocol, refuse_other_track
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.results.result import ReaderUsed
+from airzoo_bench.results.provenance import ReaderUsed
 
 __all__ = ["AnyTrack", "Given", "ReadBy", "open_predictions", "read_truths", "track_of"]
 

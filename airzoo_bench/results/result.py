@@ -12,17 +12,12 @@ import operator
 from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Field,
-    SerializerFunctionWrapHandler,
     ValidationError,
-    model_serializer,
     model_validator,
 )
 
@@ -30,17 +25,20 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import validation_message
+from airzoo_bench.results.provenance import (
+    Name,
+    PredictionsUsed,
+    ProtocolUsed,
+    ResultModel,
+    TruthUsed,
+)
 from airzoo_bench.results.scores import Score
 
 __all__ = [
     "SHARE_SLACK",
-    "PredictionsUsed",
-    "ProtocolUsed",
-    "ReaderUsed",
     "Reference",
     "Result",
     "ScoreColumn",
-    "TruthUsed",
     "read_result",
     "score_columns",
     "write_result",
@@ -53,19 +51,11 @@ def _is_number(value: float) -> float:
     return value
 
 
-def _printable(name: object) -> object:
-    # Names of files may hold bytes that are no text, and a name stands on one line of a table.
-    if not isinstance(name, str):
-        return name
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
-
-
 _ROUNDING = 1e-12  # of averages: sums depend on the order of what is added
 SHARE_SLACK = 1e-9
 """By how much rounding may lift a share above 1."""
 
 Value = Annotated[float, AfterValidator(_is_number)]
-Name = Annotated[str, BeforeValidator(_printable)]
 # The largest is that which JavaScript still counts with.
 Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
 
@@ -73,57 +63,7 @@ _EXPECTED = "a result.json that `airzoo-bench eval ... --out DIR` wrote"
 _MEND = "score the predictions again"
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, ser_json_inf_nan="strings", allow_inf_nan=True
-    )
-
-
-class ProtocolUsed(_Model):
-    """The protocol that a result was made with."""
-
-    name: str
-    version: int
-    fingerprint: str
-    settings: dict[str, Any]
-
-
-class TruthUsed(_Model):
-    """The truth that predictions were compared with."""
-
-    benchmark: str
-    version: int
-    fingerprint: str
-    scene_titles: dict[str, str]
-
-
-class ReaderUsed(_Model):
-    """What read a method's own files, and what it took to be so."""
-
-    name: Name
-    conventions: tuple[Name, ...]
-
-
-class PredictionsUsed(_Model):
-    """The predictions; the name is the file's, without its folder.
-
-    Files of the suite's own layout have no reader.
-    """
-
-    file: Name
-    sha256: str
-    kind: str
-    method: Name
-    reader: ReaderUsed | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_reader(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # Results of the suite's own files are the same bytes as before there were readers.
-        fields: dict[str, Any] = write(self)
-        return fields if self.reader else {k: v for k, v in fields.items() if k != "reader"}
-
-
-class ScoreColumn(_Model):
+class ScoreColumn(ResultModel):
     """How a score is shown and read."""
 
     key: str
@@ -134,7 +74,7 @@ class ScoreColumn(_Model):
     headline: bool
 
 
-class Reference(_Model):
+class Reference(ResultModel):
     """What scores without a method at work, in the shape of a method's own summary.
 
     Such as the chance level of a retrieval, or the prior pose taken as the answer.
@@ -187,7 +127,7 @@ def _check_averages(part: Result | Reference, columns: Collection[ScoreColumn]) 
             raise ValueError(f"pooled {key} is {pooled!r}, its scenes give {low!r} to {high!r}")
 
 
-class Result(_Model):
+class Result(ResultModel):
     """All that is known of one evaluation.
 
     Attributes
@@ -219,7 +159,7 @@ class Result(_Model):
     scenes: dict[str, dict[str, Value]]
     overall: dict[str, Value]
     pooled: dict[str, Value]
-    references: dict[Name, Reference] = {}
+    references: dict[Name, Reference] = Field(default_factory=dict)
     records_sha256: str = ""
     checksum: str = ""
 

@@ -24,7 +24,8 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.options import Option
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
-from airzoo_bench.datasets.folder import SceneContent, write_benchmark
+from airzoo_bench.datasets.folder import write_benchmark
+from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
 from airzoo_bench.protocol.model import ProtocolScene
 from airzoo_bench.retrieval.assumptions import AssumedRanges

@@ -20,9 +20,9 @@ import pytest
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.downloads import of_scenes
 from airzoo_bench.datasets.hub import HubFile
-from airzoo_bench.datasets.native import About
 from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
 from airzoo_bench.datasets.published.airzoo_real_sites import DAY, SITE_SCENES, SITES
 from tests.datasets.hub_server import Hub, served
@@ -366,7 +366,6 @@ RUN = """
 import sys
 from airzoo_bench.cli.main import main
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.native import About
 from types import SimpleNamespace
 about = About("Park", "https://park", "CC0", repository="who/park")
 DATASETS.add("park", SimpleNamespace(about=about))

@@ -21,8 +21,10 @@ from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.core.temporaries import only_writer
+from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.facts_lines import fact_lines, plausibility_warnings
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.native import NativeDataset, NativeOptions
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.scene_content import scene_content
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.crs import LOCAL_CRS

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import CameraError
-from airzoo_bench.datasets.poses import PosedPhotos, read_poses
+from airzoo_bench.datasets.posed_photos import PosedPhotos
+from airzoo_bench.datasets.poses import read_poses
 from tests.support import DOWN
 
 SIZES = {"a.jpg": (64, 48), "sub/b.jpg": (64, 48)}

@@ -13,16 +13,8 @@ import pytest
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.evaluate import versions
-from airzoo_bench.results.result import (
-    PredictionsUsed,
-    ProtocolUsed,
-    Reference,
-    Result,
-    ScoreColumn,
-    TruthUsed,
-    read_result,
-    write_result,
-)
+from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
+from airzoo_bench.results.result import Reference, Result, ScoreColumn, read_result, write_result
 from tests.support import run_main
 
 

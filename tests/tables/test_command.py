@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, write_result
+from airzoo_bench.results.provenance import ProtocolUsed, TruthUsed
+from airzoo_bench.results.result import Result, write_result
 from airzoo_bench.tables.method_table import MethodTable
 from airzoo_bench.tables.published import published_tables
 from airzoo_bench.tables.reported_rows import with_published

@@ -22,7 +22,7 @@ from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.folder import SceneContent, write_benchmark
+from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX, FrameList
 from airzoo_bench.datasets.mini.export.frames import frame_paths, read_depth, render_frames
 from airzoo_bench.datasets.mini.flights.keyframes import key_frames
@@ -33,6 +33,7 @@ from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
+from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply

@@ -2,43 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native import NativeDataset
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.options import AerialExtreMatchOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["AERIALEXTREMATCH", "AerialExtreMatch", "AerialExtreMatchOptions"]
+__all__ = ["AERIALEXTREMATCH", "AerialExtreMatch"]
 
 SCENE = "localization"
-
-
-@dataclass(frozen=True)
-class AerialExtreMatchOptions(NativeOptions):
-    """What differs from the protocol that the paper follows."""
-
-    reference: Annotated[
-        Literal["hq", "lq"],
-        Option("reference", "Map and surface model of high (HQref) or low quality (LQref)."),
-    ] = "hq"
-    prior: Annotated[
-        Literal["metadata", "truth"],
-        Option(
-            "prior",
-            "Crop by the photos' own GPS and gimbal angles, or by the truth, as the benchmark's "
-            "own configuration does: that is another benchmark, and named so.",
-        ),
-    ] = "metadata"
-    priors: Annotated[
-        Path | None,
-        Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
-    ] = None
 
 
 class AerialExtreMatch(NativeDataset[AerialExtreMatchOptions]):

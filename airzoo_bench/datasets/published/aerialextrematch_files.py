@@ -22,7 +22,7 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
 from airzoo_bench.datasets.published.places import (
     files_by_key,

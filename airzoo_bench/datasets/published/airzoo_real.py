@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native import NativeDataset
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.options import AirZooRealOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.published.airzoo_real_photos import RegionFiles, RegionOptions
     from airzoo_bench.datasets.truths import BenchmarkProtocols
     from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = ["AIRZOO_REAL", "AirZooReal", "AirZooRealOptions"]
+__all__ = ["AIRZOO_REAL", "AirZooReal"]
 
 NAME = "airzoo-real"
 
@@ -32,56 +33,6 @@ _SCENE_FILES = {"City": ("Scene1/*",), "Rural": ("Scene2/*",)} | {
     for site, (folder, every) in _HOURS.items()
     for hours in every.split()
 }
-
-
-@dataclass(frozen=True)
-class AirZooRealOptions(NativeOptions):
-    """What the release does not state, and files that are not told by their kind."""
-
-    dom: Annotated[
-        list[str] | None, Option("dom", "SCENE=FILE: the map that photos are matched to.")
-    ] = None
-    dsm: Annotated[list[str] | None, Option("dsm", "SCENE=FILE: the surface model.")] = None
-    satellite: Annotated[
-        list[str] | None, Option("satellite", "SCENE=FILE: the map of retrieval, of 0.3 m a pixel.")
-    ] = None
-    positions: Annotated[
-        list[str] | None,
-        Option("positions", "SCENE=FILE: CSV of true positions (image, lon, lat, altitude_m)."),
-    ] = None
-    priors: Annotated[
-        list[str] | None,
-        Option("priors", "SCENE=FILE: CSV of priors, where photos' metadata lack them."),
-    ] = None
-    prior: Annotated[
-        Literal["metadata", "truth"],
-        Option(
-            "prior",
-            "Crop by the photos' own metadata, or by the truth: that is another benchmark, of "
-            "matching alone, and named so.",
-        ),
-    ] = "metadata"
-    camera: Annotated[
-        list[str] | None,
-        Option("camera", "SCENE=FILE: camera (JSON), where metadata state none."),
-    ] = None
-    height_offset: Annotated[
-        list[str] | None,
-        Option("height-offset", "SCENE=METRES to add to heights of truth and priors (default: 0)."),
-    ] = None
-    cloud: Annotated[
-        list[str] | None,
-        Option("cloud", "SCENE=FILE: true cloud of a site, such as school or school-06-08."),
-    ] = None
-    truth_reach: Annotated[
-        float,
-        Option(
-            "truth-reach",
-            "Metres around the cameras within which the surface model is the true cloud.",
-            least=1,
-            most=5000,
-        ),
-    ] = 500.0
 
 
 class AirZooReal(NativeDataset[AirZooRealOptions]):

@@ -22,7 +22,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.published.places import folder_content, stem_key, sub_folder
 from airzoo_bench.datasets.published.pose_lines import (
     CameraLines,

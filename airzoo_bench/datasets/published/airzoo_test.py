@@ -2,47 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.native import NativeDataset
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.options import AIRZOO_TEST_NAME, AirZooTestOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["AIRZOO_TEST", "AirZooTest", "AirZooTestOptions"]
-
-NAME = "airzoo-test"
-
-
-@dataclass(frozen=True)
-class AirZooTestOptions(NativeOptions):
-    """Which frames are reconstructed, and how depth is encoded."""
-
-    name: Annotated[
-        str,
-        Option("name", "Of the benchmark; another name takes any number of trajectories."),
-    ] = NAME
-    every: Annotated[
-        int,
-        Option("every", "Take every Nth frame of a trajectory, starting with the first.", least=1),
-    ] = 30
-    depth_kind: Annotated[
-        Literal["z", "ray"],
-        Option("depth-kind", "Depth along the optical axis, or from the camera along the ray."),
-    ] = "z"
-    depth_scale: Annotated[
-        float | None, Option("depth-scale", "Metres of a unit of depth, where it is not metres.")
-    ] = None
-    clouds: Annotated[
-        Path | None,
-        Option("clouds", "Folder to keep the true clouds in (default: one in the data root)."),
-    ] = None
+__all__ = ["AIRZOO_TEST", "AirZooTest"]
 
 
 class AirZooTest(NativeDataset[AirZooTestOptions]):
@@ -92,13 +67,15 @@ class AirZooTest(NativeDataset[AirZooTestOptions]):
         """Return the ids of the trajectories."""
         from airzoo_bench.datasets.published.airzoo_test_files import find_trajectories
 
-        return list(find_trajectories(options.source, published=options.name == NAME))
+        return list(find_trajectories(options.source, published=options.name == AIRZOO_TEST_NAME))
 
     def files(self, options: AirZooTestOptions, scene: str) -> list[Path]:
         """Return a trajectory's folder."""
         from airzoo_bench.datasets.published.airzoo_test_files import find_trajectories
 
-        return [find_trajectories(options.source, published=options.name == NAME)[scene]]
+        return [
+            find_trajectories(options.source, published=options.name == AIRZOO_TEST_NAME)[scene]
+        ]
 
     def read(self, options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a trajectory, and make its true cloud if that has not been made yet."""

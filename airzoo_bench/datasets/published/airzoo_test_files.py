@@ -14,11 +14,11 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, fi
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table
-from airzoo_bench.datasets.poses import PosedPhotos, check_centred
-from airzoo_bench.datasets.published.airzoo_test import NAME
+from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.depth_clouds import DepthFrames
+from airzoo_bench.datasets.published.options import AIRZOO_TEST_NAME
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.datasets.published.reconstructions import (
     chosen_photos,
@@ -42,7 +42,7 @@ from airzoo_bench.protocol.model import ProtocolScene
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.published.airzoo_test import AirZooTestOptions
+    from airzoo_bench.datasets.published.options import AirZooTestOptions
 
 __all__ = ["find_trajectories", "read_trajectory", "trajectory_protocol"]
 
@@ -95,7 +95,7 @@ def find_trajectories(source: Path, *, published: bool) -> dict[str, Path]:
         )
     if not published:
         return dict(zip(names, folders, strict=True))
-    ids = published_scenes(NAME)
+    ids = published_scenes(AIRZOO_TEST_NAME)
     if len(folders) != len(ids):
         raise BenchmarkError(
             f"holds {counted(len(folders), 'trajectory')}, not {len(ids)}: {first_of(names)}",
@@ -108,8 +108,8 @@ def find_trajectories(source: Path, *, published: bool) -> dict[str, Path]:
 
 def trajectory_protocol(options: AirZooTestOptions, root: Path) -> ReconstructionProtocol:
     """Return the shipped protocol; for a benchmark of another name, one of its trajectories."""
-    shipped = reconstruction_protocol(NAME, root)
-    if options.name == NAME:
+    shipped = reconstruction_protocol(AIRZOO_TEST_NAME, root)
+    if options.name == AIRZOO_TEST_NAME:
         return shipped
     if not re.match(SAFE_NAME, options.name):
         raise UsageError(
@@ -138,7 +138,7 @@ def read_trajectory(options: AirZooTestOptions, scene: str, progress: Progress) 
     UserError
         A file is missing or not as it should be, or two statements of a pose contradict.
     """
-    folder = find_trajectories(options.source, published=options.name == NAME)[scene]
+    folder = find_trajectories(options.source, published=options.name == AIRZOO_TEST_NAME)[scene]
     table = read_table(folder / _TABLE, ("name", *_LENS, *_OPTIONAL), optional=_OPTIONAL)
     table.require_unique("name")
     photos = photos_by_stem(folder / "images", _LAYOUT)
@@ -285,7 +285,7 @@ def _local(
 def _frames(
     folder: Path, names: tuple[str, ...], cameras: Cameras, poses: Poses, options: AirZooTestOptions
 ) -> DepthFrames:
-    protocol = reconstruction_protocol(NAME, Path())
+    protocol = reconstruction_protocol(AIRZOO_TEST_NAME, Path())
     voxel = protocol.preparation.voxel_m
     return DepthFrames(
         folder / "depth",

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.datasets.native import About
-from airzoo_bench.datasets.published.image_benchmark import DIRECTIONS, ImageBenchmark, ImageScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.published.image_benchmark import DIRECTIONS, ImageBenchmark
+from airzoo_bench.datasets.published.image_scene import ImageScene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

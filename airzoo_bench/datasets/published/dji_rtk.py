@@ -12,7 +12,8 @@ import numpy as np
 from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.priors import read_prior_file
-from airzoo_bench.datasets.surveys.dji_tags import FIXED, DjiTags, TimeStamp, read_time_stamps
+from airzoo_bench.datasets.surveys.dji_stamps import TimeStamp, read_time_stamps
+from airzoo_bench.datasets.surveys.dji_tags import FIXED, DjiTags
 from airzoo_bench.datasets.surveys.lenses import lens_of, read_camera_file
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import geodesic_distance_m

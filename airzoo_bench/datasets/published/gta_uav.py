@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from airzoo_bench.datasets.native import About
-from airzoo_bench.datasets.published.image_benchmark import DIRECTIONS, ImageBenchmark, ImageScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.published.image_benchmark import DIRECTIONS, ImageBenchmark
+from airzoo_bench.datasets.published.image_scene import ImageScene
 
 __all__ = ["GTA_UAV", "GtaUav"]
 
@@ -49,7 +50,8 @@ class GtaUav(ImageBenchmark):
 
     def read(self, root: Path, scene: str) -> ImageScene:
         """Read the test list of an area, and turn it round for the way back."""
-        from airzoo_bench.datasets.published.gta_uav_files import read_pairs, scene_of_pairs
+        from airzoo_bench.datasets.published.gta_uav_files import read_pairs
+        from airzoo_bench.datasets.published.gta_uav_scene import scene_of_pairs
 
         area = next(area for area in AREAS if scene.startswith(area))
         found = read_pairs(root / f"{area}-drone2sate-test.json")

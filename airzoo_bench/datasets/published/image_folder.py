@@ -18,7 +18,7 @@ from airzoo_bench.datasets.dataset import Prepared, PrepareSettings, SceneSummar
 from airzoo_bench.datasets.folder import write_folder_files
 from airzoo_bench.datasets.native import NativeOptions
 from airzoo_bench.datasets.native_prepare import chosen_scenes
-from airzoo_bench.datasets.published.image_benchmark import ImageBenchmark, ImageScene
+from airzoo_bench.datasets.published.image_scene import ImageLayout, ImageScene
 from airzoo_bench.datasets.sources import check_target
 from airzoo_bench.datasets.summary import retrieval_summary
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
@@ -35,7 +35,7 @@ __all__ = ["is_prepared", "prepare_images"]
 
 
 def prepare_images(
-    dataset: ImageBenchmark, options: NativeOptions, settings: PrepareSettings
+    dataset: ImageLayout, options: NativeOptions, settings: PrepareSettings
 ) -> Prepared:
     """Make the benchmark folder, with each protocol whose scenes are there.
 
@@ -79,7 +79,7 @@ def prepare_images(
     )
 
 
-def is_prepared(dataset: ImageBenchmark, options: NativeOptions, settings: PrepareSettings) -> bool:
+def is_prepared(dataset: ImageLayout, options: NativeOptions, settings: PrepareSettings) -> bool:
     """Whether the folder holds the truth that would be made now.
 
     Raises
@@ -106,7 +106,7 @@ def is_prepared(dataset: ImageBenchmark, options: NativeOptions, settings: Prepa
     )
 
 
-def _wanted(dataset: ImageBenchmark, options: NativeOptions) -> dict[str, RetrievalProtocol]:
+def _wanted(dataset: ImageLayout, options: NativeOptions) -> dict[str, RetrievalProtocol]:
     """Return the scenes that were asked for, each with its protocol."""
     protocols = [_protocol(name) for name in dataset.protocols]
     by_scene = {scene.id: protocol for protocol in protocols for scene in protocol.scenes}
@@ -115,7 +115,7 @@ def _wanted(dataset: ImageBenchmark, options: NativeOptions) -> dict[str, Retrie
 
 
 def _read_scenes(
-    dataset: ImageBenchmark,
+    dataset: ImageLayout,
     root: Path,
     wanted: Mapping[str, RetrievalProtocol],
     options: NativeOptions,
@@ -151,7 +151,7 @@ def _truth(scene: str, native: ImageScene, protocol: RetrievalProtocol) -> Prepa
 
 
 def _counts(
-    dataset: ImageBenchmark, protocol: RetrievalProtocol, scene: str, prepared: PreparedScene
+    dataset: ImageLayout, protocol: RetrievalProtocol, scene: str, prepared: PreparedScene
 ) -> list[str]:
     """Compare the numbers of queries and images with the published ones."""
     published: ProtocolScene = next(one for one in protocol.scenes if one.id == scene)

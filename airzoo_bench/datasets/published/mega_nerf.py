@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.poses import PosedPhotos, check_centred
+from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.datasets.published.reconstructions import photos_by_stem, stem_of
 from airzoo_bench.formats.torch_files import read_tensors

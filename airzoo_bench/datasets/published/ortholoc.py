@@ -8,7 +8,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native import NativeDataset, NativeOptions
+from airzoo_bench.datasets.native_scene import NativeScene
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols

@@ -17,7 +17,7 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras

@@ -3,88 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native import NativeDataset
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.options import UavVisLocOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["UAV_VISLOC", "Heading", "UavVisLoc", "UavVisLocOptions"]
-
-Heading = Literal["compass", "east-north-positive", "counter-clockwise"]
-
-
-@dataclass(frozen=True)
-class UavVisLocOptions(NativeOptions):
-    """What UAV-VisLoc does not state, and where its folder is."""
-
-    heading: Annotated[
-        Heading,
-        Option(
-            "heading",
-            "What its angle is: compass, clockwise from north; east-north-positive, as its table "
-            "has it; or counter-clockwise from north.",
-        ),
-    ] = "compass"
-    heading_column: Annotated[
-        Literal["Phi1", "Phi2"], Option("heading-column", "Which of its two headings is taken.")
-    ] = "Phi1"
-    missing_heading: Annotated[
-        str,
-        Option(
-            "missing-heading",
-            "What photos without a heading get, as all of flight 07: flight-table (the flight's "
-            "Phi in UAV-VisLoc's own table) or degrees; or leave-out.",
-        ),
-    ] = "flight-table"
-    fov_across: Annotated[
-        float,
-        Option(
-            "fov-across",
-            "Degrees that a photo's width sees, across the heading.",
-            least=1,
-            most=170,
-        ),
-    ] = 52.0
-    fov_along: Annotated[
-        float,
-        Option(
-            "fov-along", "Degrees that a photo's height sees, along the heading.", least=1, most=170
-        ),
-    ] = 36.0
-    plane_height: Annotated[
-        list[str] | None,
-        Option(
-            "plane-height",
-            "Height of the ground in the datum of the photos' heights: METRES, or FLIGHT=METRES, "
-            "repeated (default: 0, as for heights above the ground).",
-        ),
-    ] = None
-    height_above_ground: Annotated[
-        float,
-        Option(
-            "height-above-ground",
-            "Median height above the ground, in metres, assumed for flights whose heights vary as "
-            "heights above sea level do, where --plane-height says nothing.",
-            least=1,
-            most=10_000,
-        ),
-    ] = 500.0
-    joined_maps: Annotated[
-        Path | None,
-        Option(
-            "joined-maps",
-            "Folder for the virtual map over the tiles of flight 09 (default: where they lie).",
-        ),
-    ] = None
-    protocol: Annotated[
-        str, Option("protocol", "Retrieval protocol to make the truth for, a name or .toml file.")
-    ] = "uav-visloc-retrieval"
+__all__ = ["UAV_VISLOC", "UavVisLoc"]
 
 
 class UavVisLoc(NativeDataset[UavVisLocOptions]):

@@ -13,9 +13,9 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table
-from airzoo_bench.datasets.published.uav_visloc import Heading, UavVisLocOptions
+from airzoo_bench.datasets.published.options import Heading, UavVisLocOptions
 from airzoo_bench.datasets.published.uav_visloc_files import (
     drone_photos,
     flight_folders,

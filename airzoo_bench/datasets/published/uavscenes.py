@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native import NativeDataset
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.options import UavScenesOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["UAVSCENES", "UavScenes", "UavScenesOptions"]
-
-
-@dataclass(frozen=True)
-class UavScenesOptions(NativeOptions):
-    """Which photos of a run are reconstructed, and what its files do not settle."""
-
-    interval: Annotated[
-        int, Option("interval", "Take the photos of interval5_... or interval1_...", least=1)
-    ] = 5
-    every: Annotated[
-        int, Option("every", "Take every Nth photo of a run, starting with the first.", least=1)
-    ] = 10
-    cloud: Annotated[
-        list[str] | None,
-        Option(
-            "cloud", "True cloud of a run, as RUN=FILE; repeat it (default: that of its place)."
-        ),
-    ] = None
-    lens: Annotated[
-        Literal["file", "none"],
-        Option("lens", "Lens distortion as the poses' file states it, or none."),
-    ] = "file"
+__all__ = ["UAVSCENES", "UavScenes"]
 
 
 class UavScenes(NativeDataset[UavScenesOptions]):

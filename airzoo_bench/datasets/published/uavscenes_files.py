@@ -11,8 +11,8 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.datasets.native import NativeScene
-from airzoo_bench.datasets.poses import PosedPhotos, check_centred
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.datasets.published.reconstructions import (
     chosen_photos,
@@ -28,7 +28,7 @@ from airzoo_bench.datasets.published.uavscenes_poses import (
 from airzoo_bench.geometry.crs import LOCAL_CRS
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.published.uavscenes import UavScenesOptions
+    from airzoo_bench.datasets.published.options import UavScenesOptions
 
 __all__ = ["files_of_run", "find_runs", "read_run"]
 

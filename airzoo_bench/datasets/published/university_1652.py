@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from airzoo_bench.datasets.native import About
-from airzoo_bench.datasets.published.image_benchmark import DIRECTIONS, ImageBenchmark, ImageScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.published.image_benchmark import DIRECTIONS, ImageBenchmark
+from airzoo_bench.datasets.published.image_scene import ImageScene
 
 __all__ = ["UNIVERSITY_1652", "University1652"]
 

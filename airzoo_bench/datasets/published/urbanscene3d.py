@@ -2,44 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeDataset, NativeOptions, NativeScene
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native import NativeDataset
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.options import UrbanScene3DOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["URBANSCENE3D", "UrbanScene3D", "UrbanScene3DOptions"]
-
-
-@dataclass(frozen=True)
-class UrbanScene3DOptions(NativeOptions):
-    """Scans, and how the frame of the poses leads to theirs."""
-
-    scan: Annotated[
-        list[str] | None,
-        Option("scan", "Scan of a scene, PLY, LAS or LAZ, as SCENE=FILE; repeat it."),
-    ] = None
-    transform: Annotated[
-        list[str] | None,
-        Option(
-            "transform",
-            "4 x 4 matrix from the frame of a scene's poses to that of its scan, as SCENE=FILE; "
-            "repeat it.",
-        ),
-    ] = None
-    same_frame: Annotated[
-        bool, Option("same-frame", "Poses without a transform are in the frame of the scan.")
-    ] = False
-    every: Annotated[
-        int, Option("every", "Take every Nth photo of a scene, starting with the first.", least=1)
-    ] = 1
+__all__ = ["URBANSCENE3D", "UrbanScene3D"]
 
 
 class UrbanScene3D(NativeDataset[UrbanScene3DOptions]):

@@ -12,8 +12,9 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import NativeScene
-from airzoo_bench.datasets.poses import PosedPhotos, read_poses
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.posed_photos import PosedPhotos
+from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.published.mega_nerf import (
     COORDINATES,
     mega_nerf_photos,
@@ -31,7 +32,7 @@ from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.poses import Poses
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.published.urbanscene3d import UrbanScene3DOptions
+    from airzoo_bench.datasets.published.options import UrbanScene3DOptions
 
 __all__ = ["files_of_scene", "find_scenes", "read_scene", "read_similarity"]
 

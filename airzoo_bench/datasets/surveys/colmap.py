@@ -2,38 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
-
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeScene
-from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, SurveyOptions, given
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.surveys.options import ColmapOptions
+from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, given
 
-__all__ = ["COLMAP", "ColmapModels", "ColmapOptions"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ColmapOptions(SurveyOptions):
-    """What may be asked of a COLMAP model."""
-
-    source: Annotated[Path, Option("source", "Folder of the model, such as sparse/0.")]
-    georeference: Annotated[
-        Path | None,
-        Option(
-            "georeference",
-            "4 x 4 matrix from the model to the CRS, or lines of name, x, y, z (default: the "
-            "model is in --crs already).",
-        ),
-    ] = None
-    from_exif: Annotated[
-        bool, Option("from-exif", "Bring the model to the positions that its photos state.")
-    ] = False
-    inlier_m: Annotated[
-        float,
-        Option("inlier-m", "Positions that fit to better than this place the model.", least=1e-3),
-    ] = 5.0
+__all__ = ["COLMAP", "ColmapModels"]
 
 
 class ColmapModels(Survey[ColmapOptions]):

@@ -6,7 +6,7 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import CameraError, UsageError
 from airzoo_bench.datasets.sources import metric_crs
-from airzoo_bench.datasets.surveys.survey import SurveyOptions
+from airzoo_bench.datasets.surveys.options import SurveyOptions
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.rasters import open_info
 

@@ -3,39 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeScene
-from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, given
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.surveys.options import DjiOptions
+from airzoo_bench.datasets.surveys.survey import Survey, given
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["DJI", "DjiFolders", "DjiOptions"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class DjiOptions(SurveyOptions):
-    """What may be asked of a folder of DJI photos."""
-
-    source: Annotated[Path, Option("source", "Folder of the photos, and of *_Timestamp.MRK.")]
-    priors: Annotated[
-        Path | None,
-        Option("priors", "CSV of positions and angles that are not the RTK's, for matching."),
-    ] = None
-    rtk: Annotated[
-        Literal["fixed", "any"],
-        Option("rtk", "Photos whose position becomes truth: those with an RTK fix, or any."),
-    ] = "fixed"
-    camera: Annotated[
-        Path | None,
-        Option("camera", "Camera of all photos (JSON); default: what the photos say."),
-    ] = None
+__all__ = ["DJI", "DjiFolders"]
 
 
 class DjiFolders(Survey[DjiOptions]):

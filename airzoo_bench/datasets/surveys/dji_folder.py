@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from pyproj import CRS
@@ -14,19 +13,17 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.height_systems import check_accuracy
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.sources import photo_sizes
 from airzoo_bench.datasets.surveys.crs import stated_crs
-from airzoo_bench.datasets.surveys.dji import DjiOptions
+from airzoo_bench.datasets.surveys.dji_stamps import TimeStamp, photo_time_stamps
 from airzoo_bench.datasets.surveys.dji_tags import (
     FIXED,
     DjiTags,
-    TimeStamp,
     check_focal_lengths,
     read_tags,
-    read_time_stamps,
     stated_accuracy,
     turned_note,
 )
@@ -36,16 +33,14 @@ from airzoo_bench.datasets.surveys.lenses import (
     lens_of,
     read_camera_file,
 )
+from airzoo_bench.datasets.surveys.options import DjiOptions
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import horizontal_crs
-from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 
 __all__ = ["read_folder"]
 
-_SAME_PLACE_M = 5.0  # between a photo's own position and its time stamp's
-_PHOTO_NUMBER = re.compile(r"(?<!\d)(\d{4})(?!\d)")
 _SAME_PRIOR_M = 0.01
 
 
@@ -63,7 +58,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     shown = list(progress(sorted(sizes), "metadata", len(sizes)))
     metadata = {name: read_prior(images / name) for name in shown}
     tags = {name: read_tags(images / name, sizes[name]) for name in shown}
-    stamps, notes = _time_stamps(options.source, images, metadata)
+    stamps, notes = photo_time_stamps(options.source, images, metadata)
     placed = {name: _placed(metadata[name], stamps.get(name)) for name in metadata}
     kept = _kept(options, placed, tags, stamps, notes)
     names = tuple(kept)
@@ -97,62 +92,6 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
         poses_from=images,
         crs_from=f"--crs {options.crs}" if options.crs else str(options.dsm or dom),
     )
-
-
-def _time_stamps(
-    source: Path, images: Path, metadata: dict[str, PhotoPrior]
-) -> tuple[dict[str, TimeStamp], list[str]]:
-    """Return each photo's time stamp: that of its number, from the table in its folder."""
-    tables = sorted(p for p in source.rglob("*") if p.name.lower().endswith("timestamp.mrk"))
-    found: dict[str, TimeStamp] = {}
-    for table in tables:
-        by_number = {stamp.number: stamp for stamp in read_time_stamps(table)}
-        alone = [other for other in tables if other.parent == table.parent] == [table]
-        for name in metadata:
-            numbers = _PHOTO_NUMBER.findall(PurePosixPath(name).stem)
-            ours = (images / name).parent == table.parent
-            same = alone or PurePosixPath(name).name.startswith(_flight(table))
-            if ours and same and numbers and int(numbers[-1]) in by_number:
-                found[name] = by_number[int(numbers[-1])]
-    if not tables:
-        return {}, []
-    _check_stamps(tables, found, metadata)
-    return found, [
-        f"positions of {len(found)} of {len(metadata)} photos come from "
-        f"{first_of([table.name for table in tables], noun='table')} of time stamps, above the "
-        "ellipsoid"
-    ]
-
-
-def _flight(table: Path) -> str:
-    """Return what names of photos and their table begin with, such as ``100_0001_``."""
-    return re.sub(r"timestamp\.mrk$", "", table.name, flags=re.IGNORECASE)
-
-
-def _check_stamps(
-    tables: list[Path], found: dict[str, TimeStamp], metadata: dict[str, PhotoPrior]
-) -> None:
-    where = tables[0] if len(tables) == 1 else tables[0].parent
-    if not found:
-        raise BenchmarkError(
-            "no photo has the number of a time stamp",
-            where=where,
-            expected=f"photos such as DJI_..._0001_V.JPG next to {tables[0].name}",
-            fix="take the table out of the folder, and positions come from the photos",
-        )
-    own = {n: p for n, p in metadata.items() if n in found and p.lon is not None}
-    stated = np.array([(p.lon, p.lat) for p in own.values()], dtype=np.float64).reshape(-1, 2)
-    stamped = np.array([(found[n].lon, found[n].lat) for n in own]).reshape(-1, 2)
-    away = geodesic_distance_m(stated, stamped)
-    far = [name for name, metres in zip(own, away, strict=True) if metres > _SAME_PLACE_M]
-    if far:
-        raise BenchmarkError(
-            f"time stamps are more than {_SAME_PLACE_M:g} m from the photos of their number: "
-            f"{first_of(far, len(own))}",
-            where=where,
-            expected="the table that belongs to these photos",
-            fix="take the table out of the folder, and positions come from the photos",
-        )
 
 
 def _placed(prior: PhotoPrior, stamp: TimeStamp | None) -> PhotoPrior:

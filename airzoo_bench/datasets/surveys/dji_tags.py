@@ -1,10 +1,8 @@
-"""What DJI's photos and tables of time stamps state beyond position and angles."""
+"""What DJI's photos state beyond position and angles."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +11,16 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.datasets.dji import PhotoPrior, read_dji_texts
-from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
 
 __all__ = [
-    *("FIXED", "DjiTags", "TimeStamp"),
-    *("check_focal_lengths", "read_tags", "read_time_stamps", "stated_accuracy", "turned_note"),
+    "FIXED",
+    "DjiTags",
+    "check_focal_lengths",
+    "read_tags",
+    "stated_accuracy",
+    "turned_note",
 ]
 
 FIXED = (48, 49, 50)
@@ -27,8 +28,6 @@ FIXED = (48, 49, 50)
 _EXIF_IFD, _FOCAL_35MM = 0x8769, 0xA405
 _MOST_RATIO = 1.3  # between two focal lengths of one camera
 _DIAGONAL_MM = math.hypot(36.0, 24.0)
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
-_STAMP_NUMBERS = 13
 _TURNED_DEG = 135.0
 _WIDEST, _LONGEST = 0.2, 20.0  # focal lengths in widths of the photo
 
@@ -56,32 +55,6 @@ class DjiTags:
     lens: dict[str, float]
     lens_from: str
     flight_yaw_deg: float | None
-
-
-@dataclass(frozen=True)
-class TimeStamp:
-    """A line of a table of time stamps: where a photo was taken.
-
-    Attributes
-    ----------
-    number : int
-        Of the photo.
-    lat, lon : float
-        WGS84, degrees.
-    height_m : float
-        Above the ellipsoid.
-    std_m : tuple of 3 float
-        To the east and north, and of the height.
-    flag : int
-        See `FIXED`.
-    """
-
-    number: int
-    lat: float
-    lon: float
-    height_m: float
-    std_m: tuple[float, float, float]
-    flag: int
 
 
 def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
@@ -238,61 +211,6 @@ def _film(path: Path, size: tuple[int, int]) -> tuple[dict[str, float], str]:
         {"fx": focal / _DIAGONAL_MM * math.hypot(*size)},
         f"the focal length of 35 mm film ({focal} mm), without distortion",
     )
-
-
-def read_time_stamps(path: Path) -> list[TimeStamp]:
-    """Read a table of time stamps, its numbers by their order.
-
-    A line holds the photo's number, time and week, the antenna's offsets to the north, east and
-    down in mm, latitude, longitude, height, standard deviations to the north, east and up, and
-    the flag; letters between them are passed over.
-
-    Raises
-    ------
-    BenchmarkError
-        A line holds other numbers.
-    """
-    stamps = []
-    for number, line in enumerate(read_native_text(path).splitlines(), 1):
-        if not line.strip():
-            continue
-        values = [float(text) for text in _NUMBER.findall(line)]
-        stamp = _stamp(values)
-        if stamp is None:
-            raise BenchmarkError(
-                f"holds {len(values)} numbers: {' '.join(line.split())[:120]!r}",
-                where=f"{path}, line {number}",
-                expected="photo, time, [week], N, E, V (mm), latitude, longitude, height, three "
-                "standard deviations, flag",
-                fix="take the file out of the folder, and positions come from the photos",
-            )
-        stamps.append(stamp)
-    counts = Counter(stamp.number for stamp in stamps)
-    twice = [str(number) for number, count in counts.items() if count > 1]
-    if twice:
-        raise BenchmarkError(
-            f"several time stamps have one number: {first_of(twice, len(counts))}",
-            where=path,
-            expected="the table of one flight",
-            fix="give each flight a folder of its own, with its table",
-        )
-    return stamps
-
-
-def _stamp(values: list[float]) -> TimeStamp | None:
-    if len(values) != _STAMP_NUMBERS:
-        return None
-    number, (lat, lon, height), (north, east, up), flag = (
-        values[0],
-        values[6:9],
-        values[9:12],
-        values[12],
-    )
-    whole = number.is_integer() and flag.is_integer() and 0 <= flag <= 99
-    likely = abs(lat) <= 90 and abs(lon) <= 180 and max(north, east, up) < 1e4
-    if not (whole and likely and min(north, east, up) >= 0):
-        return None
-    return TimeStamp(int(number), lat, lon, height, (east, north, up), int(flag))
 
 
 def stated_accuracy(

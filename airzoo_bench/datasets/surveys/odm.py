@@ -2,32 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
-
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeScene
-from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, SurveyOptions
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.surveys.options import OdmOptions
+from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey
 
-__all__ = ["ODM", "OdmOptions", "OdmProjects"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class OdmOptions(SurveyOptions):
-    """What may be asked of an OpenDroneMap project."""
-
-    source: Annotated[Path, Option("source", "The project's folder.")]
-    surface_cell: Annotated[
-        float | None,
-        Option(
-            "surface-cell",
-            "Side in metres of the cells that the cloud is gridded by, where there is no surface "
-            "model (default: what holds four points).",
-            least=0.01,
-        ),
-    ] = None
+__all__ = ["ODM", "OdmProjects"]
 
 
 class OdmProjects(Survey[OdmOptions]):

@@ -15,11 +15,10 @@ from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.photos import FoundPhotos
-from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.datasets.posed_photos import PosedPhotos
 from airzoo_bench.datasets.sources import photo_sizes
 from airzoo_bench.datasets.surveys.lenses import cameras_of_lenses
 from airzoo_bench.datasets.surveys.names import match_names
-from airzoo_bench.datasets.surveys.odm import OdmOptions
 from airzoo_bench.datasets.surveys.odm_layout import (
     CLOUDS,
     ORTHOPHOTO,
@@ -33,6 +32,7 @@ from airzoo_bench.datasets.surveys.odm_layout import (
 )
 from airzoo_bench.datasets.surveys.odm_lens import lens_of_camera
 from airzoo_bench.datasets.surveys.odm_shots import OdmPart, read_part
+from airzoo_bench.datasets.surveys.options import OdmOptions
 from airzoo_bench.datasets.surveys.surface import grid_surface
 from airzoo_bench.geometry.crs import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses

@@ -2,40 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Literal
-
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.native import About, NativeScene
-from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, SurveyOptions, given
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.surveys.options import PoseTableOptions
+from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, given
 
-__all__ = ["POSES", "PoseTableOptions", "PoseTables"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PoseTableOptions(SurveyOptions):
-    """What a table of poses leaves open."""
-
-    source: Annotated[
-        Path, Option("source", "Table of the photos' positions and angles, a row a photo.")
-    ]
-    camera: Annotated[
-        Path | None,
-        Option("camera", "Camera of all photos (JSON: fx, or focal_mm and sensor_mm, or fov_deg)."),
-    ] = None
-    angles: Annotated[
-        Literal["gimbal", "airframe", "omega-phi-kappa"] | None,
-        Option("angles", "What the angles mean (default: what the columns' names tell)."),
-    ] = None
-    angle_unit: Annotated[
-        Literal["degrees", "radians"] | None, Option("angle-unit", "Default: degrees.")
-    ] = None
-    north: Annotated[
-        Literal["true", "grid"] | None,
-        Option("north", "What angles are relative to (default: yaw true north, kappa the grid's)."),
-    ] = None
+__all__ = ["POSES", "PoseTables"]
 
 
 class PoseTables(Survey[PoseTableOptions]):

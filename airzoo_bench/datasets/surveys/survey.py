@@ -1,22 +1,20 @@
-"""What all own surveys have in common: options and protocols."""
+"""What all own surveys have in common."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.options import Option
-from airzoo_bench.datasets.native import NativeDataset, NativeOptions
-from airzoo_bench.datasets.photo_options import ProtocolOptions, SceneOptions
+from airzoo_bench.datasets.native import NativeDataset
+from airzoo_bench.datasets.surveys.options import SurveyOptions
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["WITHOUT_TRUTH", "Survey", "SurveyOptions", "given"]
+__all__ = ["WITHOUT_TRUTH", "Survey", "given"]
 
 WITHOUT_TRUTH = MappingProxyType(
     {
@@ -27,23 +25,6 @@ WITHOUT_TRUTH = MappingProxyType(
 """Why a track may have no truth in a survey."""
 
 _LONGEST_NAME = 48  # of which more names are made
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurveyOptions(ProtocolOptions, SceneOptions, NativeOptions):
-    """What every own survey asks for."""
-
-    source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
-    name: Annotated[
-        str | None, Option("name", "Of the benchmark and its scene (default: the source's).")
-    ] = None
-    images: Annotated[
-        Path | None, Option("images", "Folder of the photos (default: where the source has them).")
-    ] = None
-    dom: Annotated[
-        Path | None, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")
-    ] = None
-    crs: Annotated[str | None, Option("crs", "Projected CRS of the poses.")] = None
 
 
 OptionsT = TypeVar("OptionsT", bound=SurveyOptions)
@@ -62,6 +43,7 @@ class Survey(NativeDataset[OptionsT]):
 
     needs: ClassVar[tuple[str, ...]] = ()
     needs_ground: ClassVar[bool] = False
+    is_published = False
 
     def benchmark(self, options: OptionsT) -> str:
         """Return the name that was given, or the source's."""

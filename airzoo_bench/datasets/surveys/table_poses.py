@@ -10,7 +10,7 @@ import numpy as np
 from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.datasets.poses import PosedPhotos
+from airzoo_bench.datasets.posed_photos import PosedPhotos
 from airzoo_bench.datasets.surveys.dji_tags import check_focal_lengths
 from airzoo_bench.datasets.surveys.lenses import (
     LENS_KEYS,

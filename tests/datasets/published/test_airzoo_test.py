@@ -17,8 +17,9 @@ from PIL import Image
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.progress import silent
-from airzoo_bench.datasets.native import NativeScene
-from airzoo_bench.datasets.published.airzoo_test import AIRZOO_TEST, AirZooTestOptions
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.airzoo_test import AIRZOO_TEST
+from airzoo_bench.datasets.published.options import AirZooTestOptions
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.geometry.frames import ecef_to_geodetic, enu_axes, from_lonlat, geodetic_to_ecef
 from tests.datasets.published.airzoo_test_tree import (

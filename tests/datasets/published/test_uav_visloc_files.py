@@ -15,7 +15,8 @@ from rasterio.errors import NotGeoreferencedWarning
 from airzoo_bench import load_benchmark
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.map_copies import copy_map
-from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOptions
+from airzoo_bench.datasets.published.options import UavVisLocOptions
+from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC
 from airzoo_bench.geometry.rasters import open_info
 from tests.datasets.published.uav_visloc_tree import (
     FLIGHTS,

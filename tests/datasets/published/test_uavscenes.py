@@ -17,8 +17,9 @@ import pytest
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.progress import silent
+from airzoo_bench.datasets.published.options import UavScenesOptions
 from airzoo_bench.datasets.published.reconstructions import published_scenes
-from airzoo_bench.datasets.published.uavscenes import UAVSCENES, UavScenesOptions
+from airzoo_bench.datasets.published.uavscenes import UAVSCENES
 from tests.datasets.published.reconstruction_world import local_points, local_poses, score
 from tests.datasets.published.uavscenes_tree import make_place, make_run, samples, stamp
 from tests.hostile import peak

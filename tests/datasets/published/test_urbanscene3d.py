@@ -15,7 +15,8 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.poses import read_poses
-from airzoo_bench.datasets.published.urbanscene3d import URBANSCENE3D, UrbanScene3DOptions
+from airzoo_bench.datasets.published.options import UrbanScene3DOptions
+from airzoo_bench.datasets.published.urbanscene3d import URBANSCENE3D
 from airzoo_bench.datasets.published.urbanscene3d_files import read_similarity
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import rotation_angle_deg

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.progress import silent
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.native import NativeScene
+from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photos import read_photos
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles

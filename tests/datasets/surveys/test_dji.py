@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.datasets.surveys.dji_tags import read_tags, read_time_stamps
+from airzoo_bench.datasets.surveys.dji_stamps import read_time_stamps
+from airzoo_bench.datasets.surveys.dji_tags import read_tags
 from tests.datasets.surveys.layouts import (
     CORNER,
     GROUND_M,

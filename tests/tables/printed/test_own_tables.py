@@ -13,7 +13,8 @@ from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed, score_columns, write_result
+from airzoo_bench.results.provenance import ProtocolUsed, TruthUsed
+from airzoo_bench.results.result import Result, score_columns, write_result
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol

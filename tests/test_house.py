@@ -1,0 +1,141 @@
+"""The house of docs/architecture.md: imports point one way, between rooms and between files."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+HOME = Path(__file__).parent.parent
+PACKAGE = "airzoo_bench"
+
+Imports = Mapping[str, set[str]]
+
+
+def modules(home: Path) -> dict[str, Path]:
+    """Return the files of the package by the names they are imported by."""
+    paths = sorted((home / PACKAGE).rglob("*.py"))
+    dotted = {path: path.relative_to(home).with_suffix("").parts for path in paths}
+    return {".".join(parts).removesuffix(".__init__"): path for path, parts in dotted.items()}
+
+
+def imports(home: Path) -> Imports:
+    """Return what each file imports of the package, within functions too, and not for types."""
+    files = modules(home)
+    found = {}
+    for name, path in files.items():
+        named = set(_imported(ast.parse(path.read_text())))
+        # `from a.b import c` names the file a.b.c, or else something in a.b.
+        found[name] = {one if one in files else one.rpartition(".")[0] for one in named} - {name}
+    return found
+
+
+def _imported(tree: ast.AST) -> Iterator[str]:
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == PACKAGE:
+            yield from (f"{node.module}.{one.name}" for one in node.names)
+        elif isinstance(node, ast.Import):
+            yield from (one.name for one in node.names if one.name.split(".")[0] == PACKAGE)
+        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            waiting += node.orelse
+        else:
+            below = ast.iter_child_nodes(node)
+            waiting += [one for one in below if not isinstance(one, ast.expr)]
+
+
+def circle(graph: Imports) -> list[str]:
+    """Return files that import each other in a circle, the first again at the end; or none."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        found: list[str] = error.args[1]
+        return found
+    return []
+
+
+def floors() -> dict[str, int]:
+    """Return the row of each room in the table of docs/architecture.md."""
+    text = (HOME / "docs" / "architecture.md").read_text()
+    table = text.partition("| place | what |")[2].partition("\n\n")[0]
+    rows = [re.findall(r"`(\w+)/`", row.split("|")[1]) for row in table.splitlines()[2:]]
+    return {room: floor for floor, rooms in enumerate(rows) for room in rooms}
+
+
+def upward(graph: Imports, floor: Mapping[str, int]) -> list[str]:
+    """Return the imports of a room from one that is not above it in the table."""
+    return [
+        f"{name} -> {other}"
+        for name, others in graph.items()
+        for other in sorted(others)
+        if (room := _room(name)) != (from_room := _room(other))
+        and room in floor
+        and from_room in floor
+        and floor[from_room] >= floor[room]
+    ]
+
+
+def _room(module: str) -> str:
+    return module.split(".")[1] if "." in module else ""
+
+
+@pytest.fixture(scope="module")
+def graph() -> Imports:
+    return imports(HOME)
+
+
+def test_no_files_import_each_other_in_a_circle(graph: Imports) -> None:
+    assert circle(graph) == []
+
+
+def test_rooms_import_only_what_stands_above_them(graph: Imports) -> None:
+    assert upward(graph, floors()) == []
+
+
+def test_the_table_has_every_room() -> None:
+    rooms = {path.parent.name for path in (HOME / PACKAGE).glob("*/__init__.py")}
+    assert set(floors()) == rooms
+
+
+def test_files_are_short() -> None:
+    lengths = {name: len(path.read_text().splitlines()) for name, path in modules(HOME).items()}
+    assert [(name, count) for name, count in lengths.items() if count > 300] == []
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Path:
+    """Return a package of two rooms: `core` has two files, `cli` imports one of them."""
+    for name, text in {
+        "__init__": "",
+        "core/__init__": "",
+        "core/files": "from airzoo_bench.core import errors\n",
+        "core/errors": "",
+        "cli/__init__": "",
+        "cli/main": "def main():\n    from airzoo_bench.core.files import x\n",
+    }.items():
+        path = (tmp_path / PACKAGE / name).with_suffix(".py")
+        path.parent.mkdir(exist_ok=True, parents=True)
+        path.write_text(text)
+    return tmp_path
+
+
+def test_circles_are_seen_within_functions_and_not_among_types(house: Path) -> None:
+    errors = house / PACKAGE / "core" / "errors.py"
+    assert circle(imports(house)) == []
+    errors.write_text("if TYPE_CHECKING:\n    from airzoo_bench.core.files import x\n")
+    assert circle(imports(house)) == []
+    errors.write_text("class A:\n    def b(self):\n        import airzoo_bench.core.files\n")
+    assert set(circle(imports(house))) == {"airzoo_bench.core.errors", "airzoo_bench.core.files"}
+
+
+def test_upward_imports_are_seen(house: Path) -> None:
+    floor = {"core": 0, "cli": 1}
+    assert upward(imports(house), floor) == []
+    errors = house / PACKAGE / "core" / "errors.py"
+    errors.write_text("from airzoo_bench.cli.main import main\n")
+    assert upward(imports(house), floor) == ["airzoo_bench.core.errors -> airzoo_bench.cli.main"]
