@@ -198,6 +198,7 @@ READERS = Registry(
         "colmap-poses": "airzoo_bench.readers.colmap_poses:COLMAP",
         "tum": "airzoo_bench.readers.trajectory:TUM",
         "kitti": "airzoo_bench.readers.trajectory:KITTI",
+        "cloud-trajectory": "airzoo_bench.readers.cloud_trajectory:CLOUD_TRAJECTORY",
         "cut3r": "airzoo_bench.readers.cut3r:CUT3R",
         "depth-anything-3": "airzoo_bench.readers.depth_anything_3:DEPTH_ANYTHING_3",
         "dust3r": "airzoo_bench.readers.dust3r:DUST3R",

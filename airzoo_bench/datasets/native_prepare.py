@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UsageError
@@ -38,9 +37,6 @@ from airzoo_bench.datasets.scene_parts import (
 from airzoo_bench.datasets.scene_run import SceneRun
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["chosen_scenes", "is_prepared", "prepare_scenes"]
 

@@ -206,11 +206,16 @@ def changed_options(parts: Mapping[str, ScenePart], source: SceneSource) -> list
         said.append(f"scenes {', '.join(parts)}, now {', '.join(source.scenes)}")
     now, before = options_of(source), next(iter(parts.values())).options
     said += [
-        f"--{name.replace('_', '-')} {before[name]}, now {now[name]}"
+        f"{_given(name, before[name])}, now {_given(name, now[name])}"
         for name in now
         if name in before and before[name] != now[name]
     ]
     return said
+
+
+def _given(name: str, value: str) -> str:
+    option = f"--{name.replace('_', '-')}"
+    return f"without {option}" if value == "None" else f"{option} {value}"
 
 
 def _published(protocol: Any, scene: str) -> list[Any]:

@@ -13,11 +13,18 @@ from airzoo_bench.evaluation.parts import Predictions, Resources, Truth
 from airzoo_bench.evaluation.reader import Reading, find_reader, reader_named
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.protocol.lookup import choose_protocol, find_protocol, refuse_other_track
+from airzoo_bench.protocol.lookup import (
+    choose_protocol,
+    find_protocol,
+    prepared_protocols,
+    refuse_other_track,
+)
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.provenance import ReaderUsed
 
 __all__ = ["AnyTrack", "Given", "ReadBy", "open_predictions", "read_truths", "track_of"]
+
+_OFFERED = 3
 
 AnyTrack = Track[Any, Any, Any, Any, Any, Any]
 
@@ -130,7 +137,14 @@ def _open_native(
             fix=f"those are scored by `airzoo-bench eval {reader.track} {path}`",
         )
     found: AnyTrack = TRACKS.get(reader.track)
-    says = (f"--protocol NAME: this is {reader.title}", "`airzoo-bench protocols` lists them")
+    there = prepared_protocols(reader.track, data) if protocol is None else []
+    listed = " or ".join(f"--protocol {one}" for one in there[:_OFFERED])
+    says = (
+        f"--protocol NAME, for what was read as {reader.title}",
+        f"{listed}; `airzoo-bench protocols` lists them all"
+        if listed
+        else "`airzoo-bench protocols` lists them",
+    )
     chosen = choose_protocol(path, None, protocol, data, found.protocol, says)
     try:
         known = read_truths(found, chosen, data, sealed=True)
@@ -147,7 +161,24 @@ def _reader_of(path: Path, track: str | None, protocol: str | None, data: Path) 
         return None
     if track is None and protocol is not None:
         track = find_protocol(protocol, data).track
-    return find_reader(path, track)
+    found = find_reader(path, track)
+    if found is None and path.is_file() and track is not None:
+        _refuse_part(path, track)
+    return found
+
+
+def _refuse_part(path: Path, track: str) -> None:
+    """Refuse a file that only the folder it lies in makes a prediction."""
+    if path.suffix in TRACKS.get(track).suffixes or path.resolve().parent == Path.cwd():
+        return
+    whole = find_reader(path.parent, track)
+    if whole is not None:
+        raise UnreadableError(
+            f"is a part of {reader_named(whole).title}",
+            where=path,
+            expected=reader_named(whole).layout,
+            fix=f"name the folder: {path.parent}",
+        )
 
 
 def _refuse_special(path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -19,6 +20,7 @@ __all__ = [
     "choose_protocol",
     "find_protocol",
     "load_protocol",
+    "prepared_protocols",
     "protocol_files",
     "protocol_for",
     "protocol_of_track",
@@ -117,6 +119,16 @@ def protocol_of_track(name: str, data_root: Path, model: type[P]) -> P:
     return chosen
 
 
+def prepared_protocols(track: str, data_root: Path) -> list[str]:
+    """Return the names of a track's protocols in prepared benchmark folders."""
+    found = []
+    for path in _prepared_files(data_root):
+        with suppress(ProtocolError):  # a damaged one is named when it is asked for
+            if load_protocol(path).track == track:
+                found.append(path.stem)
+    return found
+
+
 def choose_protocol(
     path: Path,
     in_file: str | None,
@@ -199,8 +211,11 @@ def protocol_files(data_root: Path) -> dict[str, Path]:
     data_root : Path
         A benchmark folder, or the folder that holds some; it need not exist.
     """
-    prepared = sorted([*data_root.glob("protocols/*.toml"), *data_root.glob("*/protocols/*.toml")])
-    return {path.stem: path for path in prepared} | shipped_protocols()
+    return {path.stem: path for path in _prepared_files(data_root)} | shipped_protocols()
+
+
+def _prepared_files(data_root: Path) -> list[Path]:
+    return sorted([*data_root.glob("protocols/*.toml"), *data_root.glob("*/protocols/*.toml")])
 
 
 def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -> P:

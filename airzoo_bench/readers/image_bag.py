@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.places import cannot_write
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.temporaries import temporary_file
 from airzoo_bench.readers.retrieval import NamedRows, SceneImages, join
 
 if TYPE_CHECKING:
@@ -41,7 +48,7 @@ def read_bag(
     images: SceneImages,
     budget: Budget,
 ) -> tuple[RetrievalPredictions, tuple[str, ...]]:
-    """Read the descriptors of images into memory.
+    """Read the descriptors of queries into memory; those of tiles too, or into a temporary file.
 
     Parameters
     ----------
@@ -63,12 +70,14 @@ def read_bag(
     ------
     PredictionError
         Names that could be several images, or lack queries or tiles altogether; descriptors of
-        several lengths, or of more than fits the memory.
+        several lengths, or queries of more than fits the memory.
+    UserError
+        The temporary file cannot be written.
     """
     budget.hold(path, "the names of its images", len(names) * _BYTES_OF_NAME)
     sort = _sort(path, names, images)
     queries = _rows(path, names, sort.queries, read, budget, "the descriptors of queries")
-    tiles = _rows(path, names, sort.tiles, read, budget, "the descriptors of tiles")
+    tiles = _rows(path, names, sort.tiles, read, budget, None)
     parts = [
         NamedRows(_ids(sort, some), rows)
         for some, rows in ((sort.queries, queries), (sort.tiles, tiles))
@@ -131,9 +140,12 @@ def _rows(
     some: Sequence[int],
     read: Callable[[int], NDArray[Any]],
     budget: Budget,
-    what: str,
+    what: str | None,
 ) -> NDArray[np.floating[Any]]:
-    """Read descriptors into one array, of the first one's length and type."""
+    """Read descriptors into one array, of the first one's length and type.
+
+    Those that have no name for the budget may be more than the memory: they go to disk then.
+    """
     import numpy as np
 
     first = read(some[0]).reshape(-1)
@@ -144,18 +156,55 @@ def _rows(
             expected="descriptors: floating point of 16, 32 or 64 bits",
             fix="write the file again",
         )
-    size = len(some) * first.size
-    budget.hold(path, what, size * (first.itemsize + _DOUBLE))
-    rows = np.empty((len(some), first.size), first.dtype)
-    for row, number in enumerate(some):
-        one = read(number).reshape(-1)
-        if one.shape != first.shape or one.dtype != first.dtype:
-            raise PredictionError(
-                f"{names[number][:200]!r} has {counted(one.size, 'number')} of type {one.dtype}, "
-                f"{names[some[0]][:200]!r} has {first.size:,} of type {first.dtype}",
-                where=path,
-                expected="descriptors of one method",
-                fix="describe all images with one model",
-            )
+    shape = (len(some), first.size)
+    needed = shape[0] * shape[1] * (first.itemsize + _DOUBLE)
+    each = (_row(path, names, some[0], number, read, first) for number in some)
+    room = shutil.disk_usage(tempfile.gettempdir()).free // 2
+    too_much = sum(budget.taken.values()) + needed > budget.limit_bytes
+    if what is None and too_much and needed <= room:
+        return _on_disk(each, shape, first.dtype)
+    budget.hold(path, what or "the descriptors of tiles", needed)
+    rows = np.empty(shape, first.dtype)
+    for row, one in enumerate(each):
         rows[row] = one
     return rows
+
+
+def _row(
+    path: Path,
+    names: Sequence[str],
+    model: int,
+    number: int,
+    read: Callable[[int], NDArray[Any]],
+    first: NDArray[Any],
+) -> NDArray[Any]:
+    one = read(number).reshape(-1)
+    if one.shape != first.shape or one.dtype != first.dtype:
+        raise PredictionError(
+            f"{names[number][:200]!r} has {counted(one.size, 'number')} of type {one.dtype}, "
+            f"{names[model][:200]!r} has {first.size:,} of type {first.dtype}",
+            where=path,
+            expected="descriptors of one method",
+            fix="describe all images with one model",
+        )
+    return one
+
+
+def _on_disk(
+    rows: Iterator[NDArray[Any]], shape: tuple[int, int], dtype: np.dtype[Any]
+) -> NDArray[np.floating[Any]]:
+    """Write rows to a temporary file, which goes with the array that maps it."""
+    import numpy as np
+
+    place = Path(tempfile.gettempdir())
+    with ExitStack() as kept:
+        try:
+            handle, file = kept.enter_context(temporary_file(place / "descriptors"))
+            with os.fdopen(handle, "wb") as stream:
+                for row in rows:
+                    stream.write(np.ascontiguousarray(row).data)
+        except OSError as error:
+            raise cannot_write(place, error) from error
+        mapped = np.memmap(file, dtype, "r", shape=shape)
+        weakref.finalize(mapped, kept.pop_all().close)
+    return mapped

@@ -220,9 +220,9 @@ def find_scenes(path: Path, reading: Reading, is_scene: Callable[[Path], bool]) 
 
 
 def _only_scene(path: Path, known: list[str]) -> str:
-    name = _scene_name(path)
-    if name in known:
-        return name
+    for name in (_scene_name(path), path.resolve().parent.name if path.is_file() else ""):
+        if name in known:
+            return name
     if len(known) == 1:
         return known[0]
     raise PredictionError(

@@ -14,7 +14,13 @@ if TYPE_CHECKING:
     from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
     from airzoo_bench.reconstruction.image_poses import ImagePoses
 
-__all__ = ["Trajectory", "cameras_only", "looks_like_trajectory", "read_trajectory"]
+__all__ = [
+    "Trajectory",
+    "cameras_only",
+    "looks_like_trajectory",
+    "read_trajectory",
+    "refuse_other_names",
+]
 
 _COLUMNS = 8
 _LOOKED_AT = 4096
@@ -126,13 +132,8 @@ def read_trajectory(path: Path, *, w_first: bool) -> Trajectory:
     return Trajectory(path, values[:, 0].tolist(), poses)
 
 
-def cameras_only(trajectory: Trajectory, names: list[str] | None, what: str) -> ScenePrediction:
-    """Return a scene of which there are cameras and no surface: its clouds score 0."""
-    import numpy as np
-
-    from airzoo_bench.formats.clouds.cloud import FileCloud
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
-
+def refuse_other_names(trajectory: Trajectory, names: list[str] | None) -> None:
+    """Refuse names that are not as many as the cameras."""
     if names is not None and len(names) != len(trajectory.numbers):
         raise PredictionError(
             f"holds {counted(len(trajectory.numbers), 'camera')}, and there are {len(names):,} "
@@ -141,6 +142,16 @@ def cameras_only(trajectory: Trajectory, names: list[str] | None, what: str) -> 
             expected="the name of each camera's photo",
             fix="list the photos in the order in which the method was given them, with --names",
         )
+
+
+def cameras_only(trajectory: Trajectory, names: list[str] | None, what: str) -> ScenePrediction:
+    """Return a scene of which there are cameras and no surface: its clouds score 0."""
+    import numpy as np
+
+    from airzoo_bench.formats.clouds.cloud import FileCloud
+    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+
+    refuse_other_names(trajectory, names)
     note = f"cameras alone, without a surface, which scores 0: {what}"
     cloud = FileCloud(
         trajectory.path, "cameras", 0, lambda _: iter(()), np.dtype(np.float64), (note,)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.datasets import native_prepare
+from airzoo_bench.datasets import scene_run
 from tests.datasets.published.uav_visloc_tree import make_tree
 from tests.support import run_main
 
@@ -59,7 +59,7 @@ def test_options_that_differ_are_named(source: Path, capsys: pytest.CaptureFixtu
     prepare(capsys, 0, source, "--scene", "01")
     again = "the folder exists already, made with"
     said = prepare(capsys, 2, source, "--scene", "01", "--fov-across", 50)
-    assert f"{again} --fov-across 52.0, now 50.0" in said
+    assert f"{again} --fov-across 52.0, now --fov-across 50.0" in said
     said = prepare(capsys, 2, source, "--scene", "01", "--scene", "07")
     assert f"{again} scenes 01, now 01, 07" in said
     (source / "01" / "01.csv").touch()
@@ -75,7 +75,7 @@ def test_a_disk_that_cannot_be_written_is_named(
     def refuses(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(native_prepare, "write_scene", refuses)
+    monkeypatch.setattr(scene_run, "write_scene", refuses)
     said = prepare(capsys, 2, source, "--scene", "01")
     assert f"data/uav-visloc-partial: cannot be written: {os.strerror(number)} fix:" in said
 

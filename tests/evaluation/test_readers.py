@@ -58,6 +58,15 @@ def ranked(tmp_path: Path, data: Path, toy: None, perfect: dict[str, list[Any]])
     return path
 
 
+def test_without_a_protocol_those_of_prepared_folders_are_offered(
+    ranked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("check", ranked) == 2
+    said = capsys.readouterr().err
+    assert "what was read as ranked lists of Toy" in said
+    assert "--protocol made-retrieval; `airzoo-bench protocols` lists them all" in said
+
+
 def test_a_method_file_is_recognised_and_scored(
     ranked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,13 +24,20 @@ from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_e57
 from tests.matching import world as matching
 from tests.readers import retrieval_support
 from tests.readers.samples import (
+    aerialextrematch,
     anyloc,
+    cloud_trajectory,
+    colmap,
     cut3r,
     depth_anything_3,
     dust3r,
     game4loc,
+    hloc,
     hloc_global,
     mapanything,
+    matchers,
+    pickles,
+    poses,
     trec,
     university1652,
     vggt,
@@ -189,8 +196,8 @@ def _matching(home: Path) -> list[Input]:
     query_xy = np.concatenate([xy[s] for xy, s in zip(world.query_xy, some, strict=True)])
     map_xy = np.concatenate([xy[s] for xy, s in zip(world.map_xy, some, strict=True)])
     points = np.concatenate([xyz[s] for xyz, s in zip(world.points, some, strict=True)])
-    poses = world.truth.poses
-    matrices = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
+    cameras = world.truth.poses
+    matrices = np.concatenate([cameras.rotation, cameras.translation[..., None]], axis=2)
     base: dict[str, Any] = {"protocol": world.protocol.name, "query_ids": ids}
     offsets = {"offsets": np.arange(len(ids) + 1) * 12, "query_xy": query_xy}
     size = np.tile(matching.SIZE, (len(ids), 1))
@@ -202,7 +209,7 @@ def _matching(home: Path) -> list[Input]:
     np.savez(given / "poses.npz", **base, poses=matrices)
     lines = [
         " ".join([name, "0.7071067811865476 0.7071067811865476 0 0", *map(str, t)])
-        for name, t in zip(ids, poses.translation.tolist(), strict=True)
+        for name, t in zip(ids, cameras.translation.tolist(), strict=True)
     ]
     (given / "poses.txt").write_text("\n".join(lines))
     read = (("eval", "matching", "FILE"), ("check", "FILE"))
@@ -213,6 +220,7 @@ def _matching(home: Path) -> list[Input]:
         for name in ("matches", "crop", "pairs", "poses")
     ]
     made.append(Input("matching/pose text", given, "poses.txt", spoil_text, named, data))
+    made += _matching_readers(home, world)
     whole = home / "whole"
     shutil.copytree(home / "data", whole / "data")
     shutil.copy(given / "poses.npz", whole)
@@ -246,6 +254,47 @@ def _matching(home: Path) -> list[Input]:
                 checksums=True,
             )
         )
+    return made
+
+
+_MATCHING_READERS: tuple[tuple[str, Callable[..., Path], Callable[..., bytes]], ...] = (
+    ("tum", poses.write_tum, spoil_text),
+    ("kitti", poses.write_kitti, spoil_text),
+    ("hloc-poses", poses.write, spoil_text),
+    ("hloc", hloc.write_sparse, spoil_bytes),
+    ("hloc", hloc.write_dense, spoil_bytes),
+    ("loftr", matchers.write_loftr, spoil_arrays),
+    ("superglue", matchers.write_superglue, spoil_arrays),
+    ("roma", matchers.write_roma, spoil_arrays),
+    ("dust3r-matches", matchers.write_dust3r, spoil_arrays),
+    ("mast3r-visloc", matchers.write_mast3r_visloc, spoil_arrays),
+    ("aerialextrematch", aerialextrematch.write, spoil_bytes),
+    ("colmap-poses", colmap.write_model, spoil_bytes),
+    ("vismatch", pickles.write, spoil_bytes),
+)
+
+
+def _matching_readers(home: Path, world: matching.World) -> list[Input]:
+    """Return what methods of the matching track write, its largest file spoilt."""
+    named = ("--protocol", world.protocol.name)
+    made = []
+    for reader, write, spoil in _MATCHING_READERS:
+        folder = home / "readers" / f"{reader}.{write.__name__}"
+        folder.mkdir(parents=True)
+        path = write(folder / "files" if write is hloc.write_sparse else folder, world)
+        files = [one for one in sorted(folder.rglob("*")) if one.is_file()]
+        file = max(
+            (one for one in files if one.name != "names.txt"), key=lambda one: one.stat().st_size
+        )
+        given = f"FOLDER/{path.relative_to(folder).as_posix()}"
+        listed = ("--names", "FOLDER/names.txt") if (folder / "names.txt").is_file() else ()
+        commands = (
+            ("eval", "matching", given, *named, "--reader", reader, *listed),
+            ("check", given, *named, *listed),
+        )
+        name = f"readers/{reader} {write.__name__}"
+        spoilt_file = file.relative_to(folder).as_posix()
+        made.append(Input(name, folder, spoilt_file, spoil, commands, str(home / "data"), 0.3))
     return made
 
 
@@ -425,6 +474,8 @@ def _native(home: Path, world: reconstruction.World, data: str) -> list[Input]:
         ("cut3r", cut3r.write, ["depth/000001.npy", "camera/000000.npz"]),
         ("cut3r", cut3r.write_trajectories, ["pred_traj.txt"]),
         ("dust3r", dust3r.write, ["scene.npz"]),
+        ("cloud-trajectory", cloud_trajectory.write, ["trajectory.txt"]),
+        ("cloud-trajectory", cloud_trajectory.write_kitti, ["poses.txt"]),
         ("vggt-slam", vggt_slam.write, ["poses.txt", "poses_logs/1.0.npz"]),
     ):
         folder = home / f"{write.__module__}.{write.__name__}"

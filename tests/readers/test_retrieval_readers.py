@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+import tempfile
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import h5py
@@ -26,6 +28,7 @@ from airzoo_bench.retrieval.truth import read_truth
 from tests.datasets.published import image_trees
 from tests.readers.retrieval_support import DIMENSIONS, Place, perfect, scored
 from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652
+from tests.support import MadeScene
 
 SAMPLES = (anyloc, game4loc, hloc_global, trec, university1652)
 PLENTY = 1 << 30
@@ -97,7 +100,31 @@ class TestImagesByName:
     def test_more_than_the_memory(self, tmp_path: Path, home: Path) -> None:
         path = anyloc.write(tmp_path, Place())
         with pytest.raises(UserError, match="more than the limit"):
-            scored(path, home, max_memory=20_000)
+            scored(path, home, max_memory=10_000)
+
+    def test_a_gallery_larger_than_the_memory(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        scene = MadeScene("east", [[0]], 400)
+        data = Place([scene]).prepare(tmp_path / "data")
+        rows = np.random.default_rng(0).standard_normal((400, 5000), np.float32)
+        (tmp_path / "room").mkdir()
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "room"))
+        for kind, count in (("tiles/t", 400), ("photos/q", 1)):
+            (tmp_path / "any" / kind).parent.mkdir(parents=True)
+            for number in range(count):
+                file = tmp_path / "any" / f"{kind}{number:05d}.jpg.npy"
+                np.save(file, rows[number : number + 1])
+        assert rows.nbytes > 4e6
+        spilt = scored(tmp_path / "any", data, max_memory=2_000_000)
+        assert spilt.overall["recall@1"] == 1.0
+        assert spilt.records.equals(scored(tmp_path / "any", data).records)
+        gc.collect()
+        assert not list(Path(tempfile.gettempdir()).glob(".descriptors*"))
+        full = SimpleNamespace(free=4_000_000)
+        monkeypatch.setattr("shutil.disk_usage", lambda _: full)
+        with pytest.raises(UserError, match="more than the limit"):
+            scored(tmp_path / "any", data, max_memory=2_000_000)
 
     def test_numbers_that_are_no_descriptors(self, tmp_path: Path, home: Path) -> None:
         path = hloc_global.write(tmp_path, Place(), np.int32)

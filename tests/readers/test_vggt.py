@@ -46,6 +46,11 @@ def test_exact_depth_is_perfect(world: World, tmp_path: Path) -> None:
     assert "pixel centres are integers" in " ".join(found.result.predictions.reader.conventions)
 
 
+def test_a_file_is_of_the_scene_that_its_folder_is_named_by(world: World, tmp_path: Path) -> None:
+    path = one(world, tmp_path)
+    assert f1(world, path / "yard" / "predictions.npz") == f1(world, path) == 1.0
+
+
 def test_the_pickle_in_it_is_never_opened(world: World, tmp_path: Path) -> None:
     path = one(world, tmp_path)
     with zipfile.ZipFile(path / "yard" / "predictions.npz") as archive:

@@ -73,6 +73,12 @@ def test_lists_of_paths(tmp_path: Path, home: Path, labels: bool) -> None:
     assert perfect(scored(tmp_path / "logs", home))
 
 
+def test_a_part_of_a_folder_is_refused_as_such(one: Path, log: Path) -> None:
+    with pytest.raises(UserError, match="a part of a log folder of VPR") as refused:
+        scored(log / "database_descriptors.npy", one)
+    assert f"name the folder: {log}" in str(refused.value)
+
+
 class TestNames:
     """Where the names of the rows come from."""
 

@@ -70,7 +70,6 @@ class Pages:
             raise damaged(self.path, "something lies beyond its end")
         return found
 
-
     def _check(self, raw: bytes, first: int) -> None:
         whole = len(raw) // self.page
         pages = np.frombuffer(raw, np.uint8, whole * self.page).reshape(whole, self.page)
@@ -89,8 +88,9 @@ def crc32c(rows: NDArray[np.uint8]) -> U32:
     A CRC is linear but for its start: what each byte adds, by its place, is looked up.
     """
     table, of_zeros = _table_of_places(rows.shape[1])
-    parts = table[np.arange(rows.shape[1]), rows]
-    return np.bitwise_xor.reduce(parts, axis=1) ^ of_zeros
+    parts: U32 = table[np.arange(rows.shape[1]), rows]
+    found: U32 = np.bitwise_xor.reduce(parts, axis=1) ^ of_zeros
+    return found
 
 
 @lru_cache(maxsize=2)
