@@ -29,7 +29,7 @@ def test_whole_or_not_at_all(kind: str, tmp_path: Path) -> None:
             str(home),
             str(tmp_path / "source"),
             kind,
-            "3",
+            "2",
         ],
         cwd=Path(__file__).parents[3],
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
