@@ -20,6 +20,8 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 if TYPE_CHECKING:
     import pandas as pd
 
+    from airzoo_bench.geometry.arrays import Bools, Floats
+
 __all__ = ["read_table", "refuse_cells"]
 
 _POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
