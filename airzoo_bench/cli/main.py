@@ -23,6 +23,7 @@ from airzoo_bench.cli import (
     download,
     evaluate,
     export,
+    leaderboard,
     mini,
     plot,
     prepare,
@@ -32,6 +33,7 @@ from airzoo_bench.cli import (
     seal,
     seal_folder,
     sensitivity,
+    submission,
     table,
     template,
 )
@@ -45,6 +47,7 @@ _INPUT_IS_WRONG = 2
 _BUG = 70
 
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
+LEADERBOARD = "Leaderboard"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 LEADERBOARD = "Leaderboard"
 
@@ -83,6 +86,7 @@ app.command("seal-folder", epilog=seal_folder.EXAMPLES, rich_help_panel=DATA)(
     seal_folder.seal_folder
 )
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
+app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
     "check-geometry",
@@ -102,6 +106,7 @@ for _name, _command, _examples in (
 app.add_typer(export.app, name="export", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
+app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 
 
 def _print_version(wanted: bool) -> None:

@@ -30,6 +30,7 @@ from airzoo_bench.core.temporaries import (
 )
 
 __all__ = [
+    "LIMIT_BYTES",
     "atomic_entries",
     "atomic_folder",
     "atomic_write",
@@ -45,6 +46,8 @@ __all__ = [
     "write_npz",
 ]
 
+LIMIT_BYTES = 16 << 20
+"""The most that is read of a text that a person wrote, unless a caller wants less."""
 _CHUNK_BYTES = 1 << 20
 _MARK = "benchmark.toml"
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
@@ -89,7 +92,7 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
 
 
 @contextmanager
-def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
+def atomic_folder(path: Path, *, replace: bool = False, mark: str = _MARK) -> Iterator[Path]:
     """Fill a folder that appears under its name only when it is complete.
 
     Parameters
@@ -98,6 +101,8 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
         Where the folder shall stand.
     replace : bool
         Whether a folder that stands there already is replaced.
+    mark : str
+        A file that every such folder holds: one without it is not replaced.
 
     Yields
     ------
@@ -111,7 +116,7 @@ def atomic_folder(path: Path, *, replace: bool = False) -> Iterator[Path]:
     UserError
         It cannot be written.
     """
-    check_new_folder(path, replace=replace)
+    check_new_folder(path, replace=replace, mark=mark)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_folder(path.parent, path.name) as temporary:
@@ -174,7 +179,7 @@ def _is_ours_alone(folder: Path, names: Collection[str]) -> bool:
     return writable and not stays and {entry.name for entry in folder.iterdir()} <= set(names)
 
 
-def check_new_folder(path: Path, *, replace: bool) -> None:
+def check_new_folder(path: Path, *, replace: bool, mark: str = _MARK) -> None:
     """Refuse a folder that cannot be made, or must not be replaced.
 
     Raises
@@ -190,11 +195,12 @@ def check_new_folder(path: Path, *, replace: bool) -> None:
         raise UsageError(
             "the folder exists already", where=path, fix="name another, or add --force"
         )
-    if not path.is_dir() or (any(path.iterdir()) and not (path / _MARK).is_file()):
+    if not path.is_dir() or (any(path.iterdir()) and not (path / mark).is_file()):
+        kind = "a benchmark folder" if mark == _MARK else "such a folder"
         raise UsageError(
-            "is not a benchmark folder, and so is not replaced",
+            f"is not {kind}, and so is not replaced",
             where=path,
-            expected=f"a folder with {_MARK}, or none",
+            expected=f"a folder with {mark}, or none",
             fix="name another folder",
         )
 
@@ -253,7 +259,7 @@ def first_bytes(path: Path, count: int) -> bytes:
         return b""
 
 
-def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = 16 << 20) -> str:
+def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = LIMIT_BYTES) -> str:
     """Read a small UTF-8 text that a person wrote.
 
     Parameters

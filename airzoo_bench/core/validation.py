@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import datetime
 import difflib
 import heapq
+import json
 import tomllib
 from itertools import takewhile
 from operator import eq
 from pathlib import Path
+from reprlib import Repr
 from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.core.files import read_text
+from airzoo_bench.core.files import LIMIT_BYTES, read_text
 
 __all__ = [
     "SAFE_NAME",
@@ -26,6 +29,7 @@ __all__ = [
     "Strict",
     "nearest",
     "read_toml",
+    "toml_value",
     "validated",
     "validation_message",
 ]
@@ -80,6 +84,8 @@ def _frozen(value: Any) -> Any:
 
 M = TypeVar("M", bound=BaseModel)
 
+_SHORT = Repr()  # a value nested without end is as short as any
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 _SHOWN = 5
 _OFFERED = 3
 _AS_NEAR = 0.1  # of what difflib says: others than the best are offered where they are as near
@@ -87,10 +93,12 @@ _MANY = 200
 _SHORTEST_PART = 3  # letters; fewer are in too many names
 
 
-def read_toml(path: Path, kind: type[UserError], what: str) -> dict[str, Any]:
-    """Read a TOML file, or say what is wrong with it."""
+def read_toml(
+    path: Path, kind: type[UserError], what: str, limit_bytes: int = LIMIT_BYTES
+) -> dict[str, Any]:
+    """Read a TOML file of at most so many bytes, or say what is wrong with it."""
     try:
-        return tomllib.loads(read_text(path, kind, what))
+        return tomllib.loads(read_text(path, kind, what, limit_bytes))
     except (ValueError, RecursionError) as error:  # the latter of values nested too deep
         raise kind(
             f"not valid TOML: {error}",
@@ -135,15 +143,40 @@ def _finding(item: Any, model: type[BaseModel]) -> str:
         return f"unknown key '{key}'{nearest(str(item['loc'][-1]), _known_keys(model))}"
     if item["type"] == "json_invalid":
         return f"not valid JSON: {item['ctx']['error']}"
+    example = _example(item["loc"], model)
     if item["type"] == "missing":
-        return f"key '{key}' is missing"
+        return f"key '{key}' is missing{example}"
     if not item["loc"]:
         return str(item["msg"]).removeprefix("Value error, ")
     if isinstance(item["input"], dict) and item["type"] == "value_error":
         return f"key '{key}': {item['msg'].removeprefix('Value error, ')}"
-    given = repr(item["input"])
+    given = _SHORT.repr(item["input"])
     shown = given if len(given) <= 60 else given[:57] + "..."
-    return f"key '{key}' is {shown}: {item['msg'].removeprefix('Value error, ')}"
+    return f"key '{key}' is {shown}: {item['msg'].removeprefix('Value error, ')}{example}"
+
+
+def _example(loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """Show what would be right, where the field of a finding has an example."""
+    for key in loc:
+        field = next((f for n, f in model.model_fields.items() if key in (n, f.alias)), None)
+        if field is None:
+            return ""
+        inner = _models_in(field.annotation)
+        if len(inner) != 1 or key == loc[-1]:
+            return f" (such as {key} = {toml_value(field.examples[0])})" if field.examples else ""
+        model = inner[0]
+    return ""
+
+
+def toml_value(value: Any) -> str:
+    """Write a value as TOML on one line."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _known_keys(model: type[BaseModel]) -> list[str]:

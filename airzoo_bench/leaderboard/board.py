@@ -15,6 +15,7 @@ __all__ = ["BOARD_FILE", "Board", "BoardBenchmark", "Limits", "read_board"]
 BOARD_FILE = "leaderboard.toml"
 
 Title = Annotated[str, Field(min_length=1, max_length=120)]
+Account = Annotated[int, Field(ge=1, lt=1 << 63)]
 
 
 class Limits(Strict):
@@ -54,7 +55,13 @@ class BoardBenchmark(Strict):
 
 
 class Board(Strict):
-    """The benchmarks of a board, and its rules."""
+    """The benchmarks of a board, and its rules.
+
+    Attributes
+    ----------
+    maintainers : tuple of int
+        Ids of the accounts that may change every submission; names can change hands, ids cannot.
+    """
 
     schema_version: Literal[1] = Field(alias="schema")
     title: Title
@@ -62,6 +69,7 @@ class Board(Strict):
     repository: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+/[A-Za-z0-9_.-]+$")] | None = None
     limits: Limits = Limits()
     benchmarks: Annotated[tuple[BoardBenchmark, ...], Field(min_length=1)]
+    maintainers: Annotated[tuple[Account, ...], Field(max_length=100)] = ()
 
 
 def read_board(path: Path) -> Board:

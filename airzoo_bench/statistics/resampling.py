@@ -21,6 +21,7 @@ from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
     "blocks",
+    "exact_products",
     "leave_one_out",
     "resample_counts",
     "sign_flips",
@@ -153,24 +154,43 @@ def weighted_averages(values: Floats, medians: NDArray[np.bool_], weights: Weigh
 
 def _means(values: Floats, factors: Floats, total: int) -> Floats:
     infinite = np.isinf(values)
-    finite = np.where(infinite, 0.0, values)
-    largest = np.maximum(np.abs(finite).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
-    exponents = _EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(total))
-    # Two steps: one power of two for tiny values would be infinite.
-    halves = np.exp2(np.floor(exponents / 2)), np.exp2(np.ceil(exponents / 2))
-    whole = np.rint(finite * halves[0][:, None] * halves[1][:, None])
-    means = (whole @ factors) / total / halves[0][:, None] / halves[1][:, None]
+    means = exact_products(np.where(infinite, 0.0, values), factors, total) / total
     failing = infinite.any(axis=1)
     drawn = infinite[failing].astype(np.float64) @ factors
     means[failing] = np.where(drawn > 0, np.inf, means[failing])
     return np.asarray(means)
 
 
+def exact_products(values: Floats, factors: Floats, total: int) -> Floats:
+    """Multiply matrices, with values rounded to a grid on which no sum is rounded.
+
+    Parameters
+    ----------
+    values : (V, N) array
+        Finite.
+    factors : (N, B) array
+        Whole numbers.
+    total : int
+        No column of `factors` has a larger sum of sizes.
+
+    Returns
+    -------
+    (V, B) array
+        A row is the same to the last bit whatever the number of threads, columns and other rows.
+    """
+    largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
+    exponents = _EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(total))
+    # Two steps: one power of two for tiny values would be infinite.
+    halves = np.exp2(np.floor(exponents / 2)), np.exp2(np.ceil(exponents / 2))
+    whole = np.rint(values * halves[0][:, None] * halves[1][:, None])
+    return np.asarray((whole @ factors) / halves[0][:, None] / halves[1][:, None])
+
+
 def _medians(values: Floats, factors: Floats, counts: Weights, total: int) -> Floats:
     """Median of each resample: only units near the middle are looked at one by one."""
     units = values.shape[1]
     order = np.argsort(values, axis=1, kind="stable")
-    reach = 4 * int(units**0.5) + 2
+    reach = int(2.5 * units**0.5) + 2  # five standard deviations of how many are drawn from a half
     first, last = max(0, units // 2 - reach), min(units, units // 2 + reach)
     below = np.zeros_like(values)
     np.put_along_axis(below, order[:, :first], 1.0, axis=1)

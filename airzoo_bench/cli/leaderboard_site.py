@@ -1,0 +1,85 @@
+"""``airzoo-bench leaderboard build`` and ``serve``: the site of a board, and a look at it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from airzoo_bench.cli.common import (
+    DataOption,
+    JobsOption,
+    examples,
+    put,
+    resolve_data,
+    say,
+    working,
+)
+
+__all__ = ["BUILD_EXAMPLES", "SERVE_EXAMPLES", "build", "serve"]
+
+BUILD_EXAMPLES = examples(
+    "leaderboard build --out site", "leaderboard build results/*/result.json --out site"
+)
+SERVE_EXAMPLES = examples("leaderboard serve site")
+
+
+def build(
+    results: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Further results, or folders that hold one, beside the runs."),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="The site's folder; an earlier board is replaced.")
+    ] = Path("site"),
+    runs: Annotated[
+        Path, typer.Option(help="Scored submissions: benchmark/track/folder/number/.")
+    ] = Path("runs"),
+    submissions: Annotated[
+        Path, typer.Option(help="Submissions, to say which have not been scored yet.")
+    ] = Path("submissions"),
+    board: Annotated[
+        Path, typer.Option(help="What the board states of itself, if there is such a file.")
+    ] = Path("leaderboard.toml"),
+    cache: Annotated[
+        Path | None,
+        typer.Option(help="What builds keep; safe to delete (default: OUT.cache)."),
+    ] = None,
+    data: DataOption = None,
+    jobs: JobsOption = 2,
+) -> None:
+    """Make the static site of a board: tables, pages, feed, JSON. See docs/leaderboard-api.md.
+
+    The board that stands is replaced in one step, when the new one is whole. A second build reads
+    what the first has kept and takes seconds.
+    """
+    from airzoo_bench.leaderboard.board import read_board
+    from airzoo_bench.leaderboard.site.build import Given, build_board
+    from airzoo_bench.leaderboard.site.reproductions import REPRODUCTIONS_FILE, read_links
+
+    stated = read_board(board) if board.is_file() or board != Path("leaderboard.toml") else None
+    given = Given(
+        runs,
+        submissions,
+        results or [],
+        stated,
+        read_links(board.with_name(REPRODUCTIONS_FILE)),
+        resolve_data(data),
+    )
+    kept = out.with_name(f"{out.name}.cache") if cache is None else cache
+    with working("building the board"):
+        build_board(given, out, kept, jobs=jobs, note=say)
+    put(f"{out / 'index.html'}\n")
+
+
+def serve(
+    site: Annotated[Path, typer.Argument(help="The folder that `leaderboard build` made.")] = Path(
+        "site"
+    ),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any that is free.")] = 8000,
+) -> None:
+    """Show a built site at an address of this machine alone, until Ctrl-C."""
+    from airzoo_bench.leaderboard.site.serving import serve_folder
+
+    serve_folder(site, port, put)

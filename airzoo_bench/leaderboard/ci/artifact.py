@@ -1,0 +1,163 @@
+"""What one job of CI tells the next: a JSON file with all that the comment shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from airzoo_bench.core.errors import SubmissionError, UserError
+from airzoo_bench.core.files import atomic_write, read_text
+from airzoo_bench.core.validation import Name, Strict
+from airzoo_bench.leaderboard.answer import SealedAnswer
+from airzoo_bench.leaderboard.ci.event import Commit, Id
+from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.results.result import ScoreColumn
+
+__all__ = [
+    "Artifact",
+    "Problem",
+    "SceneScores",
+    "Shown",
+    "Standing",
+    "problem_of",
+    "read_artifact",
+    "write_artifact",
+]
+
+Kind = Literal["nothing", "refused", "scored", "sealed", "withdrawn"]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Problem(Strict):
+    """Why a pull request is refused, in the parts of a `UserError`."""
+
+    what: str
+    where: str | None = None
+    expected: str | None = None
+    fix: str | None = None
+
+    def error(self) -> UserError:
+        """Return the error that the terminal prints."""
+        return SubmissionError(self.what, where=self.where, expected=self.expected, fix=self.fix)
+
+
+class Shown(Strict):
+    """A score, its interval, and what the last version on the board had; None is infinite."""
+
+    value: Finite | None
+    low: Finite | None = None
+    high: Finite | None = None
+    before: Finite | None = None
+
+
+class SceneScores(Strict):
+    """A row of the table: a scene, or all of them."""
+
+    title: str
+    queries: int
+    scores: dict[str, Shown]
+
+
+class Standing(Strict):
+    """Where a method stands among those of the board, by one score.
+
+    Attributes
+    ----------
+    first, last : int
+        Its range of ranks.
+    methods : int
+        How many there are, with this one.
+    alike : tuple of str
+        Those that it cannot be told from.
+    """
+
+    score: str
+    first: int
+    last: int
+    methods: int
+    alike: tuple[str, ...]
+
+
+class Artifact(Strict):
+    """What became of a pull request.
+
+    Attributes
+    ----------
+    kind : str
+        ``nothing``: it changes no submission. ``sealed``: sound, and to be scored, or scored,
+        against a sealed truth.
+    head : str
+        The commit that this is about.
+    tree : str
+        Git's id of the submission's folder.
+    claimed : tuple of str
+        How the claimed result compares with the re-scored one.
+    agrees : bool or None
+        None where none was claimed.
+    update : bool
+        Whether the folder is on the board already.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    kind: Kind
+    pull_request: Id
+    account: Id
+    head: Commit
+    benchmark: Name | None = None
+    track: Name | None = None
+    folder: Name | None = None
+    tree: str = ""
+    method: str = ""
+    team: str = ""
+    problems: tuple[Problem, ...] = ()
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    columns: tuple[ScoreColumn, ...] = ()
+    rows: tuple[SceneScores, ...] = ()
+    standing: Standing | None = None
+    claimed: tuple[str, ...] = ()
+    agrees: bool | None = None
+    update: bool = False
+    truth: str = ""
+    answer: SealedAnswer | None = None
+
+    @property
+    def place(self) -> Place:
+        """The folder of the submission.
+
+        Raises
+        ------
+        SubmissionError
+            It is about none.
+        """
+        if self.benchmark is None or self.track is None or self.folder is None:
+            raise SubmissionError("the artifact is not about a submission")
+        return Place(self.benchmark, self.track, self.folder)
+
+
+def problem_of(error: UserError) -> Problem:
+    """Return an error as the artifact keeps it."""
+    return Problem(what=error.what, where=error.where, expected=error.expected, fix=error.fix)
+
+
+def write_artifact(path: Path, artifact: Artifact) -> None:
+    """Write an artifact, whole or not at all."""
+    with atomic_write(path, "w") as stream:
+        stream.write(artifact.model_dump_json(by_alias=True, indent=1) + "\n")
+
+
+def read_artifact(path: Path) -> Artifact:
+    """Read an artifact that another job of the same run has written.
+
+    Raises
+    ------
+    SubmissionError
+        It is missing, or is none.
+    """
+    text = read_text(path, SubmissionError, "artifact")
+    try:
+        return Artifact.model_validate_json(text)
+    except ValueError as error:
+        raise SubmissionError(f"not an artifact: {error}", where=path) from error

@@ -1,0 +1,236 @@
+"""The comment on a pull request: Markdown, made of the artifact alone, bounded, without markup.
+
+Whatever strangers wrote stands in code spans and blocks without backticks: there, GitHub and
+GitLab render no link, no image, no mention and no reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
+from airzoo_bench.leaderboard.ci.artifact import Artifact, SceneScores, Shown, Standing
+from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.tables.model import plain, show_number
+
+__all__ = ["MARK", "MOST_BYTES", "comment_on"]
+
+MARK = "<!-- airzoo-bench leaderboard -->"
+MOST_BYTES = 65_300
+"""GitHub takes 65,536 characters; mteb cuts here too."""
+
+_LONGEST_BLOCK = 4000
+_LONGEST_SPAN = 120
+_MOST_PARTS = 200
+_CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
+
+
+def comment_on(artifact: Artifact) -> str:
+    """Return the comment's text, at most `MOST_BYTES` long."""
+    parts = [f"{MARK}\n", *_PARTS[artifact.kind](artifact), _scored_commit(artifact)]
+    return _bounded([part for part in parts if part])
+
+
+def _bounded(parts: Sequence[str]) -> str:
+    """Join parts as far as there is room; the last, which is short, always stands."""
+    *others, last = parts
+    room = MOST_BYTES - len(last.encode()) - len(_CUT.encode())
+    kept: list[str] = []
+    for part in others:
+        room -= len(part.encode()) + 1
+        if room < 0:
+            return "\n".join([*kept, _CUT, last])
+        kept.append(part)
+    return "\n".join([*kept, last])
+
+
+def _scored_commit(artifact: Artifact) -> str:
+    head = artifact.head
+    lines = [f"\nThis is about commit {head[:12]} alone; another push is looked at anew."]
+    if artifact.kind in ("scored", "sealed", "withdrawn"):
+        lines.append(
+            f"Maintainers: `gh pr merge {artifact.pull_request} --squash --match-head-commit "
+            f"{head}` merges it and nothing that was pushed later."
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _nothing(artifact: Artifact) -> Iterator[str]:
+    del artifact
+    yield "This pull request changes no submission.\n"
+
+
+def _refused(artifact: Artifact) -> Iterator[str]:
+    yield f"### {_named(artifact)} is refused\n"
+    for problem in artifact.problems:
+        yield _block(str(problem.error()))
+    yield from _claimed(artifact)
+    yield from _listed("Warnings", artifact.warnings)
+    yield (
+        "`airzoo-bench submission check FOLDER` finds faults of the folder on your own machine. "
+        "Nothing of this counts as a try.\n"
+    )
+
+
+def _withdrawn(artifact: Artifact) -> Iterator[str]:
+    yield f"### {_named(artifact)} is withdrawn\n"
+    yield "Its rows leave the board when this is merged; what was scored stays in its history.\n"
+
+
+def _scored(artifact: Artifact) -> Iterator[str]:
+    yield f"### {_named(artifact)}\n"
+    yield from _standing(artifact.standing)
+    columns = [column for column in artifact.columns if column.headline]
+    yield _table(columns, artifact.rows)
+    if artifact.update:
+        yield _changes(columns, artifact.rows)
+    yield from _claimed(artifact)
+    yield from _listed("Warnings", artifact.warnings)
+    yield from _listed("Notes", artifact.notes)
+
+
+def _sealed(artifact: Artifact) -> Iterator[str]:
+    yield f"### {_named(artifact)}\n"
+    if artifact.answer is None:
+        yield (
+            "Nothing is wrong with it. It was not scored against the sealed truth: the job was not "
+            "approved, or failed by no fault of the submission. This does not count as a try.\n"
+        )
+    else:
+        yield _sealed_table(artifact.answer)
+        yield "Rounded to half a standard error, so that no try tells the answer of one query.\n"
+    yield from _listed("Warnings", artifact.warnings)
+
+
+def _standing(standing: Standing | None) -> Iterator[str]:
+    if standing is None:
+        return
+    ranks = f"{standing.first}"
+    if standing.last != standing.first:
+        ranks += f" to {standing.last}"
+    yield f"Rank **{ranks}** of {standing.methods} by {code(standing.score)}.\n"
+    if standing.alike:
+        names = [code(name) for name in standing.alike[:_MOST_PARTS]]
+        yield f"Not told apart from {', '.join(names)} (paired test, 5 %, Holm).\n"
+
+
+def _table(columns: Sequence[ScoreColumn], rows: Sequence[SceneScores]) -> str:
+    titles = ["Scene", "Queries", *(_title(column) for column in columns)]
+    cells = [
+        [
+            code(row.title),
+            f"{row.queries:,}",
+            *(_number(column, row.scores[column.key]) for column in columns),
+        ]
+        for row in rows[-_MOST_PARTS:]
+    ]
+    return _markdown(titles, cells)
+
+
+def _changes(columns: Sequence[ScoreColumn], rows: Sequence[SceneScores]) -> str:
+    changed = [
+        [code(row.title), *(_change(column, row.scores[column.key]) for column in columns)]
+        for row in rows[-_MOST_PARTS:]
+        if any(s.before is not None and s.before != s.value for s in row.scores.values())
+    ]
+    if not changed:
+        return "No score differs from those of the last version.\n"
+    titles = ["Scene", *(_title(column) for column in columns)]
+    return "Changed since the last version:\n\n" + _markdown(titles, changed)
+
+
+def _sealed_table(answer: SealedAnswer) -> str:
+    columns = [column for column in answer.columns if column.headline]
+    titles = ["Scene", "Queries", *(_title(column) for column in columns)]
+    parts = {**answer.scenes, "": answer.overall}
+    cells = [
+        [
+            code(answer.scene_titles.get(scene, "average")),
+            f"{answer.queries.get(scene, sum(answer.queries.values())):,}",
+            *(_estimate(column, estimates.get(column.key)) for column in columns),
+        ]
+        for scene, estimates in parts.items()
+    ]
+    return _markdown(titles, cells)
+
+
+def _claimed(artifact: Artifact) -> Iterator[str]:
+    if artifact.agrees is None:
+        return
+    word = "agrees with" if artifact.agrees else "differs from"
+    yield f"The claimed result {word} the re-scored one.\n"
+    if artifact.claimed:
+        yield _block("\n".join(artifact.claimed))
+
+
+def _listed(title: str, lines: Sequence[str]) -> Iterator[str]:
+    if lines:
+        yield f"{title}:\n"
+        yield _block("\n".join(lines))
+
+
+def _named(artifact: Artifact) -> str:
+    if artifact.method:
+        return f"{code(artifact.method)} by {code(artifact.team)}"
+    return code(artifact.place.path) if artifact.folder else "This pull request"
+
+
+def _title(column: ScoreColumn) -> str:
+    unit = {"share": "%", "m": "m", "deg": "°"}[column.unit]
+    return f"{code(column.title)} {unit} {'↑' if column.higher_is_better else '↓'}"
+
+
+def _number(column: ScoreColumn, shown: Shown) -> str:
+    value = _as_shown(column, shown.value)
+    if shown.low is None and shown.high is None:
+        return value
+    return f"{value} [{_as_shown(column, shown.low)}, {_as_shown(column, shown.high)}]"
+
+
+def _change(column: ScoreColumn, shown: Shown) -> str:
+    return f"{_as_shown(column, shown.before)} → {_as_shown(column, shown.value)}"
+
+
+def _estimate(column: ScoreColumn, found: Estimate | None) -> str:
+    if found is None:
+        return "–"
+    error = found.standard_error
+    spread = "" if error is None else f" ± {_as_shown(column, error)}"
+    return _as_shown(column, found.value) + spread
+
+
+def _as_shown(column: ScoreColumn, value: float | None) -> str:
+    if value is None:
+        return "inf"
+    return show_number(100 * value if column.unit == "share" else value, 2)
+
+
+def _markdown(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    rules = ["---", *["---:"] * (len(titles) - 1)]
+    return "".join(f"| {' | '.join(row)} |\n" for row in [titles, rules, *rows])
+
+
+def code(text: str) -> str:
+    """Return a text of strangers as a code span that also stands in a cell of a table."""
+    shown = plain(text).replace("`", "'").replace("|", "/").replace("\\", "/")
+    cut = shown if len(shown) <= _LONGEST_SPAN else f"{shown[: _LONGEST_SPAN - 3]}..."
+    return f"`{cut or ' '}`"
+
+
+def _block(text: str) -> str:
+    """Return lines of strangers as a block of code."""
+    cut = text if len(text) <= _LONGEST_BLOCK else f"{text[:_LONGEST_BLOCK]}\n..."
+    shown = "".join(
+        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}"
+        for c in cut.replace("`", "'")
+    )
+    return f"````text\n{shown}\n````\n"
+
+
+_PARTS = {
+    "nothing": _nothing,
+    "refused": _refused,
+    "scored": _scored,
+    "sealed": _sealed,
+    "withdrawn": _withdrawn,
+}

@@ -1,0 +1,190 @@
+"""After a merge: submissions of the board's own branch that have no run yet are scored again."""
+
+from __future__ import annotations
+
+import datetime
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from airzoo_bench.core.errors import SubmissionError, UserError
+from airzoo_bench.core.version import __version__
+from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.leaderboard.answer import SealedAnswer
+from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
+from airzoo_bench.leaderboard.ci.data_branch import DataBranch
+from airzoo_bench.leaderboard.ci.entries import answer_path
+from airzoo_bench.leaderboard.ci.git import Repository
+from airzoo_bench.leaderboard.ci.paths import checked_path
+from airzoo_bench.leaderboard.ci.rules import BASE, read_files
+from airzoo_bench.leaderboard.ci.scoring import Rules, is_sealed
+from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.leaderboard.rescoring import rescore
+from airzoo_bench.leaderboard.runs import RUN_FILE, Claimed, Run, newest_runs, read_run, write_run
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, submission_text
+
+__all__ = ["record_runs", "score_merged"]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A submission of the board's branch, and what came of it: a run's folder, or a fault."""
+
+    place: Place
+    run: Path | None
+    fault: UserError | None = None
+
+
+def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
+    """Score what stands on the board's branch and has no run of the same files yet.
+
+    Parameters
+    ----------
+    remote : str
+        URL or folder of the repository.
+    rules : Rules
+    out : Path
+        A folder that is empty or does not exist: the runs of all that stands on the branch, old
+        and new, as ``out/runs/...``.
+
+    Yields
+    ------
+    Scored
+        Of each that was new. A faulty one keeps none of the others from being scored.
+
+    Raises
+    ------
+    UserError
+        The board or its data are not as they must be.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        repository = Repository.create(work / "board.git", remote)
+        repository.fetch({f"refs/heads/{rules.branch}": BASE}, blobs=False, depth=1)
+        branch = DataBranch.open(work / "data.git", remote)
+        out.mkdir(parents=True, exist_ok=True)
+        commit = repository.resolve(BASE) or ""
+        for place in _places(repository, rules.board):
+            # Runs of what was withdrawn stay on the branch, and leave the board.
+            branch.export(out, f"runs/{place.benchmark}/{place.track}/{place.folder}")
+            tree = repository.resolve(f"{commit}:{place.path}") or ""
+            if _has_run(out, place, tree):
+                continue
+            new = _New(place, tree, commit, repository, branch, rules, work)
+            try:
+                yield Scored(place, new.score(out))
+            except SubmissionError as fault:
+                yield Scored(place, None, fault)
+
+
+def _places(repository: Repository, board: Board) -> Iterator[Place]:
+    for benchmark in board.benchmarks:
+        for track in repository.folders(BASE, f"submissions/{benchmark.name}"):
+            for folder in repository.folders(BASE, checked_path(track)):
+                parts = checked_path(folder).split("/")
+                if repository.resolve(f"{BASE}:{checked_path(folder)}/{SUBMISSION_FILE}"):
+                    yield Place(*parts[1:])
+
+
+def _table(root: Path, place: Place) -> Path:
+    return root / "runs" / place.benchmark / place.track
+
+
+def _has_run(root: Path, place: Place, tree: str) -> bool:
+    last = newest_runs(_table(root, place)).get(place.folder)
+    return last is not None and read_run(last / RUN_FILE).tree == tree
+
+
+@dataclass(frozen=True)
+class _New:
+    """A submission without a run."""
+
+    place: Place
+    tree: str
+    commit: str
+    repository: Repository
+    branch: DataBranch
+    rules: Rules
+    work: Path
+
+    def score(self, out: Path) -> Path:
+        """Write the run's folder."""
+        last = newest_runs(_table(out, self.place)).get(self.place.folder)
+        number = 1 if last is None else int(last.name) + 1
+        run = _table(out, self.place) / self.place.folder / str(number)
+        checked = self._checked()
+        if is_sealed(self.rules.board, self.place):
+            answer, claimed = self._answer(), None
+            run.mkdir(parents=True)
+            (run / "answer.json").write_bytes(answer)
+        else:
+            claimed = self._rescored(checked, run)
+        assert checked.submission is not None  # what has no errors was read
+        stated = submission_text(checked.submission.public())
+        (run / SUBMISSION_FILE).write_text(stated, encoding="utf-8")
+        now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
+        write_run(
+            run / RUN_FILE,
+            Run(
+                scored=now, commit=self.commit, tree=self.tree, version=__version__, claimed=claimed
+            ),
+        )
+        return run
+
+    def _checked(self) -> CheckedSubmission:
+        limits = self.rules.board.limits
+        faults = read_files(self.repository, self.commit, self.place, limits, self.work)
+        if not faults:
+            folder = self.work / self.place.path
+            checked = check_submission(folder, self.rules.board, self.rules.data, fetch=True)
+            faults = checked.errors
+        if faults:
+            raise SubmissionError(faults[0].what, where=self.place.path, fix=faults[0].fix)
+        return checked
+
+    def _rescored(self, checked: CheckedSubmission, run: Path) -> Claimed | None:
+        found = rescore(checked, data=self.rules.data, resources=self.rules.resources)
+        save(found.evaluation, run)
+        if found.claimed is None:
+            return None
+        return Claimed(agrees=found.agrees, lines=tuple(found.lines))
+
+    def _answer(self) -> bytes:
+        """Take the answer that was given before the merge, to the same files."""
+        content = self.branch.read(answer_path(self.tree))
+        if content is None:
+            raise SubmissionError(
+                "these files were not scored against the sealed truth before they were merged",
+                where=self.place.path,
+                fix="revert the merge; merge with `gh pr merge --match-head-commit` after the "
+                "comment has the scores",
+            )
+        SealedAnswer.model_validate_json(content)
+        return content
+
+
+def record_runs(branch: DataBranch, root: Path) -> list[str]:
+    """Put runs onto the data branch that are not on it, and return their paths.
+
+    Parameters
+    ----------
+    branch : DataBranch
+    root : Path
+        As `score_merged` filled it.
+    """
+    runs = sorted(path.parent for path in root.glob(f"runs/*/*/*/*/{RUN_FILE}"))
+
+    def change(now: DataBranch) -> Mapping[str, bytes]:
+        there = {run: now.read(f"{run.relative_to(root).as_posix()}/{RUN_FILE}") for run in runs}
+        return {
+            path.relative_to(root).as_posix(): path.read_bytes()
+            for run in runs
+            if there[run] is None
+            for path in sorted(run.iterdir())
+        }
+
+    new = sorted({path.rsplit("/", 1)[0] for path in change(branch)})
+    branch.write(change, f"runs: {', '.join(new)}")
+    return new

@@ -1,0 +1,113 @@
+"""Paths that strangers chose: bytes in git, and only plain names of them reach a disk."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Sequence
+
+from airzoo_bench.leaderboard.ci.git import Entry, RefusedError
+
+__all__ = ["check_entries", "checked_path", "shown_path"]
+
+_PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,119}")
+_DEPTH = 12
+_KINDS = {
+    "120000": "a symbolic link",
+    "160000": "a submodule",
+    "100755": "an executable file",
+    "040000": "a folder that stands as a file",
+}
+_RENAME = "give it a name of A-Z, a-z, 0-9, _, . and -"
+
+
+def shown_path(path: bytes) -> str:
+    """Return a path for messages: on one line, without bytes that are no text."""
+    text = path.decode("utf-8", "backslashreplace")
+    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return shown if len(shown) <= 200 else f"{shown[:200]}..."
+
+
+def checked_path(path: bytes) -> str:
+    """Return a path as text.
+
+    Raises
+    ------
+    RefusedError
+        It is not UTF-8, not in normal form, or a part of it is no plain name.
+    """
+    try:
+        text = path.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise RefusedError("the name is not UTF-8", where=shown_path(path), fix=_RENAME) from error
+    parts = text.split("/")
+    for fault in (_fault_of_whole(text, parts), *map(_fault_of_part, parts)):
+        if fault:
+            raise RefusedError(fault, where=shown_path(path), fix=_RENAME)
+    return text
+
+
+def _fault_of_whole(text: str, parts: Sequence[str]) -> str:
+    if text != unicodedata.normalize("NFC", text):
+        return "the name is not in Unicode's normal form NFC"
+    return f"lies in more than {_DEPTH} folders" if len(parts) > _DEPTH else ""
+
+
+def _fault_of_part(part: str) -> str:
+    if part in ("", ".", ".."):
+        return f"{part!r} is no name of a file"
+    if part.casefold() == ".gitattributes":
+        return "a .gitattributes could change what others read of these files"
+    faults = {
+        "begins with a dot": part[0] == ".",
+        "begins with a dash": part[0] == "-",
+        "has blanks or line breaks": any(c.isspace() for c in part),
+        "has characters that do not print": not part.isprintable(),
+        "is longer than 120 letters": len(part) > 120,
+        "has other characters than those of plain names": not _PLAIN.fullmatch(part),
+    }
+    return next((f"the name {fault}" for fault, there in faults.items() if there), "")
+
+
+def check_entries(entries: Sequence[Entry]) -> list[RefusedError]:
+    """Return what is wrong with names and kinds of files, a message each, at most 20.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+        All files of a submission.
+    """
+    found = [fault for entry in entries if (fault := _fault(entry)) is not None]
+    if not found:
+        found += _alike(entries)
+    return found[:20]
+
+
+def _fault(entry: Entry) -> RefusedError | None:
+    if entry.mode != "100644":
+        kind = _KINDS.get(entry.mode, f"of mode {entry.mode}")
+        return RefusedError(
+            f"is {kind}",
+            where=shown_path(entry.path),
+            expected="a plain file (mode 100644)",
+            fix="`git update-index --chmod=-x FILE`"
+            if entry.mode == "100755"
+            else "commit the content itself",
+        )
+    try:
+        checked_path(entry.path)
+    except RefusedError as fault:
+        return fault
+    return None
+
+
+def _alike(entries: Sequence[Entry]) -> list[RefusedError]:
+    """Find names that differ in case only, which are one file on other systems."""
+    names = [entry.path.decode("utf-8") for entry in entries]
+    times = Counter(name.casefold() for name in names)
+    return [
+        RefusedError("differs from another name only in case", where=name, fix="rename one of them")
+        for name in names
+        if times[name.casefold()] > 1
+    ]

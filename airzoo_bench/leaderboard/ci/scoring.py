@@ -1,0 +1,222 @@
+"""A pull request from its event to an artifact: fetched, checked, re-scored, placed."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from airzoo_bench.core.errors import BenchmarkError, ProtocolError, UserError
+from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
+from airzoo_bench.leaderboard.ci.artifact import Artifact, problem_of
+from airzoo_bench.leaderboard.ci.data_branch import DataBranch
+from airzoo_bench.leaderboard.ci.event import PullRequest
+from airzoo_bench.leaderboard.ci.git import BoardError, RefusedError, Repository
+from airzoo_bench.leaderboard.ci.ledger import Line, owner
+from airzoo_bench.leaderboard.ci.rules import BASE, Touched, fetch_pull_request, read_files, touched
+from airzoo_bench.leaderboard.ci.standing import standing_of
+from airzoo_bench.leaderboard.known import Place, known_submissions
+from airzoo_bench.leaderboard.predictions_given import FETCHED
+from airzoo_bench.leaderboard.rescoring import rescore
+
+if TYPE_CHECKING:
+    from airzoo_bench.evaluation.parts import Resources
+
+__all__ = ["Rules", "is_sealed", "score_pull_request"]
+
+# What no submitter can put right: it stops the run.
+_OF_BOARD = (BoardError, BenchmarkError, ProtocolError)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What a pull request is held to.
+
+    Attributes
+    ----------
+    root : Path
+        A checkout of the board's own branch.
+    branch : str
+        The one that submissions are merged into.
+    data : Path
+        Where benchmark folders lie.
+    """
+
+    board: Board
+    root: Path
+    branch: str
+    data: Path
+    resources: Resources
+
+
+def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Artifact:
+    """Check a pull request and score it where the truth is public.
+
+    Parameters
+    ----------
+    pull : PullRequest
+    remote : str
+        URL or folder of the repository.
+    rules : Rules
+    work : Path
+        A folder that is empty or does not exist: git's objects, then the submission's files, at
+        their place below it.
+
+    Returns
+    -------
+    Artifact
+        Also where it is refused, with the reasons.
+
+    Raises
+    ------
+    UserError
+        The event, the board or its data are not as they must be: no fault of the submission.
+    """
+    if pull.base != rules.branch:
+        return _artifact(pull, "nothing")
+    repository = Repository.create(work / "pull.git", remote)
+    fetch_pull_request(repository, pull)
+    branch = DataBranch.open(work / "data.git", remote)
+    ledger = branch.ledger()
+    found: Touched | None = None
+    try:
+        found = touched(repository, pull, rules.board, ledger)
+        if found is None:
+            return _artifact(pull, "nothing")
+        if not found.tree:
+            return _artifact(pull, "withdrawn", **_of(found))
+        return _Submitted(pull, repository, branch, ledger, found, rules, work).artifact()
+    except UserError as error:
+        return _refused(pull, found, [error], work)
+
+
+@dataclass(frozen=True)
+class _Submitted:
+    """A pull request with one submission in a folder that its author may change."""
+
+    pull: PullRequest
+    repository: Repository
+    branch: DataBranch
+    ledger: Sequence[Line]
+    found: Touched
+    rules: Rules
+    work: Path
+
+    def artifact(self) -> Artifact:
+        board, place = self.rules.board, self.found.place
+        faults = read_files(self.repository, self.pull.head, place, board.limits, self.work)
+        if faults:
+            return _refused(self.pull, self.found, faults, self.work)
+        checked = check_submission(
+            self.work / place.path,
+            board,
+            self.rules.data,
+            known=known_submissions(self.rules.root),
+            fetch=True,
+        )
+        faults = [*checked.errors, *self._foreign(checked)]
+        if faults:
+            return _refused(self.pull, self.found, faults, self.work)
+        given = checked.submission
+        assert given is not None  # what has no errors was read
+        more = {
+            **_of(self.found),
+            "update": self.repository.resolve(f"{BASE}:{place.path}") is not None,
+            "method": given.method,
+            "team": given.team,
+            "warnings": tuple(_without(line, self.work) for line in checked.warnings),
+        }
+        if is_sealed(board, place):
+            _keep_fetched(checked, self.rules, self.work)
+            return _artifact(self.pull, "sealed", **more)
+        return self._scored(checked, more)
+
+    def _foreign(self, checked: CheckedSubmission) -> list[UserError]:
+        """Refuse to supersede what another account has submitted."""
+        if not checked.submission or not checked.submission.supersedes:
+            return []
+        place = self.found.place
+        old = Place(place.benchmark, place.track, checked.submission.supersedes)
+        known = self.repository.resolve(f"{BASE}:{old.path}") is not None
+        whose = owner(self.ledger, old)
+        if known and self.pull.account in (whose, *self.rules.board.maintainers):
+            return []
+        what = "belongs to another account" if known else "is not on the board"
+        return [RefusedError(
+            f"supersedes {old.folder}, which {what}",
+            where=f"{place.path}/submission.toml",
+            expected="a folder of the same benchmark and track that this account has submitted",
+            fix="leave supersedes out",
+        )]  # fmt: skip
+
+    def _scored(self, checked: CheckedSubmission, more: dict[str, Any]) -> Artifact:
+        rescored = rescore(checked, data=self.rules.data, resources=self.rules.resources)
+        claimed = {
+            "claimed": tuple(_without(line, self.work) for line in rescored.lines),
+            "agrees": None if rescored.claimed is None else rescored.agrees,
+        }
+        if rescored.errors:
+            return _refused(self.pull, self.found, rescored.errors, self.work, **(more | claimed))
+        placed = standing_of(rescored.evaluation, self.found.place, self.branch, self.work)
+        result = rescored.evaluation.result
+        return _artifact(
+            self.pull, "scored", **more, **claimed, **placed,
+            columns=result.columns, notes=result.notes, truth=result.truth.fingerprint,
+        )  # fmt: skip
+
+
+def is_sealed(board: Board, place: Place) -> bool:
+    """Whether the truth of a submission's benchmark is sealed."""
+    return any(one.name == place.benchmark and one.sealed for one in board.benchmarks)
+
+
+def _keep_fetched(checked: CheckedSubmission, rules: Rules, work: Path) -> None:
+    """Keep predictions that came from an address for the job that has no network."""
+    found = checked.predictions
+    if found is not None and found.is_relative_to(rules.data / FETCHED):
+        shutil.copytree(found.parent, work / FETCHED / found.parent.name)
+
+
+def _artifact(pull: PullRequest, kind: str, **more: Any) -> Artifact:
+    return Artifact(
+        kind=kind,  # type: ignore[arg-type]
+        pull_request=pull.number,
+        account=pull.account,
+        head=pull.head,
+        **more,
+    )
+
+
+def _refused(
+    pull: PullRequest,
+    found: Touched | None,
+    faults: Sequence[UserError],
+    work: Path,
+    **more: Any,
+) -> Artifact:
+    problems = []
+    for fault in faults:
+        if isinstance(fault, _OF_BOARD):
+            raise fault
+        given = problem_of(fault).model_dump()
+        problems.append({key: text and _without(text, work) for key, text in given.items()})
+    stated = (_of(found) if found else {}) | more
+    return _artifact(pull, "refused", problems=tuple(problems), **stated)
+
+
+def _of(found: Touched) -> dict[str, Any]:
+    place = found.place
+    return {
+        "benchmark": place.benchmark,
+        "track": place.track,
+        "folder": place.folder,
+        "tree": found.tree,
+    }
+
+
+def _without(text: str, work: Path) -> str:
+    """Return a text without the path of the folder that CI works in."""
+    return text.replace(f"{work}/", "").replace(str(work), "")

@@ -1,0 +1,242 @@
+"""Scoring a submission again, and comparing what its submitter found with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from airzoo_bench.core.errors import ResultError, SubmissionError, UserError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.leaderboard.baselines import Remade, remake
+from airzoo_bench.leaderboard.checks import CheckedSubmission
+from airzoo_bench.leaderboard.submission import Submission
+from airzoo_bench.results.comparable import check_comparable, version_notes
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.sampling import score_intervals
+from airzoo_bench.statistics.samples import ResamplingConfig
+
+__all__ = ["Difference", "Rescored", "rescore"]
+
+SAME = 1e-9
+"""Scores of the same versions that differ by more are not of the same predictions."""
+OVERALL, POOLED = "over scenes", "over all queries"
+_NEAR_PRIOR = 0.01
+_SHOWN = 5
+_NAMES = ("claimed", "re-scored")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A score that its submitter found to be another.
+
+    Attributes
+    ----------
+    part : str
+        The scene's id, or "over scenes", or "over all queries".
+    key, title : str
+        Of the score.
+    claimed, rescored : float
+    matters : bool
+        Whether the submission is refused for it.
+    """
+
+    part: str
+    key: str
+    title: str
+    claimed: float
+    rescored: float
+    matters: bool
+
+    def __str__(self) -> str:
+        where = self.part if self.part in (OVERALL, POOLED) else f"in scene {self.part}"
+        return f"{self.title} {where}: claimed {self.claimed:.9g}, re-scored {self.rescored:.9g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Rescored:
+    """A submission, scored again.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+        What stands on the board.
+    claimed : Result or None
+    differences : tuple of Difference
+        In scores by more than `SAME`, scene by scene.
+    errors : tuple of UserError
+        Why the submission is refused, after all: what was claimed is not so, or the pipeline is
+        not of the class that it says.
+    lines : tuple of str
+        What is to be said of the comparison, for a comment or a terminal.
+    remade : Remade or None
+        Of a submission by the suite's own baseline, where it was made again.
+    """
+
+    evaluation: Evaluation
+    claimed: Result | None = None
+    differences: tuple[Difference, ...] = ()
+    errors: tuple[UserError, ...] = ()
+    lines: tuple[str, ...] = ()
+    remade: Remade | None = None
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the submission stands."""
+        return not self.errors
+
+
+def rescore(
+    checked: CheckedSubmission,
+    *,
+    data: Path,
+    resources: Resources,
+    make_again: bool = False,
+) -> Rescored:
+    """Score a submission, and compare what it claims.
+
+    Parameters
+    ----------
+    checked : CheckedSubmission
+        Without errors, and with its predictions.
+    data : Path
+        The data root.
+    resources : Resources
+        No score depends on them.
+    make_again : bool
+        Whether predictions of the suite's own baseline are made again and timed.
+
+    Raises
+    ------
+    UserError
+        The predictions or the benchmark folder are not as they must be.
+    """
+    submission, predictions = checked.submission, checked.predictions
+    if submission is None or predictions is None:
+        raise SubmissionError(
+            "there are no predictions to score",
+            where=checked.folder,
+            fix="mend what `airzoo-bench submission check` says, or fetch them with --fetch",
+        )
+    evaluation = evaluate(
+        predictions,
+        data=data,
+        protocol=submission.protocol,
+        method=submission.method,
+        resources=resources,
+        read_by=checked.read_by,
+    )
+    track = evaluation.given.track.name
+    found = _compared(checked.claimed, evaluation)
+    remade = None
+    if make_again and submission.baseline is not None:
+        remade = remake(submission, track, predictions, data=data, resources=resources)
+    return Rescored(
+        evaluation,
+        checked.claimed,
+        found.differences,
+        (*found.errors, *_pipeline_errors(submission, evaluation.result)),
+        (*found.lines, *_remade_lines(remade, evaluation.result)),
+        remade,
+    )
+
+
+@dataclass(frozen=True)
+class _Compared:
+    differences: tuple[Difference, ...] = ()
+    errors: tuple[UserError, ...] = ()
+    lines: tuple[str, ...] = field(default=())
+
+
+def _compared(claimed: Result | None, evaluation: Evaluation) -> _Compared:
+    """Compare what was claimed with what was found."""
+    if claimed is None:
+        return _Compared(lines=("no result was claimed",))
+    result = evaluation.result
+    try:
+        check_comparable(_NAMES, (claimed, result))
+        same_versions = claimed.versions == result.versions
+        differences = tuple(_differences(claimed, evaluation, same_versions=same_versions))
+    except ResultError as error:
+        return _Compared(errors=(error,), lines=(f"claimed and re-scored differ: {error.what}",))
+    lines = [*map(str, differences)] or ["every score is as claimed"]
+    if not same_versions:
+        lines += [*version_notes(_NAMES, (claimed, result)), "the re-scored numbers stand"]
+    refused = [one for one in differences if one.matters]
+    errors = (_refusal(refused, same_versions=same_versions),) if refused else ()
+    return _Compared(differences, errors, tuple(lines))
+
+
+def _differences(
+    claimed: Result, evaluation: Evaluation, *, same_versions: bool
+) -> Iterator[Difference]:
+    result = evaluation.result
+    limits = {} if same_versions else _limits(evaluation)
+    parts = {scene: (claimed.scenes[scene], result.scenes[scene]) for scene in result.scenes}
+    parts |= {OVERALL: (claimed.overall, result.overall), POOLED: (claimed.pooled, result.pooled)}
+    for part, (says, is_) in parts.items():
+        for column in result.columns:
+            one, two = says[column.key], is_[column.key]
+            if one == two or abs(one - two) <= SAME:
+                continue
+            low, high = limits.get((part, column.key), (-math.inf, math.inf))
+            matters = same_versions or not low <= one <= high
+            yield Difference(part, column.key, column.title, one, two, matters)
+
+
+def _limits(evaluation: Evaluation) -> dict[tuple[str, str], tuple[float, float]]:
+    """Return the interval of each score, by scene and key, where there is one."""
+    result = evaluation.result
+    columns: list[ScoreColumn] = [*result.columns]
+    scored = Scored(result.predictions.method, result, evaluation.records)
+    found = score_intervals(scored, columns, ResamplingConfig(resamples=2_000))
+    return {
+        (part, column.key): (one.low, one.high)
+        for part, intervals in (found.groups | {OVERALL: found.overall}).items()
+        for column, one in zip(columns, intervals, strict=True)
+        if one.low is not None and one.high is not None
+    }
+
+
+def _refusal(refused: list[Difference], *, same_versions: bool) -> SubmissionError:
+    more = [f"and {len(refused) - _SHOWN} more"] if len(refused) > _SHOWN else []
+    why = (
+        f"all to {SAME:g}: these predictions, this truth and these versions give one number"
+        if same_versions
+        else "all within the interval of the re-scored number, as other versions may round"
+    )
+    return SubmissionError(
+        f"{counted(len(refused), 'score')} of the claimed result.json cannot be found again:\n    "
+        + "\n    ".join([*map(str, refused[:_SHOWN]), *more]),
+        expected=why,
+        fix="score the predictions of this folder again with `airzoo-bench eval ... --out DIR`, "
+        "or leave result.json out: CI scores anyway",
+    )
+
+
+def _pipeline_errors(submission: Submission, result: Result) -> Iterator[UserError]:
+    """Yield an error where predictions are the prior and the submission does not say so."""
+    near = sum(counts.get("near_prior", 0) for counts in result.counts.values())
+    total = sum(counts["queries"] for counts in result.counts.values())
+    if near > _NEAR_PRIOR * total and "prior" not in submission.pipeline.uses:
+        yield SubmissionError(
+            f"{near:,} of {total:,} poses are the photo's own prior, which pipeline.uses does not "
+            "name",
+            expected='uses = ["prior"] where GPS and gimbal angles are used, also as a fallback',
+            fix='add "prior" to pipeline.uses, or leave queries without an answer out',
+        )
+
+
+def _remade_lines(remade: Remade | None, result: Result) -> Iterator[str]:
+    if remade is None:
+        return
+    queries = sum(counts["queries"] for counts in result.counts.values())
+    same = "the same to the last byte" if remade.same_bytes else "not the same bytes here"
+    yield (
+        f"the baseline made the predictions again: {same}; {remade.seconds:.1f} s with all "
+        f"preparation, {remade.seconds / queries:.3f} s a query"
+    )

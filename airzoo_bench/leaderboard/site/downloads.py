@@ -1,0 +1,194 @@
+"""What can be downloaded beside the pages: tables in four formats, the feed, BibTeX."""
+
+from __future__ import annotations
+
+import re
+import uuid
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from airzoo_bench.leaderboard.site.api import Row, Score, ScoreColumn, TableFile
+from airzoo_bench.leaderboard.submission import PublicSubmission
+from airzoo_bench.tables.best_marks import mark_best
+from airzoo_bench.tables.model import Between, Cell, Column, Table, share_to_percent
+from airzoo_bench.tables.model import Row as TableRow
+from airzoo_bench.tables.render import render
+
+__all__ = ["News", "atom_feed", "bibtex", "downloads"]
+
+_FORMATS = {"csv": "csv", "json": "json", "tex": "latex", "md": "markdown"}
+_UNITS = {"share": "%", "m": "m", "deg": "deg"}
+_ATOM = "http://www.w3.org/2005/Atom"
+_MOST_NEWS = 100
+_BEFORE_ALL = "1970-01-01"
+_NAMESPACE = uuid.UUID("6d0a3f5e-6c1c-5c8b-9a60-0d7e3c1f2b11")
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_NOT_IN_URL = re.compile(r"[{}\\%#]")
+_TEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "#": r"\#",
+    "$": r"\$",
+    "%": r"\%",
+    "&": r"\&",
+    "_": r"\_",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    '"': "''",
+    "@": r"{@}",
+}
+
+
+def downloads(table: TableFile) -> dict[str, bytes]:
+    """Render a table's averages over scenes, with rank ranges, in every format."""
+    scores = [score for score in table.scores if score.headline]
+    ranked = any(row.scores[key].rank for row in table.rows for key in row.scores)
+    columns = [Column("Method")]
+    for score in scores:
+        columns.append(Column(score.title, _UNITS[score.unit], score.higher_is_better))
+        columns += [Column(f"Rank by {score.title}")] * ranked
+    laid_out = Table(
+        f"{table.title}, average over scenes",
+        tuple(columns),
+        tuple(_row(row, scores, ranked=ranked) for row in table.rows),
+        tuple(filter(None, (table.apart, *table.notes, table.about_intervals, table.about_ranks))),
+    )
+    made = mark_best(laid_out)
+    return {
+        f"downloads/{table.id}.{end}": render(made, form).encode() for end, form in _FORMATS.items()
+    }
+
+
+def _row(row: Row, scores: Sequence[ScoreColumn], *, ranked: bool) -> TableRow:
+    cells = [Cell(row.method)]
+    for score in scores:
+        found = row.scores.get(score.key)
+        cells.append(_cell(score, found))
+        if ranked:
+            rank = None if found is None or found.rank is None else found.rank
+            cells.append(Cell(None if rank is None else " to ".join(map(str, rank))))
+    floor = row.kind == "floor"
+    reported = row.source if row.kind == "reported" else ""
+    return TableRow(tuple(cells), summary=floor, reported=reported, floor=floor)
+
+
+def _cell(column: ScoreColumn, score: Score | None) -> Cell:
+    def shown(value: object) -> float:
+        number = float(str(value))
+        return share_to_percent(number) if column.unit == "share" else number
+
+    if score is None or score.value is None:
+        return Cell(None)
+    if score.low is None or score.high is None:
+        return Cell(shown(score.value))
+    return Cell(shown(score.value), uncertainty=Between(shown(score.low), shown(score.high)))
+
+
+@dataclass(frozen=True)
+class News:
+    """A version of a submission that came onto the board.
+
+    Attributes
+    ----------
+    place : str
+        Of its run, which never changes.
+    date : str
+        Of its scoring.
+    page : str
+        From the site's root.
+    """
+
+    place: str
+    date: str
+    method: str
+    team: str
+    table: str
+    text: str
+    page: str
+
+
+def atom_feed(title: str, url: str | None, news: Sequence[News]) -> bytes:
+    """Write the newest versions as an Atom feed; times are those of scoring.
+
+    Parameters
+    ----------
+    title : str
+        Of the board.
+    url : str or None
+        Of the site; links are left out where it has none.
+    news : sequence of News
+    """
+    ET.register_namespace("", _ATOM)
+    newest = sorted(news, key=lambda one: one.place)
+    newest.sort(key=lambda one: one.date, reverse=True)
+    feed = ET.Element(f"{{{_ATOM}}}feed")
+    _add(feed, "title", title)
+    _add(feed, "id", uuid.uuid5(_NAMESPACE, url or title).urn)
+    _add(feed, "updated", _time(newest[0].date if newest else _BEFORE_ALL))
+    if url is not None:
+        _link(feed, url.rstrip("/") + "/feed.xml", "self")
+        _link(feed, url.rstrip("/") + "/", "alternate")
+    for one in newest[:_MOST_NEWS]:
+        entry = ET.SubElement(feed, f"{{{_ATOM}}}entry")
+        _add(entry, "title", f"{one.method} on {one.table}")
+        _add(entry, "id", uuid.uuid5(_NAMESPACE, f"{url or title}\n{one.place}").urn)
+        _add(entry, "updated", _time(one.date))
+        _add(ET.SubElement(entry, f"{{{_ATOM}}}author"), "name", one.team)
+        _add(entry, "summary", one.text)
+        if url is not None:
+            _link(entry, f"{url.rstrip('/')}/{one.page}", "alternate")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{ET.tostring(feed, "unicode")}\n'.encode()
+
+
+def _add(parent: ET.Element, name: str, text: str) -> None:
+    ET.SubElement(parent, f"{{{_ATOM}}}{name}").text = _NOT_XML.sub(
+        "\N{REPLACEMENT CHARACTER}", text
+    )
+
+
+def _link(parent: ET.Element, href: str, rel: str) -> None:
+    ET.SubElement(parent, f"{{{_ATOM}}}link", {"rel": rel, "href": href})
+
+
+def _time(date: str) -> str:
+    return f"{date}T00:00:00Z"
+
+
+def bibtex(row: Row, given: PublicSubmission | None, board: str) -> str:
+    """Return a BibTeX entry: the authors' own, or one made of what is known.
+
+    Every text is escaped, so that none ends the entry or runs a command of TeX.
+    """
+    if given is not None and given.bibtex is not None and _is_one_entry(given.bibtex):
+        return given.bibtex.strip() + "\n"
+    names = " and ".join(f"{{{_escaped(name)}}}" for name in row.authors)
+    fields = {
+        "title": f"{{{_escaped(row.method)}}}",
+        "author": names,
+        "year": (row.date or "")[:4],
+        "howpublished": _url(row.paper or row.code),
+        "note": _escaped(f"{row.source or row.team}; {board}".strip("; ")),
+    }
+    lines = [f"  {key} = {{{value}}}" for key, value in fields.items() if value]
+    return f"@misc{{{row.id},\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _is_one_entry(text: str) -> bool:
+    """Whether braces close where the text ends, and nothing in it is a command that acts."""
+    depth = 0
+    for place, letter in enumerate(text.strip()):
+        depth += {"{": 1, "}": -1}.get(letter, 0)
+        if depth < 0 or (depth == 0 and "{" in text[: place + 1] and place < len(text.strip()) - 1):
+            return False
+    acts = re.search(r"\\(input|include|write|openout|openin|read|immediate|csname|catcode)", text)
+    return depth == 0 and acts is None
+
+
+def _escaped(text: str) -> str:
+    return "".join(_TEX.get(letter, letter) for letter in text if letter.isprintable())
+
+
+def _url(url: str | None) -> str:
+    return "" if url is None else "\\url{" + _NOT_IN_URL.sub("", url) + "}"

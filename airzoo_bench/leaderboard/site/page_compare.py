@@ -1,0 +1,82 @@
+"""What the page that compares two methods holds: differences, intervals and p of all pairs."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.leaderboard.site.page_views import UNITS, Json, number
+from airzoo_bench.leaderboard.site.strangers import shown
+from airzoo_bench.report.packing import Blobs, page_json
+
+__all__ = ["compare_data", "pair_files"]
+
+_OF_PAIRS = ("low", "high", "p", "p_holm")
+
+
+def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]:
+    """Return the data of the page, as its script reads them, and blobs of the pairs.
+
+    Numbers of pairs are rounded to what the page shows of them.
+    """
+    blobs = Blobs()
+    found = pair_files(table, files)
+    place = {row["id"]: number for number, row in enumerate(table["rows"])}
+    rows = [table["rows"][place[name]] for name in found[0][1]["ids"]]
+    scenes = files.get(f"tables/{table['id']}/scenes.json", {}).get("scenes", {})
+    data = {
+        "methods": [{"id": row["id"], "name": shown(row["method"])} for row in rows],
+        "scenes": [shown(scene["title"]) for scene in table["scenes"]],
+        "scores": [
+            _score(column, pairs, blobs)
+            | {"scenes": _scene_values(column, table, rows, place, scenes)}
+            for column, pairs in found
+        ],
+    }
+    return page_json(data), blobs.texts
+
+
+def pair_files(table: Json, files: Mapping[str, Any]) -> list[tuple[Json, Json]]:
+    """Return the scores of a table whose pairs there are, each with its file of pairs."""
+    paths = [(c, c["pairs"].removeprefix("api/v1/")) for c in table["scores"] if c["pairs"]]
+    return [(column, files[path]) for column, path in paths if path in files]
+
+
+def _score(column: Json, pairs: Json, blobs: Blobs) -> dict[str, Any]:
+    digits = 4 if column["unit"] == "share" else 2
+    coded = {
+        key: _coded(pairs[key], digits if key in ("low", "high") else 4, blobs) for key in _OF_PAIRS
+    }
+    return {
+        "title": shown(column["title"]),
+        "unit": UNITS[column["unit"]],
+        "share": column["unit"] == "share",
+        "higher": column["higher_is_better"],
+        "values": [number(value) for value in pairs["values"]],
+        "ids": list(pairs["ids"]),
+        "family": pairs["family"],
+        "about": shown(pairs["about"], 1000),
+        **coded,
+    }
+
+
+def _coded(packed: str, digits: int, blobs: Blobs) -> dict[str, Any]:
+    """Return numbers as codes into the list of the different ones."""
+    values: Floats = np.frombuffer(base64.b64decode(packed), "<f4").astype(np.float64)
+    different, codes = np.unique(np.round(values, digits), return_inverse=True)
+    return {"values": different.tolist(), "codes": blobs.array(codes)}
+
+
+def _scene_values(
+    column: Json, table: Json, rows: list[Json], place: Mapping[str, int], scenes: Json
+) -> list[list[float | None]]:
+    """Return a list a scene of the values of the methods."""
+    return [
+        [number(values[place[row["id"]]]) if values else None for row in rows]
+        for scene in table["scenes"]
+        for values in [scenes.get(scene["id"], {}).get(column["key"], {}).get("value")]
+    ]

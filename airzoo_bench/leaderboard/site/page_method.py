@@ -1,0 +1,246 @@
+"""The page of a method: its scores, scenes, history and reproductions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from airzoo_bench.leaderboard.site.drawings import Point
+from airzoo_bench.leaderboard.site.page_views import (
+    KINDS,
+    UNITS,
+    CellView,
+    ColumnView,
+    Json,
+    cell_view,
+    column_views,
+    number,
+    numbers_text,
+    pipeline_of,
+    rank_text,
+)
+from airzoo_bench.leaderboard.site.strangers import safe_url, shown
+
+__all__ = ["MethodView", "method_view", "reproduction_rows"]
+
+_MOST_VERSIONS = 12
+_NUMBER = 24  # letters of a number as somebody prints it
+_BRANCH = "leaderboard-data"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of a small table: what heads it, and its cells."""
+
+    head: str
+    cells: Sequence[CellView]
+
+
+@dataclass(frozen=True)
+class VersionView:
+    """A version of a submission."""
+
+    number: int
+    date: str
+    rescored: str
+    made_with: str
+    changes: str
+    files: str | None
+    cells: Sequence[CellView]
+
+
+@dataclass(frozen=True)
+class MethodView:
+    """What the page of a method shows.
+
+    Attributes
+    ----------
+    facts : sequence of tuple of str
+        What the method's authors say of it, by title.
+    links : sequence of tuple of str
+        Titles and addresses.
+    points : sequence of Point
+        The first score of each version, the oldest first.
+    """
+
+    name: str
+    kind: str
+    tag: str
+    facts: Sequence[tuple[str, str]]
+    links: Sequence[tuple[str, str]]
+    notes: Sequence[str]
+    findings: Sequence[str]
+    scores: Sequence[Line]
+    columns: Sequence[ColumnView]
+    scenes: Sequence[Line]
+    history: Sequence[VersionView]
+    points: Sequence[Point]
+    score: str
+    bibtex: str
+    reproductions: Sequence[Mapping[str, Any]]
+
+
+def method_view(table: Json, row: Json, found: Json | None, repository: str | None) -> MethodView:
+    """Return what the page of a row shows.
+
+    Parameters
+    ----------
+    table, row : mapping
+        Of table.json.
+    found : mapping or None
+        The method's own file, where there is one.
+    repository : str or None
+        Of the board, where runs lie on the data branch.
+    """
+    headline = [c for c in table["scores"] if c["headline"]] or table["scores"][:1]
+    history = found["history"] if found else []
+    lead = headline[0]
+    return MethodView(
+        name=shown(row["method"]),
+        kind=row["kind"],
+        tag=KINDS.get(row["kind"], ""),
+        facts=_facts(row),
+        links=[
+            (t, u)
+            for t, u in (("code", safe_url(row["code"])), ("paper", safe_url(row["paper"])))
+            if u
+        ],
+        notes=[shown(note, 1000) for note in row["notes"]],
+        findings=[_finding(finding, table) for finding in row["findings"]],
+        scores=[_score_line(c, row) for c in table["scores"] if c["key"] in row["scores"]],
+        columns=column_views(headline),
+        scenes=_scene_lines(table, headline, found),
+        history=[_version(version, headline, repository) for version in history],
+        points=_points(history, lead["key"]),
+        score=f"{shown(lead['title'])} in {UNITS[lead['unit']]}",
+        bibtex=_bibtex(found["bibtex"]) if found else "",
+        reproductions=reproduction_rows(found["reproductions"], {table["id"]: table})
+        if found
+        else [],
+    )
+
+
+def _facts(row: Json) -> list[tuple[str, str]]:
+    training = row["training_data"]
+    seconds = row["seconds_per_query"]
+    cost = f"{seconds:.3g} s a query" if seconds is not None else ""
+    if cost and row["hardware"]:
+        cost += f" on {shown(row['hardware'])}"
+    facts = [
+        ("Source", shown(row["source"], 1000) if row["source"] else ""),
+        ("Team", shown(row["team"]) if row["team"] else ""),
+        ("Authors", ", ".join(map(shown, row["authors"]))),
+        ("Submitted", row["date"] or ""),
+        ("Scored here", row["rescored"] or ""),
+        ("Pipeline", pipeline_of(row)),
+        ("Training data", "" if training is None else ", ".join(map(shown, training)) or "none"),
+        ("Cost, as claimed", cost),
+        ("Licence", shown(row["licence"]) if row["licence"] else ""),
+    ]
+    return [(title, text) for title, text in facts if text]
+
+
+def _finding(finding: Json, table: Json) -> str:
+    titles = {column["key"]: shown(column["title"]) for column in table["scores"]}
+    scenes = {scene["id"]: shown(scene["title"]) for scene in table["scenes"]}
+    where = scenes.get(finding["scene"], shown(finding["scene"])) if finding["scene"] else "average"
+    score = titles.get(finding["score"], finding["score"])
+    why, grade = shown(finding["why"], 1000), shown(finding["grade"])
+    return f"{score}, {where}, printed {shown(finding['printed'])}: {why} ({grade})"
+
+
+def _score_line(column: Json, row: Json) -> Line:
+    score = row["scores"][column["key"]]
+    rank = CellView(rank_text(score.get("rank")))
+    head = f"{shown(column['title'])} [{UNITS[column['unit']]}]"
+    return Line(head, [cell_view(score), rank])
+
+
+def _scene_lines(table: Json, columns: Sequence[Json], found: Json | None) -> list[Line]:
+    by_scene = found["scenes"] if found else {}
+    return [
+        Line(
+            shown(scene["title"]),
+            [cell_view(by_scene[scene["id"]].get(column["key"])) for column in columns],
+        )
+        for scene in table["scenes"]
+        if scene["id"] in by_scene
+    ]
+
+
+def _version(version: Json, columns: Sequence[Json], repository: str | None) -> VersionView:
+    files = None
+    if repository and version["files"]:
+        files = safe_url(f"https://github.com/{repository}/tree/{_BRANCH}/{version['files']}")
+    return VersionView(
+        version["number"],
+        version["date"] or "",
+        version["rescored"] or "",
+        shown(version["made_with"]) if version["made_with"] else "",
+        shown(version["changes"], 1000) if version["changes"] else "",
+        files,
+        [cell_view(version["scores"].get(column["key"])) for column in columns],
+    )
+
+
+def _points(history: Sequence[Json], key: str) -> list[Point]:
+    found = [(v["number"], v["scores"].get(key)) for v in reversed(history[:_MOST_VERSIONS])]
+    return [
+        Point(value, number(s["low"]), number(s["high"]), shown(s["text"]), f"version {version}")
+        for version, s in found
+        if s and (value := number(s["value"])) is not None
+    ]
+
+
+def _bibtex(text: str) -> str:
+    lines = [line for line in text.splitlines() if line.strip()]
+    return "\n".join(("  " if line[0].isspace() else "") + shown(line, 2000) for line in lines)
+
+
+def reproduction_rows(found: Sequence[Json], tables: Mapping[str, Json]) -> list[dict[str, Any]]:
+    """Return what the ledger shows of printed numbers and of those that were scored here."""
+    return [_reproduction(one, tables[one["table"]]) for one in found]
+
+
+def _reproduction(one: Json, table: Json) -> dict[str, Any]:
+    column = next(c for c in table["scores"] if c["key"] == one["score"])
+    scenes = {scene["id"]: shown(scene["title"]) for scene in table["scenes"]}
+    printed, rescored = number(one["printed"]), number(one["rescored"])
+    difference = _difference(printed, rescored)
+    low, high = numbers_text(column["unit"], one["low"], one["high"])
+    text = numbers_text(column["unit"], difference)[0]
+    within = {True: "within", False: "outside", None: ""}[one["within"]]
+    return {
+        "method": shown(one["method"]),
+        "row": one["row"],
+        "table": one["table"],
+        "title": shown(table["title"]),
+        "scene": scenes.get(one["scene"], shown(one["scene"])) if one["scene"] else "average",
+        "score": f"{shown(column['title'])} [{UNITS[column['unit']]}]",
+        "printed_by": shown(one["printed_by"]),
+        "printed": CellView(shown(one["printed_text"], _NUMBER), _sort(printed)),
+        "rescored": CellView(
+            shown(one["rescored_text"], _NUMBER),
+            _sort(rescored),
+            f"[{low}, {high}]" if low and high else "",
+        ),
+        "difference": CellView(
+            text if text.startswith("-") or not text else f"+{text}", _sort(difference)
+        ),
+        "within": within,
+        "by": shown(one["by"]) if one["by"] else "",
+        "date": one["date"] or "",
+        "why": shown(one["why"], 1000) if one["why"] else "",
+    }
+
+
+def _difference(printed: float | None, rescored: float | None) -> float | None:
+    if printed is None or rescored is None or not math.isfinite(printed + rescored):
+        return None
+    return rescored - printed
+
+
+def _sort(value: float | None) -> str:
+    return "" if value is None else f"{value:.9g}"

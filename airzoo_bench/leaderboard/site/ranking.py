@@ -1,0 +1,139 @@
+"""Rank ranges of a table, and any two of its methods compared."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.leaderboard.site.api import API, Pairs
+from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
+from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.statistics.pair_intervals import pair_limits
+from airzoo_bench.statistics.pair_tests import pair_draws, pair_p_values, resamples_for
+from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpaired_p_values
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+
+__all__ = ["Ranked", "rank", "rank_sealed"]
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One score of a table's methods, in their order.
+
+    Attributes
+    ----------
+    ranges : (V, 2) int64
+    pairs : Pairs or None
+        None of a sealed table, and of one method.
+    """
+
+    ranges: NDArray[np.int64]
+    pairs: Pairs | None
+
+
+def rank(
+    ids: Sequence[str],
+    measured: Sequence[Measured],
+    arrays: Sequence[Path],
+    column: ScoreColumn,
+    cache: Path,
+) -> Ranked:
+    """Rank methods by one headline score.
+
+    Parameters
+    ----------
+    ids : sequence of str
+        Of the rows, for the file of pairs.
+    measured : sequence of Measured
+        Of one protocol and truth.
+    arrays : sequence of Path
+        Of each, from `measure_all`.
+    column : ScoreColumn
+    cache : Path
+        Keeps each method's draws.
+    """
+    resampling = ResamplingConfig(resamples_for(len(ids)))
+    sample = sample_of(measured, arrays, column)
+    draws = _draws(sample, arrays, column.key, resampling, cache)
+    p_values = pair_p_values(sample, resampling, draws)
+    corrected = correct_pairs(p_values)
+    values = np.array([one.values[OVERALL][column.key] for one in measured])
+    ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
+    if len(ids) < 2:
+        return Ranked(ranges, None)
+    limits = pair_limits(sample, resampling)
+    upper = np.triu_indices(len(ids), 1)
+    pairs = Pairs(
+        API,
+        column.key,
+        tuple(ids),
+        tuple(values.tolist()),
+        _packed(limits[0][upper]),
+        _packed(limits[1][upper]),
+        _packed(p_values[upper]),
+        _packed(corrected[upper]),
+        len(upper[0]),
+        resampling.resamples,
+        _about(sample, resampling),
+    )
+    return Ranked(ranges, pairs)
+
+
+def _draws(
+    sample: Sample, arrays: Sequence[Path], key: str, resampling: ResamplingConfig, cache: Path
+) -> Floats:
+    """Return the draws of all methods, those that no earlier build has made made now."""
+    kept = [_kept(cache, path, key, resampling) for path in arrays]
+    missing = np.array([n for n, path in enumerate(kept) if not path.is_file()], np.intp)
+    if len(missing):
+        rows = Sample(
+            sample.unit,
+            sample.groups,
+            tuple(part[missing] for part in sample.values),
+            sample.medians[missing],
+        )
+        for number, row in zip(missing.tolist(), pair_draws(rows, resampling), strict=True):
+            with atomic_write(kept[number]) as stream:
+                np.save(stream, row, allow_pickle=False)
+    return np.stack([np.load(path, allow_pickle=False) for path in kept])
+
+
+def _kept(cache: Path, array: Path, key: str, resampling: ResamplingConfig) -> Path:
+    text = f"{array.stem} {key} {resampling.resamples} {resampling.seed}"
+    return cache / f"{hashlib.sha256(text.encode()).hexdigest()}.npy"
+
+
+def _about(sample: Sample, resampling: ResamplingConfig) -> str:
+    number = f"{resampling.resamples:,}"
+    test = (
+        f"bootstrap of the difference of medians, {number} resamples"
+        if sample.medians.any()
+        else f"paired permutation test, exact where {number} patterns are all there are"
+    )
+    units = "scenes" if sample.unit == "scene" else "queries within scenes"
+    return f"{test}, over {units}; p for these two alone, and by Holm for all pairs of the column"
+
+
+def _packed(values: Floats) -> str:
+    return base64.b64encode(values.astype("<f4").tobytes()).decode()
+
+
+def rank_sealed(measured: Sequence[Measured], column: ScoreColumn) -> Ranked:
+    """Rank methods of which only rounded scores and standard errors are known.
+
+    The errors of two methods are added, as if the methods erred in opposite ways: no range is
+    narrower than it would be from the answers themselves, but for rounding.
+    """
+    values = np.array([one.values[OVERALL].get(column.key, np.inf) for one in measured])
+    errors = np.array([one.errors[OVERALL].get(column.key, np.nan) for one in measured])
+    corrected = correct_pairs(unpaired_p_values(values, errors))
+    ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
+    return Ranked(ranges, None)

@@ -1,0 +1,128 @@
+"""Writing the files that a board begins with, into a folder where none of them is yet."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from airzoo_bench.core.errors import UsageError, first_of
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.version import __version__
+
+__all__ = ["next_steps", "starter_files", "write_starter"]
+
+_BOTH = {
+    "leaderboard.toml": "leaderboard.toml",
+    "get-data": ".ci/get-data",
+    "gitattributes": ".gitattributes",
+    "gitignore": ".gitignore",
+    "README.md": "README.md",
+    "SUBMITTING.md": "submissions/README.md",
+}
+_GITHUB = {
+    "leaderboard.yml": ".github/workflows/leaderboard.yml",
+    "board.yml": ".github/workflows/board.yml",
+    "zizmor.yml": ".github/zizmor.yml",
+    "CODEOWNERS": ".github/CODEOWNERS",
+}
+_GITLAB = {"gitlab-ci.yml": ".gitlab-ci.yml"}
+_REQUIREMENTS = ".ci/requirements.txt"
+_SCRIPTS = (".ci/get-data",)
+
+
+def starter_files(repository: str | None, *, gitlab: bool) -> dict[str, str]:
+    """Return the content of each file, by its path.
+
+    Parameters
+    ----------
+    repository : str or None
+        Such as ``lab/board``.
+    gitlab : bool
+        Whether CI is GitLab's.
+    """
+    hosted = ("gitlab", _GITLAB) if gitlab else ("github", _GITHUB)
+    found = {
+        path: (files(__package__) / "files" / group / name).read_text(encoding="utf-8")
+        for group, names in (("both", _BOTH), hosted)
+        for name, path in names.items()
+    }
+    found[_REQUIREMENTS] = (
+        "# What scores submissions. Pin all of it: pip freeze > .ci/requirements.txt\n"
+        f"airzoo-bench[leaderboard]=={__version__}\n"
+    )
+    if repository is not None:
+        owner, _, name = repository.partition("/")
+        stated = found["leaderboard.toml"]
+        stated = stated.replace("# repository = ", "repository = ").replace("# url = ", "url = ")
+        found["leaderboard.toml"] = stated.replace("OWNER", owner).replace("REPOSITORY", name)
+    return found
+
+
+def write_starter(folder: Path, repository: str | None, *, gitlab: bool) -> list[Path]:
+    """Write the files of a new board.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is missing.
+    repository : str or None
+        Its name where it is hosted.
+    gitlab : bool
+        Whether CI is GitLab's.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    UsageError
+        One of the files is there; then none is written. Or the name is none of a repository.
+    """
+    if repository is not None and not _is_repository(repository):
+        raise UsageError(
+            f"--repository {repository!r} is no name of a repository", expected="such as lab/board"
+        )
+    content = starter_files(repository, gitlab=gitlab)
+    there = [path for path in content if (folder / path).exists()]
+    if there:
+        raise UsageError(
+            f"these files are there already, and none is replaced: {first_of(there)}",
+            where=folder,
+            fix="name another folder, or move them away",
+        )
+    for path, text in content.items():
+        with atomic_write(folder / path, "w") as stream:
+            stream.write(text)
+        if path in _SCRIPTS:
+            (folder / path).chmod(0o755)
+    return [folder / path for path in content]
+
+
+def next_steps(folder: Path, *, gitlab: bool) -> list[str]:
+    """Return what is left to be done by hand, a line a step."""
+    steps = [
+        f"put your benchmark into {folder / 'leaderboard.toml'} and {folder / '.ci/get-data'}; "
+        "they begin with AirZoo-Mini",
+        f"pin all packages in {folder / _REQUIREMENTS}",
+    ]
+    if gitlab:
+        steps.append("do what the first lines of .gitlab-ci.yml say: a token, protected variables")
+    else:
+        steps += [
+            "put your account into .github/CODEOWNERS",
+            "GitHub, Settings > Environments: make submissions and sealed, each with you as the "
+            "required reviewer and main as the only branch; the key goes into sealed, as "
+            "AIRZOO_BENCH_KEY",
+            "GitHub, Settings > Pages: source GitHub Actions",
+            "GitHub, Settings > Rules: main only by pull request, with a review of code owners; "
+            "leaderboard-data without force pushes",
+        ]
+    return [f"{number}. {step}" for number, step in enumerate(steps, 1)]
+
+
+def _is_repository(name: str) -> bool:
+    parts = name.split("/")
+    plain = "".join(parts).translate(str.maketrans("", "", "._-"))
+    return len(parts) == 2 and all(parts) and plain.isalnum() and plain.isascii()

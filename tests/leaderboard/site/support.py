@@ -1,0 +1,122 @@
+"""Runs as the data branch keeps them, and boards built of them."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.runs import Run, write_run
+from airzoo_bench.leaderboard.site.build import Given, build_board
+from airzoo_bench.leaderboard.submission import PublicSubmission, submission_text
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
+from tests.statistics.support import HIT, made_method, write_method
+
+COLUMNS = (
+    HIT,
+    HIT.model_copy(update={"key": "recall@5", "title": "R@5"}),
+    HIT.model_copy(update={"key": "ap@5", "title": "AP@5"}),
+)
+
+
+def submission(method: str, **fields: Any) -> PublicSubmission:
+    """Return what is shown of a submission."""
+    given: dict[str, Any] = {
+        "schema": 1,
+        "protocol": "made",
+        "method": method,
+        "team": "Team",
+        "authors": ("Ada Example",),
+        "date": datetime.date(2026, 3, 1),
+        "licence": "MIT",
+        "training_data": ("airzoo",),
+        "pipeline": {"stages": "single-stage"},
+        "predictions": {"file": "p.npz", "sha256": "0" * 64, "bytes": 10},
+    }
+    return PublicSubmission.model_validate(given | fields)
+
+
+def method(
+    name: str,
+    rate: float,
+    sizes: Mapping[str, int] = {"east": 30, "west": 20},  # noqa: B006 - never changed
+    columns: Sequence[ScoreColumn] = COLUMNS,
+    seed: int = 0,
+    **result: Any,
+) -> Scored:
+    """Return a method of some skill, whose easy queries are those of the others too."""
+    shared, own = np.random.default_rng(7), np.random.default_rng([seed, *name.encode()])
+    scenes = {}
+    for scene, size in sizes.items():
+        ease = 0.7 * shared.random(size) + 0.3 * own.random(size)
+        scenes[scene] = {c.key: _values(c, ease, rate).tolist() for c in columns}
+    return made_method(scenes, columns, name, **result)
+
+
+def _values(column: ScoreColumn, ease: np.ndarray, rate: float) -> np.ndarray:
+    if column.key.startswith("ap"):
+        return np.clip(np.floor(5 * (rate + 0.5 - ease)), 0, 5) / 5
+    if column.unit == "share":
+        more = 0.2 if column.key == "recall@5" else 0.0
+        return (ease < rate + more).astype(float)
+    return np.where(ease > 0.95, np.inf, np.round(ease * 30 * (1.5 - rate), 6))
+
+
+def write_version(
+    runs: Path, folder: str, number: int, scored: Scored, *, day: int = 1, **fields: Any
+) -> Path:
+    """Write a run of the data branch and return its folder."""
+    track = scored.result.track
+    place = runs / "made" / track / folder / str(number)
+    write_method(place, scored)
+    given = submission(scored.name, **fields)
+    (place / "submission.toml").write_text(submission_text(given), encoding="utf-8")
+    when = datetime.datetime(2026, 4, day, 12, tzinfo=datetime.UTC)
+    write_run(place / "run.json", Run(scored=when, commit="c" * 40, tree="d" * 40, version="1"))
+    return place
+
+
+def some_runs(runs: Path, count: int = 4, **options: Any) -> Path:
+    """Write so many submissions, the first with an earlier version."""
+    for number in range(count):
+        made = method(f"Method {number}", 0.25 + 0.5 * number / count, **options)
+        write_version(runs, f"m{number}", 2 if number == 0 else 1, made, day=number % 28 + 1)
+    first = method("Method 0", 0.2, seed=1, **options)
+    write_version(runs, "m0", 1, first)
+    return runs
+
+
+def given(root: Path, results: Sequence[Path] = (), **changes: Any) -> Given:
+    """Return a board of the runs, the submissions and no data below a folder."""
+    board = Board.model_validate(
+        {
+            "schema": 1,
+            "title": "A board",
+            "url": "https://example.org/board",
+            "benchmarks": ({"name": "made", "title": "Made", "protocols": ("uav-visloc-retrieval",)},),
+        }
+    )  # fmt: skip
+    made = Given(root / "runs", root / "submissions", results, board, (), root / "data")
+    return replace(made, **changes)
+
+
+def built(root: Path, out: str = "site", cache: str = "cache", **changes: Any) -> Path:
+    """Build the board of a folder."""
+    return build_board(
+        given(root, **changes), root / out, root / cache, note=lambda text: None
+    )
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Return all files of a folder."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
