@@ -2,16 +2,19 @@
 
 Standard errors, of the mean over the queries of a scene:
 
-- **shares** (recalls, average precision): of the sample with two more queries that score 0 and two
-  that score 1, after Agresti and Coull (1998), so that a score of 0 or 1 has an error too;
+- **shares** (recalls, average precision): that of a rate, which is the largest that values from 0
+  to 1 with this mean can have; made from the score as it is told, so that it tells no more, with
+  two more queries that score 0 and two that score 1, after Agresti and Coull (1998), so that a
+  score of 0 or 1 has an error too;
 - **means of errors**: of the sample;
 - **medians**: a quarter of the width of the interval of order statistics that the binomial
   distribution gives for 95 %. Where its upper end is a failure, the error is not known, and the
   lower half decides how coarse the median is told;
 - **over scenes**: of the unweighted mean of scenes that are independent of each other.
 
-They are rounded upward to one digit. Scores are told in steps of half of that; where few queries
-make a score, steps are as large as what `FLIPS` queries can move it.
+They are rounded upward to one digit. Scores are told in steps of half of that; for shares, of the
+largest error that there can be with so many queries (that of a score of 0.5), so that steps tell
+nothing. Where few queries make a share, steps are as large as what `FLIPS` queries can move it.
 
 Scenes of fewer than `LEAST_QUERIES` queries are not told by themselves.
 
@@ -24,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 import numpy as np
@@ -40,7 +43,6 @@ FLIPS = 4
 LEAST_QUERIES = 10
 """Scenes of fewer queries are not told by themselves."""
 
-_PSEUDO = np.array((0.0, 0.0, 1.0, 1.0))
 _Z95 = 1.959964
 _LEAST_SHARE_OF_VALUE = 0.01
 _SCENE_SHARE_STEP = Decimal("0.01")
@@ -61,12 +63,15 @@ class Spread:
         The error that steps are made from; `error`, where that is known.
     move : float
         What `FLIPS` queries can move the value at most; 0 where that has no bound.
+    most : float
+        The largest value that there can be.
     """
 
     value: float
     error: float | None
     width: float
     move: float
+    most: float = math.inf
 
     @classmethod
     def of(cls, values: Floats, column: ScoreColumn) -> Spread:
@@ -76,9 +81,7 @@ class Spread:
             return _of_median(values)
         mean = float(np.mean(values))
         if column.unit == "share":
-            sample = np.concatenate((values, _PSEUDO))
-            error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
-            return cls(mean, error, error, FLIPS / count)
+            return _of_share(mean, count)
         if math.isinf(mean) or count < 2:
             return cls(mean, None, abs(mean), 0.0)
         error = _not_zero(float(values.std(ddof=1)) / math.sqrt(count), mean)
@@ -93,7 +96,8 @@ def told(spread: Spread) -> Estimate:
     half = _up(spread.width, _ONE_UP) / 2
     step = max(half, _up(spread.move, _TWO_UP))
     stated = None if error is None else float(error)
-    return Estimate(value=_stepped(spread.value, step), standard_error=stated, step=float(step))
+    value = min(_stepped(spread.value, step), spread.most)
+    return Estimate(value=value, standard_error=stated, step=float(step))
 
 
 def told_alone(value: float, column: ScoreColumn, error: float | None = None) -> Estimate:
@@ -115,7 +119,15 @@ def overall_estimate(value: float, scenes: Sequence[Spread]) -> Spread:
     known = [error for error in errors if error is not None]
     error = math.hypot(*known) / count if len(known) == count else None
     width = math.hypot(*(scene.width for scene in scenes)) / count
-    return Spread(value, error, width, max(scene.move for scene in scenes) / count)
+    move = max(scene.move for scene in scenes) / count
+    return Spread(value, error, width, move, scenes[0].most)
+
+
+def _of_share(mean: float, count: int) -> Spread:
+    whole = Spread(mean, None, 0.5 / math.sqrt(count), FLIPS / count, 1.0)
+    rate = told(whole).value if count >= LEAST_QUERIES else 0.5
+    rate = ((rate or 0.0) * count + 2) / (count + 4)
+    return replace(whole, error=math.sqrt(rate * (1 - rate) / count))
 
 
 def _of_median(values: Floats) -> Spread:
