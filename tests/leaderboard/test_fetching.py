@@ -156,6 +156,11 @@ def test_addresses_that_are_not_taken(url: str, server: WebServer, tmp_path: Pat
     assert "\r" not in message
 
 
+def test_an_address_with_a_user_is_told_so() -> None:
+    with pytest.raises(SubmissionError, match="has a user name"):
+        WebAddress.parse("https://data.example.org@127.0.0.1/a.npz")
+
+
 class TestPublicHosts:
     @pytest.mark.parametrize(
         "address",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +19,7 @@ from pathlib import Path
 from airzoo_bench.core.errors import PredictionError, SubmissionError, UserError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.leaderboard.exports.settings import (
     FAILED,
     SETTINGS_FILE,
@@ -96,7 +98,13 @@ def score(predictions: Path, reference: Path, settings: ScoringSettings) -> Scor
         The predictions are not as they must be.
     """
     protocol = reference / "protocols" / f"{settings.protocol}.toml"
-    evaluation = evaluate(predictions, data=reference, track=settings.track, protocol=str(protocol))
+    evaluation = evaluate(
+        predictions,
+        data=reference,
+        track=settings.track,
+        protocol=str(protocol),
+        resources=Resources(jobs=os.cpu_count() or 1),
+    )
     told = _coarse(evaluation, settings) if settings.sealed else _exact(evaluation, settings)
     values = {column.key: finite(column.score, told[column.key][0]) for column in settings.columns}
     errors = {column.key: finite(column.score, told[column.key][1]) for column in settings.columns}
