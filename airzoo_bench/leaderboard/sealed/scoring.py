@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.sealed.rounding import (
     LEAST_QUERIES,
     Spread,
+    drawn,
     overall_estimate,
     told,
     told_alone,
@@ -27,6 +28,9 @@ from airzoo_bench.leaderboard.sealed.unsealing import clear_truth, opened_truth
 from airzoo_bench.leaderboard.submission import Submission
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.results.result import ScoreColumn
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["ToScore", "score_sealed", "told_of"]
 
@@ -95,9 +99,9 @@ def score_sealed(
         read_by=checked.read_by,
     ).errors:
         raise error
-    with opened_truth(public.folder, archive, key) as folder:
-        evaluation = _evaluated(checked, submission, predictions, folder, resources)
-        return _answer(evaluation, submission, public)
+    with opened_truth(public.folder, archive, key) as truth:
+        evaluation = _evaluated(checked, submission, predictions, truth.folder, resources)
+        return _answer(evaluation, submission, public, truth.salt)
 
 
 def _evaluated(
@@ -125,10 +129,12 @@ def _evaluated(
         ) from None
 
 
-def _answer(evaluation: Evaluation, submission: Submission, public: Benchmark) -> SealedAnswer:
+def _answer(
+    evaluation: Evaluation, submission: Submission, public: Benchmark, salt: str
+) -> SealedAnswer:
     result = evaluation.result
     columns = tuple(column for column in result.columns if column.headline)
-    scenes, overall = told_of(evaluation, columns)
+    scenes, overall = told_of(evaluation, columns, salt)
     sealed = public.file.sealed
     return SealedAnswer(
         schema=1,
@@ -149,7 +155,7 @@ def _answer(evaluation: Evaluation, submission: Submission, public: Benchmark) -
     )
 
 
-def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
+def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...], salt: str) -> _Told:
     """Round the scores of scenes and overall.
 
     Parameters
@@ -158,6 +164,8 @@ def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
         With its records.
     columns : tuple of ScoreColumn
         The scores to tell.
+    salt : str
+        See `rounding.drawn`.
 
     Returns
     -------
@@ -170,7 +178,7 @@ def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
     records = evaluation.records
     rows = {scene: records[records["scene"] == scene] for scene in evaluation.result.scenes}
     spreads = {
-        scene: {one.key: Spread.of(of[one.key].to_numpy(np.float64), one) for one in columns}
+        scene: {one.key: _spread(of, one, f"{scene} {one.key}", salt) for one in columns}
         for scene, of in rows.items()
     }
     scenes = {
@@ -181,8 +189,16 @@ def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
     overall = {}
     for one in columns:
         parts = [found[one.key] for found in spreads.values()]
-        overall[one.key] = told(overall_estimate(evaluation.result.overall[one.key], parts))
+        draw = drawn(salt, one.key, np.array([part.draw for part in parts]))
+        overall[one.key] = told(overall_estimate(evaluation.result.overall[one.key], parts, draw))
     return scenes, overall
+
+
+def _spread(rows: pd.DataFrame, column: ScoreColumn, name: str, salt: str) -> Spread:
+    values = rows[column.key].to_numpy(np.float64)
+    # Most queries move no median: then it is drawn as before.
+    told_from = np.median(values, keepdims=True) if column.average == "median" else values
+    return Spread.of(values, column, drawn(salt, name, told_from))
 
 
 def _told_scenes(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
