@@ -32,7 +32,7 @@ from airzoo_bench.results.result import ScoreColumn
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ToScore", "score_sealed", "told_of"]
+__all__ = ["ToScore", "score_predictions", "score_sealed", "told_of"]
 
 _Told = tuple[dict[str, dict[str, Estimate]], dict[str, Estimate]]
 
@@ -87,51 +87,68 @@ def score_sealed(
     submission, predictions = checked.submission, checked.predictions
     if submission is None or predictions is None:
         raise SubmissionError("there are no predictions to score")
-    protocol = find_protocol(submission.protocol, data)
-    public = find_benchmark(protocol.benchmark, data, sealed=True)
+    return score_predictions(
+        predictions,
+        submission.protocol,
+        submission.method,
+        archive,
+        key,
+        data=data,
+        read_by=checked.read_by,
+        resources=resources,
+    )
+
+
+def score_predictions(
+    predictions: Path,
+    protocol: str,
+    method: str,
+    archive: Path,
+    key: Any,
+    *,
+    data: Path,
+    read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+) -> SealedAnswer:
+    """Score predictions that belong to no submission; see `score_sealed`.
+
+    Parameters
+    ----------
+    predictions : Path
+    protocol, method : str
+        The protocol's name, and what the method is called.
+    archive : Path
+    key : pyrage.x25519.Identity
+    data : Path
+    read_by : ReadBy
+        How the predictions are to be read.
+    resources : Resources
+
+    Raises
+    ------
+    UserError
+        See `score_sealed`.
+    """
+    public = find_benchmark(find_protocol(protocol, data).benchmark, data, sealed=True)
     clear_truth()
     # What can be said of predictions without the truth is said before it is opened.
-    for error in check(
-        predictions,
-        data=public.folder,
-        protocol=submission.protocol,
-        resources=resources,
-        read_by=checked.read_by,
-    ).errors:
+    given: dict[str, Any] = {"protocol": protocol, "resources": resources, "read_by": read_by}
+    for error in check(predictions, data=public.folder, **given).errors:
         raise error
     with opened_truth(public.folder, archive, key) as truth:
-        evaluation = _evaluated(checked, submission, predictions, truth.folder, resources)
-        return _answer(evaluation, submission, public, truth.salt)
+        try:
+            evaluation = evaluate(predictions, data=truth.folder, method=method, **given)
+        except UserError:
+            # What it says may come from the truth.
+            raise SubmissionError(
+                "cannot be scored, for a reason that only the truth shows, and that is not told",
+                where=predictions,
+                fix="ask the host, who can unseal the truth and score it by `airzoo-bench eval`",
+            ) from None
+        return _answer(evaluation, public, truth.salt)
 
 
-def _evaluated(
-    checked: ToScore,
-    submission: Submission,
-    predictions: Path,
-    folder: Path,
-    resources: Resources,
-) -> Evaluation:
-    """Score against the open truth, of whose errors nothing is repeated."""
-    try:
-        return evaluate(
-            predictions,
-            data=folder,
-            protocol=submission.protocol,
-            method=submission.method,
-            resources=resources,
-            read_by=checked.read_by,
-        )
-    except UserError:
-        raise SubmissionError(
-            "cannot be scored, for a reason that only the truth shows, and that is not told",
-            where=predictions,
-            fix="ask the host, who can unseal the truth and score it by `airzoo-bench eval`",
-        ) from None
-
-
-def _answer(
-    evaluation: Evaluation, submission: Submission, public: Benchmark, salt: str
-) -> SealedAnswer:
+def _answer(evaluation: Evaluation, public: Benchmark, salt: str) -> SealedAnswer:
     result = evaluation.result
     columns = tuple(column for column in result.columns if column.headline)
     scenes, overall = told_of(evaluation, columns, salt)
@@ -144,7 +161,7 @@ def _answer(
         protocol_fingerprint=result.protocol.fingerprint,
         benchmark=result.truth.benchmark,
         truth_commitment="" if sealed is None else sealed.commitment,
-        method=submission.method,
+        method=result.predictions.method,
         predictions_sha256=result.predictions.sha256,
         columns=columns,
         queries={scene: counts["queries"] for scene, counts in result.counts.items()},
