@@ -123,6 +123,8 @@ class RetrievalTruth:
         """How many photos of the scene have no ground point, left out or not."""
         if self.of_images:
             return 0
+        if not set(FOOTPRINT_COLUMNS) <= set(self.footprints):  # of a sealed truth, nobody may know
+            return 0
         blind = np.isnan(self.footprint_centres).any(axis=1).sum()
         return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
 
