@@ -234,7 +234,8 @@ def read_questions(benchmark: Benchmark, scene: str) -> RetrievalTruth:
     queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
     dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
     positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
-    return RetrievalTruth(scene, queries, queries[["id"]], tiles, positives, excluded, dropped)
+    footprints = queries[["id"]].assign(**dict.fromkeys(FOOTPRINT_COLUMNS, np.nan))
+    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
 def read_tiles(home: Path) -> pd.DataFrame:
